@@ -1,0 +1,61 @@
+//! What every reader of a foreign format offers: a description, and the voxels of any box.
+
+use crate::error::ImportError;
+use brickyard_volume::{Extent, Geometry, VoxelBox, VoxelType};
+
+/// What a source says of itself before any voxel is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceInfo {
+    /// Voxels of one volume.
+    pub extent: Extent,
+    /// Number of channels, at least 1.
+    pub channels: u32,
+    /// Number of time steps, at least 1.
+    pub times: u32,
+    /// Type of a voxel as delivered by [`Source::read_box`].
+    pub voxel_type: VoxelType,
+    /// Spacing, origin and unit, as far as the format has them.
+    pub geometry: Geometry,
+    /// Whether the format gave a spacing; without one the volume is uncalibrated.
+    pub calibrated: bool,
+    /// World-from-voxel-centre matrix (row-major 3x4) where the format has one that spacing and origin cannot hold.
+    pub orientation: Option<[[f64; 4]; 3]>,
+    /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
+    pub identity: String,
+    /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// How boxes are best asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Any box costs its own bytes.
+    Box,
+    /// Whole z planes are decoded whatever part of them is asked for: ask for each plane once.
+    Planes,
+}
+
+/// A readable volume, series or multi-channel set. Calls may come from many threads.
+pub trait Source: Send + Sync {
+    /// The description.
+    fn info(&self) -> &SourceInfo;
+
+    /// How boxes are best asked for.
+    fn access(&self) -> Access {
+        Access::Box
+    }
+
+    /// Fills `out` with the box's voxels, little-endian, x fastest.
+    ///
+    /// # Errors
+    /// Names the file and the place where reading or decoding failed.
+    ///
+    /// # Panics
+    /// If the box leaves the extent, or `out` is not exactly the box's bytes.
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
+
+    /// The value that every voxel of the box is known to have without reading it, if the source can tell cheaply.
+    fn constant_in(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<f64> {
+        None
+    }
+}

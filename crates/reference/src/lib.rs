@@ -1,0 +1,1 @@
+//! The oracle: renders a whole array in f64, plainly.

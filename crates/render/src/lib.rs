@@ -1,0 +1,1 @@
+//! The wgpu renderer: atlas, uploads, the sorted compositor, read-back.

@@ -1,0 +1,253 @@
+//! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// How rays leave the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Projection {
+    /// Rays meet in the eye.
+    Perspective {
+        /// Full vertical opening angle in degrees, in (0, 180).
+        fov_y_deg: f64,
+    },
+    /// Rays are parallel and start on the plane through the eye.
+    Orthographic {
+        /// World height of the picture.
+        height: f64,
+    },
+}
+
+/// A camera in world space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Where the camera is.
+    pub eye: DVec3,
+    /// What it looks at.
+    pub target: DVec3,
+    /// Any vector not along the view direction; the picture's up as far as possible.
+    pub up: DVec3,
+    /// Perspective or orthographic.
+    pub projection: Projection,
+}
+
+/// A ray `origin + t * direction`, `t >= 0`; the direction has length 1, so `t` is a world distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    /// Where `t` is 0: the eye, or the eye plane of an orthographic camera.
+    pub origin: DVec3,
+    /// Unit direction.
+    pub direction: DVec3,
+}
+
+/// Why a camera cannot be used.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum CameraError {
+    /// Eye and target coincide, or a coordinate is not finite.
+    #[error("the camera's eye {eye} and target {target} give no direction")]
+    NoDirection {
+        /// The eye.
+        eye: DVec3,
+        /// The target.
+        target: DVec3,
+    },
+    /// Up is zero or along the view.
+    #[error("the camera's up vector {0} is zero or along the view direction")]
+    Up(DVec3),
+    /// The angle or height is out of range.
+    #[error("{0}")]
+    Projection(String),
+}
+
+impl Camera {
+    /// A perspective camera that sees the whole box, from slightly above, z up.
+    pub fn looking_at_box((low, high): (DVec3, DVec3)) -> Self {
+        let centre = (low + high) * 0.5;
+        let radius = (high - low).length() * 0.5;
+        let (azimuth, elevation) = (30f64.to_radians(), 20f64.to_radians());
+        let from = DVec3::new(azimuth.sin() * elevation.cos(), -azimuth.cos() * elevation.cos(), elevation.sin());
+        let fov_y_deg = 30.0f64;
+        let distance = radius / (fov_y_deg * 0.5).to_radians().sin();
+        Self {
+            eye: centre + from * distance,
+            target: centre,
+            up: DVec3::Z,
+            projection: Projection::Perspective { fov_y_deg },
+        }
+    }
+
+    /// This camera turned about its target around its up axis.
+    pub fn orbited(&self, angle_deg: f64) -> Self {
+        let turn = glam::DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
+        Self { eye: self.target + turn * (self.eye - self.target), ..*self }
+    }
+
+    /// The rays of a picture of `width` x `height` square pixels.
+    ///
+    /// # Errors
+    /// If eye, target, up, angle or height cannot make a picture.
+    pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
+        let forward = (self.target - self.eye).try_normalize();
+        let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
+        let forward = forward.ok_or(CameraError::NoDirection { eye: self.eye, target: self.target })?;
+        let right = forward.cross(self.up.normalize_or_zero());
+        if !(right.length() > 1e-6) {
+            return Err(CameraError::Up(self.up));
+        }
+        let right = right.normalize();
+        let up = right.cross(forward);
+        let half_height = match self.projection {
+            Projection::Perspective { fov_y_deg } if fov_y_deg > 0.0 && fov_y_deg < 180.0 => {
+                (fov_y_deg * 0.5).to_radians().tan()
+            }
+            Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
+            Projection::Perspective { fov_y_deg } => {
+                return Err(CameraError::Projection(format!("--fov is {fov_y_deg}: expected degrees in (0, 180)")));
+            }
+            Projection::Orthographic { height } => {
+                return Err(CameraError::Projection(format!("--ortho is {height}: expected a positive height")));
+            }
+        };
+        let half_width = half_height * width as f64 / height as f64;
+        let orthographic = matches!(self.projection, Projection::Orthographic { .. });
+        Ok(ViewRays {
+            eye: self.eye,
+            forward,
+            right: right * half_width,
+            up: up * half_height,
+            orthographic,
+            width,
+            height,
+        })
+    }
+}
+
+/// A camera resolved for one picture size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewRays {
+    /// The eye, world.
+    pub eye: DVec3,
+    /// Unit view direction.
+    pub forward: DVec3,
+    /// From the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic views.
+    pub right: DVec3,
+    /// From the picture's centre to its top edge, likewise.
+    pub up: DVec3,
+    /// Whether rays are parallel.
+    pub orthographic: bool,
+    /// Picture width in pixels.
+    pub width: u32,
+    /// Picture height in pixels.
+    pub height: u32,
+}
+
+impl ViewRays {
+    /// The ray through a point of the picture in pixels (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`; row 0 is the
+    /// top).
+    pub fn ray(&self, x_px: f64, y_px: f64) -> Ray {
+        let u = 2.0 * x_px / self.width as f64 - 1.0;
+        let v = 1.0 - 2.0 * y_px / self.height as f64;
+        let offset = self.right * u + self.up * v;
+        if self.orthographic {
+            Ray { origin: self.eye + offset, direction: self.forward }
+        } else {
+            Ray { origin: self.eye, direction: (self.forward + offset).normalize() }
+        }
+    }
+
+    /// World size of one pixel at distance `t` from the eye, at the picture's centre.
+    pub fn pixel_size(&self, t: f64) -> f64 {
+        let height = 2.0 * self.up.length() / self.height as f64;
+        if self.orthographic { height } else { height * t }
+    }
+
+    /// The planes that bound what the picture shows.
+    pub fn frustum(&self) -> Frustum {
+        let side = |edge: DVec3, along: DVec3| {
+            // A plane through the edge of the picture; its normal points inward.
+            let (through, normal) = if self.orthographic {
+                (self.eye + edge, -edge)
+            } else {
+                let tangent = along.cross(self.forward + edge);
+                let inward = if tangent.dot(self.forward) < 0.0 { -tangent } else { tangent };
+                (self.eye, inward)
+            };
+            let normal = normal.normalize();
+            (normal, -normal.dot(through))
+        };
+        let planes = [
+            side(self.right, self.up),
+            side(-self.right, self.up),
+            side(self.up, self.right),
+            side(-self.up, self.right),
+            (self.forward, -self.forward.dot(self.eye)),
+        ];
+        Frustum { planes }
+    }
+}
+
+/// Five inward planes `(normal, offset)`: left, right, top, bottom and the eye's. A point is inside where
+/// `normal . p + offset >= 0` for all.
+#[derive(Clone, Copy, Debug)]
+pub struct Frustum {
+    planes: [(DVec3, f64); 5],
+}
+
+impl Frustum {
+    /// Whether the box may be visible: false only if it lies wholly outside one plane.
+    pub fn meets_box(&self, low: DVec3, high: DVec3) -> bool {
+        self.planes.iter().all(|(normal, offset)| {
+            let farthest = DVec3::select(normal.cmpge(DVec3::ZERO), high, low);
+            normal.dot(farthest) + offset >= 0.0
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(projection: Projection) -> Camera {
+        Camera { eye: DVec3::new(0.0, 0.0, -10.0), target: DVec3::ZERO, up: DVec3::Y, projection }
+    }
+
+    #[test]
+    fn the_corner_pixels_see_the_field_of_view() {
+        let rays = camera(Projection::Perspective { fov_y_deg: 90.0 }).rays(200, 100).unwrap();
+        let top = rays.ray(100.0, 0.0).direction;
+        assert!((top.y - top.z).abs() < 1e-12 && top.x.abs() < 1e-12, "{top}");
+        // Looking along +z with y up, x grows to the left (right-handed).
+        assert!(rays.ray(200.0, 50.0).direction.x < -0.89);
+        assert!((rays.pixel_size(10.0) - 0.2).abs() < 1e-12);
+        let ortho = camera(Projection::Orthographic { height: 4.0 }).rays(200, 100).unwrap();
+        assert_eq!(ortho.ray(100.0, 0.0).origin, DVec3::new(0.0, 2.0, -10.0));
+        assert_eq!(ortho.pixel_size(123.0), 0.04);
+    }
+
+    #[test]
+    fn the_frustum_keeps_what_rays_hit() {
+        for projection in [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }] {
+            let rays = camera(projection).rays(64, 48).unwrap();
+            let frustum = rays.frustum();
+            for (x, y) in [(0.5, 0.5), (63.5, 0.5), (0.5, 47.5), (63.5, 47.5), (32.0, 24.0)] {
+                let ray = rays.ray(x, y);
+                let p = ray.origin + ray.direction * 7.0;
+                assert!(frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {x} {y}");
+            }
+            let behind = DVec3::new(0.0, 0.0, -20.0);
+            assert!(!frustum.meets_box(behind - 1.0, behind + 1.0));
+            let aside = DVec3::new(50.0, 0.0, 0.0);
+            assert!(!frustum.meets_box(aside - 1.0, aside + 1.0));
+        }
+    }
+
+    #[test]
+    fn impossible_cameras_are_refused() {
+        let good = camera(Projection::Perspective { fov_y_deg: 40.0 });
+        assert!(matches!(Camera { eye: good.target, ..good }.rays(8, 8), Err(CameraError::NoDirection { .. })));
+        assert!(matches!(Camera { up: DVec3::Z, ..good }.rays(8, 8), Err(CameraError::Up(_))));
+        let flat = Camera { projection: Projection::Perspective { fov_y_deg: 180.0 }, ..good };
+        assert!(matches!(flat.rays(8, 8), Err(CameraError::Projection(_))));
+    }
+}

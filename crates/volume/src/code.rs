@@ -1,0 +1,161 @@
+//! Slot codes: how voxel values become the 8- or 16-bit codes that slots hold, in RAM and on the GPU.
+//!
+//! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over
+//! the store's value range: an error of at most range / 131,068. Where a store holds NaN or infinities, code 0 is kept
+//! for them and means *invalid*: not drawn, and left out of interpolation.
+
+use crate::voxel_type::{Voxel, VoxelType};
+use crate::with_voxel_type;
+
+/// The width of a slot's codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SlotFormat {
+    /// One byte a voxel.
+    U8,
+    /// Two bytes a voxel, little-endian.
+    U16,
+}
+
+impl SlotFormat {
+    /// Bytes of one code.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 => 2,
+        }
+    }
+
+    /// The greatest code.
+    pub const fn max_code(self) -> u32 {
+        match self {
+            Self::U8 => 255,
+            Self::U16 => 65535,
+        }
+    }
+}
+
+/// The map between values and codes: `value = low + code / max_code * (high - low)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlotEncoding {
+    /// The voxel type the codes come from.
+    pub voxel_type: VoxelType,
+    /// Width of the codes.
+    pub format: SlotFormat,
+    /// Value of code 0.
+    pub low: f64,
+    /// Value of the greatest code.
+    pub high: f64,
+    /// Whether code 0 means *invalid* instead of `low`.
+    pub has_invalid: bool,
+}
+
+impl SlotEncoding {
+    /// The encoding for a store of `voxel_type` whose valid values lie in `range` and of which some are not finite if
+    /// `has_non_finite`.
+    pub fn new(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool) -> Self {
+        let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
+        if voxel_type.bytes() <= 2 {
+            let (low, high) = voxel_type.limits();
+            return Self { voxel_type, format, low, high, has_invalid: false };
+        }
+        let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + 1.0) };
+        // With code 0 taken, `range.0` is code 1.
+        let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
+        Self { voxel_type, format, low, high, has_invalid: has_non_finite }
+    }
+
+    /// Data units per code.
+    pub fn code_width(&self) -> f64 {
+        (self.high - self.low) / self.format.max_code() as f64
+    }
+
+    /// The value of a normalised code (`code / max_code`, interpolated or not).
+    pub fn value(&self, unorm: f64) -> f64 {
+        self.low + unorm * (self.high - self.low)
+    }
+
+    /// Encodes little-endian voxels into `codes`. Costs a copy for unsigned 8- and 16-bit data.
+    ///
+    /// # Panics
+    /// If the two lengths do not hold the same number of voxels.
+    pub fn encode(&self, voxels: &[u8], codes: &mut [u8]) {
+        assert_eq!(voxels.len() / self.voxel_type.bytes(), codes.len() / self.format.bytes());
+        match self.voxel_type {
+            VoxelType::U8 | VoxelType::U16 => codes.copy_from_slice(voxels),
+            VoxelType::I8 => codes.iter_mut().zip(voxels).for_each(|(c, v)| *c = v ^ 0x80),
+            VoxelType::I16 => {
+                for (c, v) in codes.chunks_exact_mut(2).zip(voxels.chunks_exact(2)) {
+                    c.copy_from_slice(&[v[0], v[1] ^ 0x80]);
+                }
+            }
+            VoxelType::U32 | VoxelType::I32 | VoxelType::F32 => {
+                with_voxel_type!(self.voxel_type, T => self.quantise::<T>(voxels, codes));
+            }
+        }
+    }
+
+    fn quantise<T: Voxel>(&self, voxels: &[u8], codes: &mut [u8]) {
+        let first = self.has_invalid as u32 as f64;
+        let scale = self.format.max_code() as f64 / (self.high - self.low);
+        for (c, v) in codes.chunks_exact_mut(2).zip(voxels.chunks_exact(size_of::<T>())) {
+            let v: T = bytemuck::pod_read_unaligned(v);
+            let code = if v.is_valid() {
+                ((v.to_f64() - self.low) * scale).round_ties_even().clamp(first, 65535.0) as u16
+            } else {
+                0
+            };
+            c.copy_from_slice(&code.to_le_bytes());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn round_trip(encoding: &SlotEncoding, voxels: &[u8]) -> Vec<f64> {
+        let n = voxels.len() / encoding.voxel_type.bytes();
+        let mut codes = vec![0; n * encoding.format.bytes()];
+        encoding.encode(voxels, &mut codes);
+        let max = encoding.format.max_code() as f64;
+        let code = |i: usize| match encoding.format {
+            SlotFormat::U8 => codes[i] as f64,
+            SlotFormat::U16 => u16::from_le_bytes([codes[2 * i], codes[2 * i + 1]]) as f64,
+        };
+        (0..n).map(|i| encoding.value(code(i) / max)).collect()
+    }
+
+    #[test]
+    fn narrow_types_are_exact_at_every_value() {
+        let all8: Vec<u8> = (0..=255).collect();
+        let all16: Vec<u8> = (0..=65535u16).flat_map(u16::to_le_bytes).collect();
+        for t in [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16] {
+            let bytes = if t.bytes() == 1 { &all8 } else { &all16 };
+            let back = round_trip(&SlotEncoding::new(t, (0.0, 1.0), false), bytes);
+            for (i, v) in back.into_iter().enumerate() {
+                assert!((v - t.read(bytes, i)).abs() < 1e-9, "{t} {i}: {v}");
+            }
+        }
+    }
+
+    #[test]
+    fn floats_keep_their_range_and_mark_nan() {
+        let values = [-2.0f32, 0.0, 5.0, f32::NAN, f32::INFINITY];
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let encoding = SlotEncoding::new(VoxelType::F32, (-2.0, 5.0), true);
+        let mut codes = [0; 10];
+        encoding.encode(&bytes, &mut codes);
+        let code = |i: usize| u16::from_le_bytes([codes[2 * i], codes[2 * i + 1]]);
+        assert_eq!([code(0), code(2), code(3), code(4)], [1, 65535, 0, 0]);
+        let back = round_trip(&encoding, &bytes[..12]);
+        for (v, b) in values.iter().zip(back) {
+            assert!((*v as f64 - b).abs() <= 7.0 / 131_068.0 * 1.001);
+        }
+    }
+
+    #[test]
+    fn a_constant_volume_has_an_encoding() {
+        let encoding = SlotEncoding::new(VoxelType::U32, (7.0, 7.0), false);
+        assert_eq!(round_trip(&encoding, &7u32.to_le_bytes()), [7.0]);
+    }
+}

@@ -1,0 +1,78 @@
+//! Where a volume stands in the world: spacing, origin, unit, and the transforms between voxel and world space.
+
+use crate::space::Extent;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// The placement of level 0. Coarser levels follow from their factors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Geometry {
+    /// World distance between neighbouring voxel centres; positive.
+    pub spacing: DVec3,
+    /// World position of the **centre** of voxel (0, 0, 0), as in VTK, ITK, NIfTI and DICOM.
+    pub origin: DVec3,
+    /// UDUNITS name of the world unit (`micrometer`, `millimeter`), where the source gave one.
+    pub unit: Option<String>,
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        Self { spacing: DVec3::ONE, origin: DVec3::ZERO, unit: None }
+    }
+}
+
+impl Geometry {
+    /// World position of a continuous voxel coordinate (voxel `i` is centred at `i + 0.5`).
+    pub fn world_from_voxel(&self, voxel: DVec3) -> DVec3 {
+        self.origin + (voxel - 0.5) * self.spacing
+    }
+
+    /// Continuous voxel coordinate of a world position.
+    pub fn voxel_from_world(&self, world: DVec3) -> DVec3 {
+        (world - self.origin) / self.spacing + 0.5
+    }
+
+    /// The volume's box in the world: half a voxel past the outermost centres.
+    pub fn world_box(&self, extent: Extent) -> (DVec3, DVec3) {
+        let far = DVec3::new(extent.x as f64, extent.y as f64, extent.z as f64);
+        (self.world_from_voxel(DVec3::ZERO), self.world_from_voxel(far))
+    }
+
+    /// The finest voxel size that counts: the smallest spacing among axes with more than one voxel. It is the unit of
+    /// `--step`, and level `k`'s voxel size is this times `2^k`.
+    pub fn voxel_size(&self, extent: Extent) -> f64 {
+        let n = extent.to_array();
+        let s = self.spacing.to_array();
+        let finest = (0..3).filter(|&a| n[a] > 1).map(|a| s[a]).fold(f64::INFINITY, f64::min);
+        if finest.is_finite() { finest } else { self.spacing.min_element() }
+    }
+
+    /// Spacing and first voxel centre of a level with this factor: OME-Zarr's scale and translation.
+    pub fn level_placement(&self, factor: [u32; 3]) -> (DVec3, DVec3) {
+        let f = DVec3::from_array(factor.map(f64::from));
+        (self.spacing * f, self.origin + (f - 1.0) * 0.5 * self.spacing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_share_one_world() {
+        let g = Geometry { spacing: DVec3::new(0.5, 1.0, 2.0), origin: DVec3::new(10.0, -3.0, 0.0), unit: None };
+        let (scale, centre) = g.level_placement([4, 2, 1]);
+        assert_eq!(scale, DVec3::new(2.0, 2.0, 2.0));
+        // The first voxel of the coarse level covers fine voxels 0..4, 0..2, 0..1: its centre is their mean.
+        assert_eq!(centre, DVec3::new(10.0 + 1.5 * 0.5, -3.0 + 0.5, 0.0));
+        let p = DVec3::new(7.25, 0.0, 3.5);
+        assert!((g.voxel_from_world(g.world_from_voxel(p)) - p).length() < 1e-12);
+        assert_eq!(g.world_box(Extent::new(2, 1, 1)).0, DVec3::new(9.75, -3.5, -1.0));
+    }
+
+    #[test]
+    fn a_single_slice_does_not_set_the_step() {
+        let g = Geometry { spacing: DVec3::new(1.0, 2.0, 0.1), ..Geometry::default() };
+        assert_eq!(g.voxel_size(Extent::new(64, 64, 1)), 1.0);
+    }
+}

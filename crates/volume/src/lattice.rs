@@ -1,0 +1,150 @@
+//! The sampling lattice: where every ray is sampled, whatever renders it and however space is cut into bricks.
+//!
+//! A ray's stretch `[t_in, t_out)` inside the volume's box is cut at the multiples of a step anchored at the eye (`t = 0`).
+//! Each piece, a *segment*, is sampled once, at its midpoint, and weighted by its true length; it belongs to the brick whose
+//! half-open box holds the midpoint. The step doubles with distance: in *zone* `z` it is `2^z` finest steps, and a zone
+//! starts where a pixel has grown to the voxel size of level `z` (times the pixel error asked for), rounded up to a
+//! multiple of that zone's step, so the lattices nest. Because zones depend on the distance alone, and not on which bricks
+//! are resident or how they were cut, the segments partition every ray exactly: a constant medium has the same opacity
+//! under any cut, and all renderers can be compared bit for bit but for rounding.
+
+use crate::camera::ViewRays;
+
+/// Zones at most: levels 0 to 15.
+pub const MAX_ZONES: usize = 16;
+
+/// A lattice: the finest step and where each zone starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// World length of the finest step.
+    pub step: f64,
+    /// First tick (in finest steps from the eye) of each zone, ascending; zone `z`'s is a multiple of `2^z`.
+    pub zone_starts: [u32; MAX_ZONES],
+}
+
+/// One sample's stretch of a ray, in world distance from the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// Where it starts.
+    pub start: f64,
+    /// Where it ends; more than `start`.
+    pub end: f64,
+}
+
+impl Segment {
+    /// Where it is sampled.
+    pub fn middle(&self) -> f64 {
+        0.5 * (self.start + self.end)
+    }
+
+    /// What it weighs.
+    pub fn length(&self) -> f64 {
+        self.end - self.start
+    }
+}
+
+impl Lattice {
+    /// A zone start that no ray reaches.
+    pub const NEVER: u32 = 1 << 30;
+
+    /// The same zone everywhere: a level lock.
+    pub fn uniform(step: f64, zone: usize) -> Self {
+        Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }) }
+    }
+
+    /// Zones that follow the pixel size: at most `levels` of them, with level 0's voxels of `voxel_size` (world).
+    pub fn for_view(step: f64, voxel_size: f64, rays: &ViewRays, pixel_error: f64, levels: usize) -> Self {
+        let zone_starts = std::array::from_fn(|z| {
+            let level_voxel = voxel_size * (1u64 << z) as f64;
+            if z == 0 {
+                0
+            } else if z >= levels {
+                Self::NEVER
+            } else if rays.orthographic {
+                if rays.pixel_size(0.0) * pixel_error >= level_voxel { 0 } else { Self::NEVER }
+            } else {
+                let t = level_voxel / (rays.pixel_size(1.0) * pixel_error);
+                let multiple = (1u64 << z) as f64;
+                ((t / step / multiple).ceil() * multiple).min(Self::NEVER as f64) as u32
+            }
+        });
+        Self { step, zone_starts }
+    }
+
+    /// The zone of a tick.
+    pub fn zone(&self, tick: u32) -> usize {
+        (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
+    }
+
+    /// The segments of a ray that is inside the volume's box for `[t_in, t_out)`, near to far.
+    pub fn segments(&self, t_in: f64, t_out: f64) -> impl Iterator<Item = Segment> {
+        let t_in = t_in.max(0.0);
+        let first = (t_in / self.step).min(Self::NEVER as f64) as u32;
+        let mut tick = first >> self.zone(first) << self.zone(first);
+        std::iter::from_fn(move || {
+            loop {
+                let next = tick + (1 << self.zone(tick));
+                let start = (tick as f64 * self.step).max(t_in);
+                let end = (next as f64 * self.step).min(t_out);
+                if start >= t_out || tick >= Self::NEVER {
+                    return None;
+                }
+                tick = next;
+                if end > start {
+                    return Some(Segment { start, end });
+                }
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Camera, Projection};
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    fn view(fov_y_deg: f64) -> ViewRays {
+        let projection = Projection::Perspective { fov_y_deg };
+        Camera { eye: DVec3::ZERO, target: DVec3::X, up: DVec3::Z, projection }.rays(512, 512).unwrap()
+    }
+
+    #[test]
+    fn zones_start_where_pixels_reach_the_level() {
+        let rays = view(30.0);
+        let lattice = Lattice::for_view(0.5, 1.0, &rays, 1.0, 4);
+        for z in 1..4 {
+            let t = lattice.zone_starts[z] as f64 * 0.5;
+            assert_eq!(lattice.zone_starts[z] % (1 << z), 0);
+            assert!(rays.pixel_size(t) >= (1 << z) as f64);
+            assert!(rays.pixel_size(t - 0.5 * (1 << z) as f64) < (1 << z) as f64);
+        }
+        assert_eq!(lattice.zone_starts[4], Lattice::NEVER);
+    }
+
+    #[test]
+    fn an_orthographic_lattice_has_one_zone() {
+        let projection = Projection::Orthographic { height: 512.0 * 5.0 };
+        let rays = Camera { eye: DVec3::ZERO, target: DVec3::X, up: DVec3::Z, projection }.rays(512, 512).unwrap();
+        let lattice = Lattice::for_view(1.0, 1.0, &rays, 1.0, 6);
+        assert_eq!([lattice.zone(0), lattice.zone(1 << 20)], [2, 2]);
+    }
+
+    proptest! {
+        #[test]
+        fn segments_partition_the_ray(
+            step in 0.05f64..3.0, fov in 5.0f64..90.0, error in 0.5f64..4.0, t_in in 0.0f64..3000.0, depth in 0.0f64..800.0,
+        ) {
+            let lattice = Lattice::for_view(step, 1.0, &view(fov), error, 8);
+            let t_out = t_in + depth;
+            let mut at = t_in;
+            for s in lattice.segments(t_in, t_out) {
+                prop_assert!((s.start - at).abs() < 1e-9, "gap or overlap at {at}: {s:?}");
+                prop_assert!(s.length() <= step * (1u32 << lattice.zone((s.middle() / step) as u32)) as f64 * (1.0 + 1e-9));
+                at = s.end;
+            }
+            prop_assert!((at - t_out).abs() < 1e-9 || depth == 0.0);
+        }
+    }
+}

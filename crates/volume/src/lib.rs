@@ -1,0 +1,35 @@
+//! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, occupancy,
+//! transfer functions, the camera, the sampling lattice and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
+//!
+//! Spaces, coarse to fine:
+//! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
+//! - *voxel*: continuous level-0 voxels; voxel `i` spans `[i, i + 1)`, so the volume is the box `[0, extent)`.
+//! - *level voxel*: voxel space divided by the level's factor (1 or a power of two per axis).
+//! - *brick index*: level voxels divided by the brick edge.
+
+pub mod camera;
+pub mod code;
+pub mod geometry;
+pub mod lattice;
+pub mod occupancy;
+pub mod picture;
+pub mod pyramid;
+pub mod scene;
+pub mod space;
+pub mod transfer;
+pub mod voxel_type;
+
+pub use camera::{Camera, Frustum, Projection, Ray, ViewRays};
+pub use code::{SlotEncoding, SlotFormat};
+pub use geometry::Geometry;
+pub use lattice::{Lattice, Segment};
+pub use occupancy::{Occupancy, OccupancyBins};
+pub use picture::{Difference, FrameSettings, Picture};
+pub use pyramid::{LevelGrid, Pyramid};
+pub use scene::{LevelPolicy, Mode, Scene};
+pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
+pub use transfer::{TransferFunction, TransferTable};
+pub use voxel_type::{Voxel, VoxelType};
+
+/// Voxels along a brick's core edge unless a store says otherwise.
+pub const DEFAULT_BRICK_EDGE: u32 = 64;

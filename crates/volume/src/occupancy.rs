@@ -1,0 +1,115 @@
+//! Occupancy: which of 64 value bins a brick can show, as one `u64`, so that "is this brick empty under this transfer
+//! function?" is one AND.
+//!
+//! A mask is safe under interpolation: for every 2x2x2 neighbourhood of voxels that a trilinear sample in the brick can
+//! touch (apron included), all bins between the neighbourhood's least and greatest value are set. Bins 0 and 63 are open
+//! ended, so any value has a bin whatever range the bins were laid over.
+
+use crate::transfer::TransferFunction;
+use serde::{Deserialize, Serialize};
+
+/// The set of value bins that a brick can show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct Occupancy(pub u64);
+
+impl Occupancy {
+    /// No valid voxel at all.
+    pub const NONE: Self = Self(0);
+    /// Anything may be inside: what stands for "not known".
+    pub const ALL: Self = Self(u64::MAX);
+
+    /// The bins of either.
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// All bins from `first` to `last` inclusive.
+    pub const fn span(first: u32, last: u32) -> Self {
+        Self((u64::MAX >> (63 - (last - first))) << first)
+    }
+
+    /// Whether some bin is in both.
+    pub const fn meets(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+}
+
+/// How values map to the 64 bins: `bin(v) = clamp(floor((v - low) / width), 0, 63)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OccupancyBins {
+    /// Lower edge of bin 1 minus one width.
+    pub low: f64,
+    /// Width of a bin in data units; positive.
+    pub width: f64,
+}
+
+impl OccupancyBins {
+    /// The number of bins.
+    pub const COUNT: u32 = 64;
+
+    /// Bins whose inner edges cover `[low, high]`; a degenerate range still gets a positive width.
+    pub fn over(low: f64, high: f64) -> Self {
+        let width = (high - low) / Self::COUNT as f64;
+        Self { low, width: if width > 0.0 && width.is_finite() { width } else { 1.0 } }
+    }
+
+    /// The bin of a value (not NaN).
+    pub fn bin(&self, value: f64) -> u32 {
+        ((value - self.low) / self.width).floor().clamp(0.0, 63.0) as u32
+    }
+
+    /// All bins that values of `[low, high]` fall in.
+    pub fn mask(&self, low: f64, high: f64) -> Occupancy {
+        Occupancy::span(self.bin(low), self.bin(high))
+    }
+
+    /// The bins in which the transfer function is opaque somewhere. `slack` (data units) widens every bin on both sides by
+    /// what quantisation and table lookup may move a value.
+    pub fn opaque(&self, transfer: &TransferFunction, slack: f64) -> Occupancy {
+        let mut mask = 0;
+        for bin in 0..Self::COUNT {
+            let low = if bin == 0 { f64::NEG_INFINITY } else { self.low + bin as f64 * self.width - slack };
+            let high = if bin == 63 { f64::INFINITY } else { self.low + (bin + 1) as f64 * self.width + slack };
+            mask |= ((transfer.max_alpha(low, high) > 0.0) as u64) << bin;
+        }
+        Occupancy(mask)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn spans_reach_both_ends() {
+        assert_eq!(Occupancy::span(0, 63), Occupancy::ALL);
+        assert_eq!(Occupancy::span(63, 63).0, 1 << 63);
+        assert_eq!(Occupancy::span(2, 4).0, 0b11100);
+    }
+
+    #[test]
+    fn degenerate_ranges_have_bins() {
+        let bins = OccupancyBins::over(7.0, 7.0);
+        assert_eq!(bins.bin(7.0), 0);
+        assert_eq!(bins.bin(f64::INFINITY), 63);
+    }
+
+    proptest! {
+        /// The promise that culling rests on: a value with opacity is in an opaque bin.
+        #[test]
+        fn no_opaque_value_is_in_an_empty_bin(
+            knots in prop::collection::vec((0.0f64..100.0, prop::sample::select(vec![0.0, 0.0, 0.3, 1.0])), 1..6),
+            low in -20.0f64..50.0, range in 0.1f64..120.0, value in -50.0f64..150.0,
+        ) {
+            let mut knots = knots;
+            knots.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let tf = TransferFunction { color: vec![[0.0, 1.0, 1.0, 1.0]], opacity: knots.iter().map(|&(v, a)| [v, a]).collect(), unit_distance: 1.0 };
+            let bins = OccupancyBins::over(low, low + range);
+            if tf.alpha(value) > 0.0 {
+                prop_assert!(bins.opaque(&tf, 0.0).meets(bins.mask(value, value)));
+            }
+        }
+    }
+}

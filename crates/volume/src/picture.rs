@@ -1,0 +1,100 @@
+//! A finished picture, what a renderer needs to know to make one, and how far two pictures are apart.
+
+use crate::camera::ViewRays;
+use crate::code::SlotEncoding;
+use crate::geometry::Geometry;
+use crate::lattice::Lattice;
+use crate::scene::Mode;
+use crate::transfer::TransferTable;
+
+/// Everything besides bricks that decides a frame, resolved for one picture size. Every renderer takes exactly this.
+#[derive(Clone, Debug)]
+pub struct FrameSettings {
+    /// The rays of the picture's pixels.
+    pub rays: ViewRays,
+    /// Where rays are sampled.
+    pub lattice: Lattice,
+    /// Where the volume stands.
+    pub geometry: Geometry,
+    /// How slot codes stand for values.
+    pub encoding: SlotEncoding,
+    /// Colour and opacity per code.
+    pub table: TransferTable,
+    /// How samples become a pixel.
+    pub mode: Mode,
+    /// Colour behind the volume, display-referred.
+    pub background: [f32; 3],
+}
+
+/// 8-bit RGB, row 0 on top.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `width * height` pixels, row-major.
+    pub rgb: Vec<[u8; 3]>,
+}
+
+impl Picture {
+    /// The display-referred colour as 8-bit codes: nearest, clamped.
+    pub fn quantise(color: [f32; 3]) -> [u8; 3] {
+        color.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
+    }
+
+    /// The pixel in column `x` of row `y`.
+    ///
+    /// # Panics
+    /// If there is no such pixel.
+    pub fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
+        self.rgb[y as usize * self.width as usize + x as usize]
+    }
+
+    /// How far apart two pictures of the same size are.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn difference(&self, other: &Self) -> Difference {
+        assert_eq!((self.width, self.height), (other.width, other.height), "sizes differ");
+        let mut max = 0;
+        let mut squares = 0u64;
+        for (a, b) in self.rgb.iter().flatten().zip(other.rgb.iter().flatten()) {
+            let d = a.abs_diff(*b);
+            max = max.max(d);
+            squares += (d as u64).pow(2);
+        }
+        let mean = squares as f64 / (self.rgb.len() * 3) as f64;
+        Difference { max, psnr_db: 10.0 * (255.0f64 * 255.0 / mean).log10() }
+    }
+}
+
+/// The distance of two pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Greatest difference of any channel of any pixel, in 1/255.
+    pub max: u8,
+    /// Peak signal-to-noise ratio over all channels; infinite for equal pictures.
+    pub psnr_db: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_measured_per_channel() {
+        let a = Picture { width: 2, height: 1, rgb: vec![[0; 3], [10, 20, 30]] };
+        let mut b = a.clone();
+        assert_eq!(a.difference(&b).psnr_db, f64::INFINITY);
+        b.rgb[1][2] = 33;
+        let d = a.difference(&b);
+        assert_eq!(d.max, 3);
+        assert!((d.psnr_db - 10.0 * (255.0f64.powi(2) * 6.0 / 9.0).log10()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn colours_round_to_nearest() {
+        assert_eq!(Picture::quantise([0.5 / 255.0 + 1e-6, 2.0, -1.0]), [1, 255, 0]);
+    }
+}

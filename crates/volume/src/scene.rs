@@ -1,0 +1,107 @@
+//! The scene: everything besides the data that decides a picture, as one JSON document.
+
+use crate::camera::Camera;
+use crate::transfer::TransferFunction;
+use serde::{Deserialize, Serialize};
+
+/// How samples along a ray become a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Emission and absorption through the transfer function (direct volume rendering).
+    #[default]
+    Dvr,
+    /// The greatest sample, through the transfer function's colours, opaque.
+    Mip,
+    /// The least sample, likewise.
+    MinIp,
+    /// The length-weighted mean of the samples, likewise.
+    Average,
+}
+
+impl Mode {
+    /// All modes.
+    pub const ALL: [Mode; 4] = [Self::Dvr, Self::Mip, Self::MinIp, Self::Average];
+}
+
+/// Which level a view wants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LevelPolicy {
+    /// The coarsest whose voxels are no larger than the pixel error allows, brick by brick.
+    #[default]
+    Auto,
+    /// One level everywhere (as far as the budget goes).
+    Locked(u8),
+}
+
+/// A picture's description. Distances are world units unless said otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// The camera; `None` looks at the whole volume.
+    pub camera: Option<Camera>,
+    /// The mode.
+    pub mode: Mode,
+    /// The transfer function; `None` is a gray ramp over the store's default window.
+    pub transfer: Option<TransferFunction>,
+    /// Sampling step in units of the finest voxel size.
+    pub step: f64,
+    /// Colour behind the volume, display-referred.
+    pub background: [f64; 3],
+    /// Level choice.
+    pub level: LevelPolicy,
+    /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
+    pub pixel_error: f64,
+    /// Time step.
+    pub time: u32,
+    /// Channel.
+    pub channel: u32,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self {
+            camera: None,
+            mode: Mode::Dvr,
+            transfer: None,
+            step: 1.0,
+            background: [0.0; 3],
+            level: LevelPolicy::Auto,
+            pixel_error: 1.0,
+            time: 0,
+            channel: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Projection;
+    use glam::DVec3;
+
+    #[test]
+    fn scenes_round_trip_through_json() {
+        let scene = Scene {
+            camera: Some(Camera {
+                eye: DVec3::new(0.1, 2.0, -3.0),
+                target: DVec3::ZERO,
+                up: DVec3::Z,
+                projection: Projection::Orthographic { height: 3.5 },
+            }),
+            mode: Mode::MinIp,
+            transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
+            step: 0.5,
+            background: [0.25, 0.5, 1.0],
+            level: LevelPolicy::Locked(3),
+            pixel_error: 1.5,
+            time: 4,
+            channel: 2,
+        };
+        let text = serde_json::to_string(&scene).unwrap();
+        assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
+        assert_eq!(serde_json::from_str::<Scene>("{}").unwrap(), Scene::default());
+        assert!(serde_json::from_str::<Scene>(r#"{"stpe": 2}"#).is_err());
+    }
+}

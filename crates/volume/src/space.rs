@@ -1,0 +1,185 @@
+//! Integer spaces as types: a level, a voxel, a brick, an extent and a box cannot be mixed up.
+//!
+//! Axis order is x, y, z everywhere in Rust; Zarr's z, y, x appears only where a store's metadata is written.
+
+use serde::{Deserialize, Serialize};
+
+/// A level of the pyramid; 0 is the finest.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Level(pub u8);
+
+impl Level {
+    /// The level's position in a list of levels.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+impl std::fmt::Display for Level {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+macro_rules! xyz {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        pub struct $name {
+            /// Along z, the slowest axis in memory (first, so that the derived order is memory order).
+            pub z: u32,
+            /// Along y.
+            pub y: u32,
+            /// Along x, the fastest axis in memory.
+            pub x: u32,
+        }
+
+        impl $name {
+            /// From x, y, z.
+            pub const fn new(x: u32, y: u32, z: u32) -> Self {
+                Self { x, y, z }
+            }
+            /// From `[x, y, z]`.
+            pub const fn from_array([x, y, z]: [u32; 3]) -> Self {
+                Self { x, y, z }
+            }
+            /// As `[x, y, z]`.
+            pub const fn to_array(self) -> [u32; 3] {
+                [self.x, self.y, self.z]
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                write!(f, "{},{},{}", self.x, self.y, self.z)
+            }
+        }
+    };
+}
+
+xyz!(
+    /// Counts along each axis (of voxels, or of bricks in a grid).
+    Extent
+);
+xyz!(
+    /// A voxel of some level.
+    VoxelIndex
+);
+xyz!(
+    /// A brick of some level's brick grid.
+    BrickIndex
+);
+
+impl Extent {
+    /// The number of voxels (or bricks). Callers keep extents whose product overflows out of the system with
+    /// [`Extent::checked_volume`].
+    pub const fn volume(self) -> u64 {
+        self.x as u64 * self.y as u64 * self.z as u64
+    }
+
+    /// The product, or `None` past 2^63 - 1 (so that it is also a valid file offset).
+    pub fn checked_volume(self) -> Option<u64> {
+        let product = self.x as u128 * self.y as u128 * self.z as u128;
+        (product <= i64::MAX as u128).then_some(product as u64)
+    }
+
+    /// Row-major position (x fastest) of a cell of this extent.
+    pub const fn linear(self, [x, y, z]: [u32; 3]) -> u64 {
+        (z as u64 * self.y as u64 + y as u64) * self.x as u64 + x as u64
+    }
+
+    /// Whether the cell lies inside.
+    pub const fn contains(self, [x, y, z]: [u32; 3]) -> bool {
+        x < self.x && y < self.y && z < self.z
+    }
+
+    /// The box of all cells.
+    pub const fn full_box(self) -> VoxelBox {
+        VoxelBox { min: VoxelIndex::new(0, 0, 0), max: VoxelIndex::new(self.x, self.y, self.z) }
+    }
+}
+
+/// A half-open box of voxels, `min <= v < max`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct VoxelBox {
+    /// First voxel inside.
+    pub min: VoxelIndex,
+    /// First voxel past the end on each axis.
+    pub max: VoxelIndex,
+}
+
+impl VoxelBox {
+    /// From two corners as `[x, y, z]`, the second exclusive.
+    pub const fn new(min: [u32; 3], max: [u32; 3]) -> Self {
+        Self { min: VoxelIndex::from_array(min), max: VoxelIndex::from_array(max) }
+    }
+
+    /// Voxels along each axis; zero where the box is empty.
+    pub fn extent(self) -> Extent {
+        let (lo, hi) = (self.min.to_array(), self.max.to_array());
+        Extent::from_array(std::array::from_fn(|a| hi[a].saturating_sub(lo[a])))
+    }
+
+    /// Whether there is no voxel inside.
+    pub fn is_empty(self) -> bool {
+        self.extent().volume() == 0
+    }
+
+    /// The voxels in both boxes.
+    pub fn intersect(self, other: VoxelBox) -> VoxelBox {
+        let pick = |a: VoxelIndex, b: VoxelIndex, f: fn(u32, u32) -> u32| {
+            VoxelIndex::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z))
+        };
+        let min = pick(self.min, other.min, u32::max);
+        let max = pick(self.max, other.max, u32::min);
+        Self { min, max: pick(max, min, u32::max) }
+    }
+}
+
+/// The key of one brick. The derived order (time, channel, level, z, y, x) breaks every tie in the pager.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct BrickId {
+    /// Time step.
+    pub time: u32,
+    /// Channel.
+    pub channel: u32,
+    /// Level.
+    pub level: Level,
+    /// Place in the level's brick grid.
+    pub index: BrickIndex,
+}
+
+impl std::fmt::Display for BrickId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "t{} c{} level {} brick ({})", self.time, self.channel, self.level, self.index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn linear_indices_pass_32_bits() {
+        let e = Extent::new(4096, 4096, 4096);
+        assert_eq!(e.linear([4095, 4095, 4095]), (1 << 36) - 1);
+        assert_eq!(Extent::new(u32::MAX, u32::MAX, 2).checked_volume(), None);
+        assert_eq!(Extent::new(1 << 21, 1 << 21, 1 << 20).checked_volume(), Some(1 << 62));
+    }
+
+    #[test]
+    fn boxes_intersect_half_open() {
+        let a = VoxelBox::new([0, 0, 0], [4, 4, 4]);
+        assert!(a.intersect(VoxelBox::new([4, 0, 0], [8, 4, 4])).is_empty());
+        assert_eq!(a.intersect(VoxelBox::new([3, 1, 2], [9, 2, 9])), VoxelBox::new([3, 1, 2], [4, 2, 4]));
+    }
+
+    #[test]
+    fn brick_ids_order_by_time_channel_level_then_memory() {
+        let id = |time, level, x, z| BrickId { time, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, z) };
+        let mut ids = vec![id(1, 0, 0, 0), id(0, 1, 0, 0), id(0, 0, 0, 1), id(0, 0, 5, 0)];
+        ids.sort();
+        assert_eq!(ids, [id(0, 0, 5, 0), id(0, 0, 0, 1), id(0, 1, 0, 0), id(1, 0, 0, 0)]);
+    }
+}
