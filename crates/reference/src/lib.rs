@@ -1,1 +1,298 @@
-//! The oracle: renders a whole array in f64, plainly.
+//! The oracle: renders whole arrays in f64, one pixel after the other, with no bricks, no caches and no tricks.
+//!
+//! It states the sampling rule of [`brickyard_volume::lattice`] as plainly as possible, so that every fast renderer can be
+//! tested against it. A volume is a list of levels held whole in memory; which level a place is drawn at is the caller's
+//! function, so pictures of mixed levels have an oracle too. Costs about a microsecond a sample.
+
+use brickyard_volume::{
+    Extent, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, TransferFunction, Voxel, VoxelType, with_voxel_type,
+};
+use glam::DVec3;
+
+/// One level as a whole array of data values; NaN marks invalid voxels.
+#[derive(Clone, Debug)]
+pub struct Array {
+    /// Voxels along each axis.
+    pub extent: Extent,
+    /// Level-0 voxels per voxel.
+    pub factor: [u32; 3],
+    /// `extent.volume()` values, x fastest.
+    pub values: Vec<f64>,
+}
+
+impl Array {
+    /// A level whose voxels come from a function of its integer voxel coordinates.
+    pub fn from_fn(grid: &LevelGrid, value: impl Fn([u32; 3]) -> f64) -> Self {
+        let e = grid.extent;
+        let mut values = Vec::with_capacity(e.volume() as usize);
+        for z in 0..e.z {
+            for y in 0..e.y {
+                values.extend((0..e.x).map(|x| value([x, y, z])));
+            }
+        }
+        Self { extent: e, factor: grid.factor, values }
+    }
+
+    /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too.
+    ///
+    /// # Panics
+    /// If `bytes` is not exactly the level.
+    pub fn from_bytes(grid: &LevelGrid, voxel_type: VoxelType, bytes: &[u8]) -> Self {
+        fn decode<T: Voxel>(bytes: &[u8]) -> Vec<f64> {
+            let value = |v: T| if v.is_valid() { v.to_f64() } else { f64::NAN };
+            bytes.chunks_exact(size_of::<T>()).map(|b| value(bytemuck::pod_read_unaligned(b))).collect()
+        }
+        let values = with_voxel_type!(voxel_type, T => decode::<T>(bytes));
+        assert_eq!(values.len() as u64, grid.extent.volume(), "bytes do not fill the level");
+        Self { extent: grid.extent, factor: grid.factor, values }
+    }
+
+    /// The voxel, with indices past a face replicated.
+    fn voxel(&self, index: [i64; 3]) -> f64 {
+        let n = self.extent.to_array();
+        let inside = std::array::from_fn(|a| index[a].clamp(0, n[a] as i64 - 1) as u32);
+        self.values[self.extent.linear(inside) as usize]
+    }
+
+    /// Trilinear value at a point of voxel space (level-0 voxels). Invalid corners are left out; where they hold more than
+    /// half the weight there is no value.
+    pub fn sample(&self, point: DVec3) -> Option<f64> {
+        let p: [f64; 3] = std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5);
+        let base = p.map(|v| v.floor());
+        let t: [f64; 3] = std::array::from_fn(|a| p[a] - base[a]);
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for corner in 0..8 {
+            let bit: [i64; 3] = std::array::from_fn(|a| corner >> a & 1);
+            let w: f64 = (0..3).map(|a| if bit[a] == 1 { t[a] } else { 1.0 - t[a] }).product();
+            let value = self.voxel(std::array::from_fn(|a| base[a] as i64 + bit[a]));
+            if value.is_finite() {
+                sum += w * value;
+                weight += w;
+            }
+        }
+        (weight >= 0.5).then(|| sum / weight)
+    }
+}
+
+/// The volume as the oracle sees it.
+pub struct ReferenceVolume<'a> {
+    /// All levels, finest first.
+    pub levels: &'a [Array],
+    /// The level at a point of voxel space.
+    pub level_at: &'a dyn Fn(DVec3) -> usize,
+    /// The exact transfer function; `FrameSettings::table` is not used.
+    pub transfer: &'a TransferFunction,
+}
+
+/// Renders the whole picture. `FrameSettings` gives rays, lattice, placement, mode and background.
+///
+/// # Panics
+/// If the volume has no level.
+pub fn render(frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> Picture {
+    let rays = &frame.rays;
+    let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
+    for y in 0..rays.height {
+        for x in 0..rays.width {
+            let color = pixel(frame, volume, &rays.ray(x as f64 + 0.5, y as f64 + 0.5));
+            rgb.push(Picture::quantise(color.map(|c| c as f32)));
+        }
+    }
+    Picture { width: rays.width, height: rays.height, rgb }
+}
+
+/// The display-referred colour of one ray.
+pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> [f64; 3] {
+    let background = frame.background.map(f64::from);
+    let samples = samples_along(frame, volume, ray);
+    let values = || samples.iter().map(|s| s.value);
+    let value = match frame.mode {
+        Mode::Dvr => return composite(&samples, volume.transfer, background),
+        Mode::Mip => values().reduce(f64::max),
+        Mode::MinIp => values().reduce(f64::min),
+        Mode::Average => {
+            let length: f64 = samples.iter().map(|s| s.length).sum();
+            let sum: f64 = samples.iter().map(|s| s.value * s.length).sum();
+            (length > 0.0).then(|| sum / length)
+        }
+    };
+    value.map_or(background, |v| volume.transfer.rgb(v))
+}
+
+/// A valid sample and the world length it stands for.
+struct Sample {
+    value: f64,
+    length: f64,
+}
+
+fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> Vec<Sample> {
+    let origin = frame.geometry.voxel_from_world(ray.origin);
+    let direction = ray.direction / frame.geometry.spacing;
+    let Some((t_in, t_out)) = clip(origin, direction, volume.levels[0].extent) else { return Vec::new() };
+    let segments = frame.lattice.segments(t_in, t_out);
+    let sample = |s: brickyard_volume::Segment| {
+        let point = origin + direction * s.middle();
+        let value = volume.levels[(volume.level_at)(point)].sample(point)?;
+        Some(Sample { value, length: s.length() })
+    };
+    segments.filter_map(sample).collect()
+}
+
+/// Where the ray is inside the half-open box `[0, extent)`, `t >= 0`.
+fn clip(origin: DVec3, direction: DVec3, extent: Extent) -> Option<(f64, f64)> {
+    let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
+    for (a, n) in extent.to_array().into_iter().enumerate() {
+        let (o, d, high) = (origin[a], direction[a], n as f64);
+        if d == 0.0 {
+            if o < 0.0 || o >= high {
+                return None;
+            }
+            continue;
+        }
+        let (near, far) = (-o / d, (high - o) / d);
+        t_in = t_in.max(near.min(far));
+        t_out = t_out.min(near.max(far));
+    }
+    (t_in < t_out).then_some((t_in, t_out))
+}
+
+fn composite(samples: &[Sample], transfer: &TransferFunction, background: [f64; 3]) -> [f64; 3] {
+    let mut color = [0.0; 3];
+    let mut transmittance = 1.0;
+    for s in samples {
+        let alpha = 1.0 - (1.0 - transfer.alpha(s.value)).powf(s.length / transfer.unit_distance);
+        let rgb = transfer.rgb(s.value);
+        for k in 0..3 {
+            color[k] += transmittance * alpha * rgb[k];
+        }
+        transmittance *= 1.0 - alpha;
+    }
+    std::array::from_fn(|k| color[k] + transmittance * background[k])
+}
+
+/// The level function of a view that shows one level everywhere.
+pub fn one_level(level: usize) -> impl Fn(DVec3) -> usize {
+    move |_| level
+}
+
+/// All levels of a volume given by level 0, each the mean of the finer one (f64, unrounded; invalid voxels left out).
+pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
+    let mut levels = vec![finest];
+    for grid in &pyramid.levels()[1..] {
+        let fine = &levels[levels.len() - 1];
+        let step: [u32; 3] = std::array::from_fn(|a| grid.factor[a] / fine.factor[a]);
+        let n = fine.extent.to_array();
+        let coarse = Array::from_fn(grid, |index| {
+            let (mut sum, mut count) = (0.0, 0);
+            for corner in 0..8u32 {
+                let bit: [u32; 3] = std::array::from_fn(|a| corner >> a & 1);
+                let at: [u32; 3] = std::array::from_fn(|a| index[a] * step[a] + bit[a]);
+                if (0..3).any(|a| bit[a] >= step[a] || at[a] >= n[a]) {
+                    continue;
+                }
+                let value = fine.values[fine.extent.linear(at) as usize];
+                if value.is_finite() {
+                    sum += value;
+                    count += 1;
+                }
+            }
+            if count > 0 { sum / count as f64 } else { f64::NAN }
+        });
+        levels.push(coarse);
+    }
+    levels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::{Camera, Geometry, Lattice, Projection, SlotEncoding, TransferTable};
+
+    fn settings(
+        mode: Mode,
+        geometry: Geometry,
+        camera: Camera,
+        transfer: &TransferFunction,
+        step: f64,
+    ) -> FrameSettings {
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+        FrameSettings {
+            rays: camera.rays(33, 33).unwrap(),
+            lattice: Lattice::uniform(step, 0),
+            geometry,
+            encoding,
+            table: TransferTable::new(transfer, &encoding),
+            mode,
+            background: [0.25, 0.0, 1.0],
+        }
+    }
+
+    fn camera(eye: DVec3, target: DVec3) -> Camera {
+        Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 30.0 } }
+    }
+
+    fn cube(n: u32, value: impl Fn([u32; 3]) -> f64) -> Array {
+        let pyramid = Pyramid::new(Extent::new(n, n, n), [1.0; 3], 64);
+        Array::from_fn(&pyramid.levels()[0], value)
+    }
+
+    fn fog(alpha: f64) -> TransferFunction {
+        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, alpha]], unit_distance: 2.0 }
+    }
+
+    #[test]
+    fn a_constant_medium_is_beer_lambert_at_any_step() {
+        let geometry = Geometry { spacing: DVec3::new(1.0, 2.0, 0.5), origin: DVec3::new(3.0, -1.0, 7.0), unit: None };
+        let levels = [cube(9, |_| 100.0)];
+        let transfer = fog(0.2);
+        let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };
+        let (low, high) = geometry.world_box(levels[0].extent);
+        for step in [0.1, 0.7, 3.0] {
+            let frame = settings(Mode::Dvr, geometry.clone(), camera(low * 2.0 - high, high), &transfer, step);
+            let ray = frame.rays.ray(16.5, 16.5);
+            // The central ray runs along the box's long diagonal, corner to corner.
+            let alpha = 1.0 - 0.8f64.powf((high - low).length() / 2.0);
+            let expected = [alpha + (1.0 - alpha) * 0.25, alpha * 0.5, 1.0 - alpha];
+            let found = pixel(&frame, &volume, &ray);
+            for k in 0..3 {
+                assert!((found[k] - expected[k]).abs() < 1e-9, "step {step}: {found:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn modes_see_a_ramp_as_its_ends_and_its_middle() {
+        let levels = [cube(16, |[x, ..]| x as f64)];
+        let transfer = TransferFunction {
+            color: vec![[0.0, 0.0, 0.0, 0.0], [15.0, 1.0, 1.0, 1.0]],
+            opacity: vec![[0.0, 1.0]],
+            unit_distance: 1.0,
+        };
+        let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };
+        let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::new(7.5, 7.5, 7.5));
+        for (mode, expected) in [(Mode::Mip, 1.0), (Mode::MinIp, 0.0), (Mode::Average, 0.5)] {
+            let frame = settings(mode, Geometry::default(), view, &transfer, 0.05);
+            let found = pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5))[0];
+            // Samples stand half a step inside; the outermost half voxel is constant.
+            assert!((found - expected).abs() < 1e-3, "{mode:?}: {found}");
+        }
+        let frame = settings(Mode::Mip, Geometry::default(), view, &transfer, 0.5);
+        assert_eq!(pixel(&frame, &volume, &frame.rays.ray(0.5, 0.5)), [0.25, 0.0, 1.0], "a miss shows the background");
+    }
+
+    #[test]
+    fn invalid_voxels_are_transparent() {
+        let array = cube(4, |[x, ..]| if x == 1 { f64::NAN } else { 10.0 * x as f64 });
+        assert_eq!(array.sample(DVec3::new(1.5, 2.0, 2.0)), None);
+        assert_eq!(array.sample(DVec3::new(0.9, 2.0, 2.0)), Some(0.0));
+        assert_eq!(array.sample(DVec3::new(2.25, 2.0, 2.0)), Some(20.0));
+    }
+
+    #[test]
+    fn mean_levels_average_what_exists() {
+        let pyramid = Pyramid::new(Extent::new(5, 4, 1), [1.0; 3], 2);
+        let levels = mean_levels(&pyramid, Array::from_fn(&pyramid.levels()[0], |[x, y, _]| (x + 10 * y) as f64));
+        assert_eq!(levels[1].values, [5.5, 7.5, 9.0, 25.5, 27.5, 29.0]);
+        // The odd last column holds one fine column: it weighs as much as a full one in the next mean.
+        assert_eq!(levels[2].values, [16.5, 19.0]);
+    }
+}

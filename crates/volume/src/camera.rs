@@ -92,10 +92,8 @@ impl Camera {
         let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
         let forward = forward.ok_or(CameraError::NoDirection { eye: self.eye, target: self.target })?;
         let right = forward.cross(self.up.normalize_or_zero());
-        if !(right.length() > 1e-6) {
-            return Err(CameraError::Up(self.up));
-        }
-        let right = right.normalize();
+        // The sine of the angle between up and the view: below a millionth the picture's roll is noise.
+        let right = right.try_normalize().filter(|_| right.length() > 1e-6).ok_or(CameraError::Up(self.up))?;
         let up = right.cross(forward);
         let half_height = match self.projection {
             Projection::Perspective { fov_y_deg } if fov_y_deg > 0.0 && fov_y_deg < 180.0 => {
