@@ -1,6 +1,6 @@
 //! Why an input cannot be read.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why an input cannot be read. Every message says which file, what was expected, what was found and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -30,4 +30,31 @@ pub enum ImportError {
         /// What it uses.
         feature: String,
     },
+    /// The file does not say what is needed, or options contradict it or each other: the caller must choose.
+    #[error("{path}: {problem}", path = path.display())]
+    Options {
+        /// The file.
+        path: PathBuf,
+        /// What is missing or contradictory, and the flag that settles it.
+        problem: String,
+    },
+}
+
+impl ImportError {
+    /// Wraps an I/O error with its file, for `map_err`.
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |error| Self::Io { path: path.to_owned(), error }
+    }
+
+    pub(crate) fn invalid(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Invalid { path: path.to_owned(), problem: problem.into() }
+    }
+
+    pub(crate) fn unsupported(path: &Path, feature: impl Into<String>) -> Self {
+        Self::Unsupported { path: path.to_owned(), feature: feature.into() }
+    }
+
+    pub(crate) fn options(path: &Path, problem: impl Into<String>) -> Self {
+        Self::Options { path: path.to_owned(), problem: problem.into() }
+    }
 }

@@ -1,7 +1,29 @@
-//! Readers of foreign formats as one streaming [`Source`] trait. Knows nothing of stores.
+//! Readers of foreign formats, and generators, behind one streaming [`Source`] trait. Knows nothing of stores.
+//!
+//! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
+//! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
+//! space; TIFF decodes the planes it is asked for. [`SynthSource`] makes volumes that no file holds.
 
+mod axes;
+mod element;
 mod error;
+mod nifti;
+mod npy;
+mod open;
+mod raw;
+mod series;
 mod source;
+mod synth;
+#[cfg(test)]
+mod testing;
+mod tiff_stack;
+mod write_raw;
 
+pub use axes::AxisOrder;
+pub use element::Endian;
 pub use error::ImportError;
+pub use open::{OpenOptions, open};
+pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Source, SourceInfo};
+pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource};
+pub use write_raw::write_raw;

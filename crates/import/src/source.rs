@@ -1,5 +1,6 @@
 //! What every reader of a foreign format offers: a description, and the voxels of any box.
 
+use crate::axes::Sizes;
 use crate::error::ImportError;
 use brickyard_volume::{Extent, Geometry, VoxelBox, VoxelType};
 
@@ -24,6 +25,32 @@ pub struct SourceInfo {
     pub identity: String,
     /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
     pub notes: Vec<String>,
+}
+
+impl SourceInfo {
+    /// Sizes and type, and nothing known of the place in the world.
+    pub(crate) fn plain(sizes: Sizes, voxel_type: VoxelType) -> Self {
+        Self {
+            extent: sizes.extent,
+            channels: sizes.channels,
+            times: sizes.times,
+            voxel_type,
+            geometry: Geometry::default(),
+            calibrated: false,
+            orientation: None,
+            identity: String::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// Panics as [`Source::read_box`] promises.
+    pub(crate) fn check_box(&self, time: u32, channel: u32, region: VoxelBox, out: &[u8]) {
+        assert!(time < self.times && channel < self.channels, "no t{time} c{channel} in the source");
+        let inside = self.extent.full_box().intersect(region) == region && !region.is_empty();
+        assert!(inside, "box {region:?} leaves the extent {}", self.extent);
+        let bytes = region.extent().volume() * self.voxel_type.bytes() as u64;
+        assert_eq!(out.len() as u64, bytes, "the buffer is not the box's size");
+    }
 }
 
 /// How boxes are best asked for.

@@ -1,0 +1,170 @@
+//! The order of an array's axes, written as letters slowest first (`tczyx`, as NumPy shows a shape).
+
+use brickyard_volume::Extent;
+
+/// One axis of a set of volumes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Axis {
+    T,
+    C,
+    Z,
+    Y,
+    X,
+}
+
+/// Axis letters, slowest first, each at most once, x and y always among them. Axes not named have size 1.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AxisOrder(Vec<Axis>);
+
+impl AxisOrder {
+    /// The usual order of `dimensions` axes where it is beyond doubt: `yx` and `zyx`.
+    pub(crate) fn usual(dimensions: usize) -> Option<Self> {
+        match dimensions {
+            2 => Some(Self(vec![Axis::Y, Axis::X])),
+            3 => Some(Self(vec![Axis::Z, Axis::Y, Axis::X])),
+            _ => None,
+        }
+    }
+
+    /// From axes that are known to be sound.
+    pub(crate) fn of(axes: &[Axis]) -> Self {
+        Self(axes.to_vec())
+    }
+
+    /// Fastest first.
+    pub(crate) fn reversed(mut self) -> Self {
+        self.0.reverse();
+        self
+    }
+
+    pub(crate) fn axes(&self) -> &[Axis] {
+        &self.0
+    }
+}
+
+impl Default for AxisOrder {
+    fn default() -> Self {
+        Self(vec![Axis::T, Axis::C, Axis::Z, Axis::Y, Axis::X])
+    }
+}
+
+impl std::str::FromStr for AxisOrder {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let refuse = |why: String| {
+            format!("axes '{s}': {why}; expected letters of t, c, z, y, x, slowest first, such as zyx or tczyx")
+        };
+        let mut axes = Vec::new();
+        for letter in s.chars() {
+            let axis = match letter.to_ascii_lowercase() {
+                't' => Axis::T,
+                'c' => Axis::C,
+                'z' => Axis::Z,
+                'y' => Axis::Y,
+                'x' => Axis::X,
+                _ => return Err(refuse(format!("'{letter}' is not an axis"))),
+            };
+            if axes.contains(&axis) {
+                return Err(refuse(format!("'{letter}' stands twice")));
+            }
+            axes.push(axis);
+        }
+        if !axes.contains(&Axis::X) || !axes.contains(&Axis::Y) {
+            return Err(refuse("x or y is missing".into()));
+        }
+        Ok(Self(axes))
+    }
+}
+
+impl std::fmt::Display for AxisOrder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for axis in &self.0 {
+            f.write_str(match axis {
+                Axis::T => "t",
+                Axis::C => "c",
+                Axis::Z => "z",
+                Axis::Y => "y",
+                Axis::X => "x",
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Sizes of all five axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Sizes {
+    pub(crate) extent: Extent,
+    pub(crate) channels: u32,
+    pub(crate) times: u32,
+}
+
+impl Sizes {
+    pub(crate) fn of(self, axis: Axis) -> u32 {
+        match axis {
+            Axis::T => self.times,
+            Axis::C => self.channels,
+            Axis::Z => self.extent.z,
+            Axis::Y => self.extent.y,
+            Axis::X => self.extent.x,
+        }
+    }
+
+    /// From sizes in the given order, axes not named being 1.
+    pub(crate) fn from_ordered(axes: &[Axis], sizes: &[u32]) -> Self {
+        let size = |axis| axes.iter().position(|&a| a == axis).map_or(1, |i| sizes[i]);
+        Self {
+            extent: Extent::new(size(Axis::X), size(Axis::Y), size(Axis::Z)),
+            channels: size(Axis::C),
+            times: size(Axis::T),
+        }
+    }
+
+    /// Bytes of the whole array, or why there is no such number.
+    pub(crate) fn checked_bytes(self, element_bytes: usize) -> Result<u64, String> {
+        let Sizes { extent, channels, times } = self;
+        let all = [extent.x, extent.y, extent.z, channels, times];
+        if all.contains(&0) {
+            return Err(format!(
+                "shape {extent} with {channels} channels and {times} time steps has an axis of size 0; every axis needs at least 1"
+            ));
+        }
+        let too_many = || {
+            format!(
+                "shape {extent} with {channels} channels and {times} time steps of {element_bytes}-byte voxels is more \
+                 than 2^63 bytes; check the shape"
+            )
+        };
+        let volume = extent.checked_volume().ok_or_else(too_many)?;
+        [channels as u64, times as u64, element_bytes as u64]
+            .into_iter()
+            .try_fold(volume, u64::checked_mul)
+            .filter(|&bytes| bytes <= i64::MAX as u64)
+            .ok_or_else(too_many)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn letters_round_trip_and_nonsense_is_refused() {
+        for good in ["zyx", "tczyx", "xyz", "yx", "ctxyz"] {
+            assert_eq!(good.parse::<AxisOrder>().unwrap().to_string(), good);
+        }
+        for (bad, why) in [("zyw", "'w'"), ("zzyx", "twice"), ("tz", "missing"), ("", "missing")] {
+            assert!(bad.parse::<AxisOrder>().unwrap_err().contains(why), "{bad}");
+        }
+    }
+
+    #[test]
+    fn zero_axes_and_overflow_are_refused() {
+        let sizes = |x, y, z, channels, times| Sizes { extent: Extent::new(x, y, z), channels, times };
+        assert_eq!(sizes(2, 3, 5, 7, 11).checked_bytes(4), Ok(2 * 3 * 5 * 7 * 11 * 4));
+        assert!(sizes(2, 0, 5, 1, 1).checked_bytes(1).unwrap_err().contains("2,0,5"));
+        assert!(sizes(u32::MAX, u32::MAX, 4, 1, 1).checked_bytes(1).unwrap_err().contains("2^63"));
+        assert!(sizes(1 << 21, 1 << 21, 1 << 20, 1, 1).checked_bytes(4).unwrap_err().contains("2^63"));
+    }
+}

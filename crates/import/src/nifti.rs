@@ -1,0 +1,436 @@
+//! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
+//!
+//! The body is a plain array read through [`RawSource`]. A compressed one is inflated once, streaming, into a scratch
+//! file without a name, which is then mapped; its cost is that much scratch space.
+
+mod header;
+mod placement;
+
+use crate::axes::Sizes;
+use crate::element::{Decode, Scale};
+use crate::error::ImportError;
+use crate::open::OpenOptions;
+use crate::raw::{ArrayLayout, RawSource, identity};
+use crate::source::SourceInfo;
+use flate2::read::MultiGzDecoder;
+use header::Header;
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Opens a NIfTI file, or a pair by either of its names.
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+    let (header_path, pair_body) = pair_of(path);
+    let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
+    let body_path = if header.single_file { header_path.clone() } else { pair_body };
+    let mut notes: Vec<String> = header.element.check_narrowing(path, options.allow_lossy)?.into_iter().collect();
+    let scale = header.scale();
+    if let Some(Scale { slope, intercept }) = scale {
+        notes.push(format!(
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as f32."
+        ));
+    }
+    let array = ArrayLayout {
+        sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
+        axes: header.axes(),
+        decode: Decode { element: header.element, endian: header.endian, scale },
+        offset: header.body_offset,
+    };
+    let body = array.body_bytes().map_err(|problem| ImportError::invalid(&header_path, problem))?;
+    let expected = body.saturating_add(header.body_offset);
+    let (file, trailing) = match Stream::open(&body_path)? {
+        Stream::Plain(file) => {
+            let found = file.get_ref().metadata().map_err(ImportError::io(&body_path))?.len();
+            if found < expected {
+                return Err(ImportError::invalid(&body_path, cut_short(&array, expected, found)));
+            }
+            (file.into_inner(), found - expected)
+        }
+        Stream::Gzip(stream) => {
+            notes.push(format!(
+                "The file is compressed and cannot be read at random: {} of scratch space hold it inflated.",
+                human_bytes(expected)
+            ));
+            inflate(stream, &body_path, &array, expected, options)?
+        }
+    };
+    if trailing > 0 {
+        notes.push(format!("{trailing} bytes after the voxels are ignored."));
+    }
+    let mut info = SourceInfo { identity: identity("nifti", &[&header_path, &body_path])?, ..array.info() };
+    placement::place(&header, &mut info, &mut notes);
+    info.notes = notes;
+    RawSource::map(&body_path, &file, array, info)
+}
+
+/// The header's name and, for a pair, the body's, whichever of the two was given.
+fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
+    let name = path.to_string_lossy();
+    let lower = name.to_ascii_lowercase();
+    let Some(base) = [".hdr", ".img", ".hdr.gz", ".img.gz"].iter().find_map(|e| {
+        let end = lower.strip_suffix(e)?.len();
+        name.get(..end)
+    }) else {
+        return (path.to_owned(), path.to_owned());
+    };
+    // Either half may be compressed, and upper-case names come from old systems.
+    let find = |extension: &str| {
+        let names = [extension.to_owned(), format!("{extension}.gz"), extension.to_ascii_uppercase()];
+        let mut candidates = names.iter().map(|e| PathBuf::from(format!("{base}{e}")));
+        candidates.find(|p| p.exists()).unwrap_or_else(|| PathBuf::from(format!("{base}{extension}")))
+    };
+    (find(".hdr"), find(".img"))
+}
+
+/// A file, inflated while it is read if it starts like gzip.
+enum Stream {
+    Plain(BufReader<File>),
+    Gzip(MultiGzDecoder<BufReader<File>>),
+}
+
+impl Stream {
+    fn open(path: &Path) -> Result<Self, ImportError> {
+        use std::io::BufRead;
+        let file = File::open(path).map_err(ImportError::io(path))?;
+        let mut file = BufReader::with_capacity(1 << 18, file);
+        let start = file.fill_buf().map_err(ImportError::io(path))?;
+        Ok(if start.starts_with(&[0x1f, 0x8b]) { Self::Gzip(MultiGzDecoder::new(file)) } else { Self::Plain(file) })
+    }
+}
+
+impl Read for Stream {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        match self {
+            Self::Plain(file) => file.read(buffer),
+            Self::Gzip(stream) => stream.read(buffer),
+        }
+    }
+}
+
+/// Inflates the first `expected` bytes into a scratch file and counts what follows, so that the checksum at the end
+/// is verified too.
+fn inflate(
+    mut stream: impl Read,
+    path: &Path,
+    array: &ArrayLayout,
+    expected: u64,
+    options: &OpenOptions,
+) -> Result<(File, u64), ImportError> {
+    let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
+    check_space(&directory, expected)?;
+    let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::io(&directory))?;
+    let mut scratch = BufWriter::with_capacity(1 << 20, scratch);
+    let mut buffer = vec![0; 1 << 18];
+    let (mut written, mut trailing) = (0, 0);
+    loop {
+        let n = match stream.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(n) => n as u64,
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+            Err(error) => {
+                let problem = format!(
+                    "compressed data cut short or damaged: expected {expected} bytes inflated, got {written} before: {error}; fetch the file again"
+                );
+                return Err(ImportError::invalid(path, problem));
+            }
+        };
+        let wanted = n.min(expected - written);
+        scratch.write_all(&buffer[..wanted as usize]).map_err(ImportError::io(&directory))?;
+        written += wanted;
+        trailing += n - wanted;
+    }
+    if written < expected {
+        return Err(ImportError::invalid(path, cut_short(array, expected, written)));
+    }
+    let scratch = scratch.into_inner().map_err(|e| ImportError::io(&directory)(e.into_error()))?;
+    Ok((scratch, trailing))
+}
+
+/// Refuses before work what would end in a full disk.
+#[cfg(unix)]
+fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
+    let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::io(directory)(e.into()))?;
+    let free = stat.f_bavail.saturating_mul(stat.f_frsize);
+    if free < needed {
+        let problem = format!(
+            "{} of scratch space needed to inflate the input, {} free; choose another place with --scratch-dir",
+            human_bytes(needed),
+            human_bytes(free)
+        );
+        return Err(ImportError::options(directory, problem));
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn check_space(_directory: &Path, _needed: u64) -> Result<(), ImportError> {
+    Ok(())
+}
+
+fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
+    let Sizes { extent, channels, times } = array.sizes;
+    format!(
+        "cut short: the header implies {expected} bytes ({extent} {}, {channels} channels, {times} time steps, from byte {}), \
+         found {found} ({} missing)",
+        array.decode.element.name(),
+        array.offset,
+        expected - found
+    )
+}
+
+/// Bytes in the largest unit that leaves a number of at least 1.
+fn human_bytes(bytes: u64) -> String {
+    let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
+    match units.into_iter().find(|(size, _)| bytes >= *size) {
+        Some((size, unit)) => format!("{:.1} {unit}", bytes as f64 / size as f64),
+        None => format!("{bytes} bytes"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::Source;
+    use crate::testing::{Field, assert_boxes, temp_file};
+    use brickyard_volume::VoxelType;
+    use glam::DVec3;
+
+    /// A header of either version with nothing but what the tests vary.
+    struct Written {
+        two: bool,
+        big: bool,
+        single: bool,
+        dim: Vec<i64>,
+        datatype: i16,
+        bitpix: i16,
+        pixdim: [f32; 4],
+        slope: f32,
+        intercept: f32,
+        units: u8,
+        codes: [i32; 2],
+        quaternion: [f32; 6],
+        srow: [f32; 12],
+        vox_offset: Option<i64>,
+    }
+
+    impl Written {
+        fn new(dim: &[i64], datatype: i16, bitpix: i16) -> Self {
+            Self {
+                two: false,
+                big: false,
+                single: true,
+                dim: dim.to_vec(),
+                datatype,
+                bitpix,
+                pixdim: [1.0, 0.5, 0.75, 2.0],
+                slope: 0.0,
+                intercept: 0.0,
+                units: 2,
+                codes: [0, 0],
+                quaternion: [0.0; 6],
+                srow: [0.0; 12],
+                vox_offset: None,
+            }
+        }
+
+        fn header(&self) -> Vec<u8> {
+            let size = if self.two { 540 } else { 348 };
+            let mut bytes = vec![0u8; size + if self.single { 4 } else { 0 }];
+            let mut put = |at: usize, mut field: Vec<u8>| {
+                if self.big {
+                    field.reverse();
+                }
+                bytes[at..at + field.len()].copy_from_slice(&field);
+            };
+            put(0, (size as i32).to_le_bytes().to_vec());
+            let offset = self.vox_offset.unwrap_or(if self.single { size as i64 + 4 } else { 0 });
+            let mut dim = [1i64; 8];
+            dim[0] = self.dim.len() as i64;
+            dim[1..=self.dim.len()].copy_from_slice(&self.dim);
+            let quaternion = self.quaternion;
+            if self.two {
+                put(12, self.datatype.to_le_bytes().to_vec());
+                put(14, self.bitpix.to_le_bytes().to_vec());
+                dim.iter().enumerate().for_each(|(i, d)| put(16 + 8 * i, d.to_le_bytes().to_vec()));
+                let mut put64 = |at: usize, v: f32| put(at, (v as f64).to_le_bytes().to_vec());
+                self.pixdim.iter().enumerate().for_each(|(i, &p)| put64(104 + 8 * i, p));
+                put64(176, self.slope);
+                put64(184, self.intercept);
+                quaternion.iter().enumerate().for_each(|(i, &q)| put64(352 + 8 * i, q));
+                self.srow.iter().enumerate().for_each(|(i, &v)| put64(400 + 8 * i, v));
+                put(168, offset.to_le_bytes().to_vec());
+                put(344, self.codes[0].to_le_bytes().to_vec());
+                put(348, self.codes[1].to_le_bytes().to_vec());
+                put(500, (self.units as i32).to_le_bytes().to_vec());
+                bytes[4..12].copy_from_slice(if self.single { b"n+2\0\r\n\x1a\n" } else { b"ni2\0\r\n\x1a\n" });
+            } else {
+                dim.iter().enumerate().for_each(|(i, &d)| put(40 + 2 * i, (d as i16).to_le_bytes().to_vec()));
+                put(70, self.datatype.to_le_bytes().to_vec());
+                put(72, self.bitpix.to_le_bytes().to_vec());
+                let mut put32 = |at: usize, v: f32| put(at, v.to_le_bytes().to_vec());
+                self.pixdim.iter().enumerate().for_each(|(i, &p)| put32(76 + 4 * i, p));
+                put32(108, offset as f32);
+                put32(112, self.slope);
+                put32(116, self.intercept);
+                quaternion.iter().enumerate().for_each(|(i, &q)| put32(256 + 4 * i, q));
+                self.srow.iter().enumerate().for_each(|(i, &v)| put32(280 + 4 * i, v));
+                put(252, (self.codes[0] as i16).to_le_bytes().to_vec());
+                put(254, (self.codes[1] as i16).to_le_bytes().to_vec());
+                bytes[123] = self.units;
+                bytes[344..348].copy_from_slice(if self.single { b"n+1\0" } else { b"ni1\0" });
+            }
+            bytes
+        }
+    }
+
+    fn options() -> OpenOptions {
+        OpenOptions::default()
+    }
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    #[test]
+    fn both_versions_orders_and_compressions_give_the_bytes_written() {
+        for (two, big, gz, single) in (0..16).map(|i| (i & 1 > 0, i & 2 > 0, i & 4 > 0, i & 8 > 0)) {
+            let field = Field { sizes: [13, 7, 5, 2, 3], voxel_type: VoxelType::I16 };
+            let header = Written { two, big, single, ..Written::new(&[13, 7, 5, 3, 2], 4, 16) }.header();
+            // NIfTI's fifth dimension is slower than time.
+            let body = field.bytes("ctzyx", big);
+            let pack = |bytes: &[u8]| if gz { gzip(bytes) } else { bytes.to_vec() };
+            let end = if gz { ".gz" } else { "" };
+            let (_folder, path) = if single {
+                temp_file(&format!("a.nii{end}"), &pack(&[header, body].concat()))
+            } else {
+                let (folder, path) = temp_file("ä b.hdr", &header);
+                std::fs::write(path.with_file_name(format!("ä b.img{end}")), pack(&body)).unwrap();
+                (folder, path)
+            };
+            let source = open(&path, &options()).unwrap();
+            assert_boxes(&source, field);
+            assert_eq!(source.info().geometry.spacing, DVec3::new(0.5, 0.75, 2.0));
+            assert_eq!(source.info().geometry.unit.as_deref(), Some("millimeter"));
+            assert_eq!(source.info().notes.iter().any(|n| n.contains("scratch")), gz);
+        }
+    }
+
+    #[test]
+    fn every_datatype_is_read_and_wide_ones_only_on_request() {
+        let codes = [(2, VoxelType::U8), (4, VoxelType::I16), (8, VoxelType::I32), (16, VoxelType::F32)];
+        let more = [(256, VoxelType::I8), (512, VoxelType::U16), (768, VoxelType::U32)];
+        for (code, voxel_type) in codes.into_iter().chain(more) {
+            let field = Field { sizes: [3, 4, 5, 1, 1], voxel_type };
+            let header = Written::new(&[3, 4, 5], code, voxel_type.bytes() as i16 * 8).header();
+            let (_folder, path) = temp_file("a.nii", &[header, field.bytes("zyx", false)].concat());
+            assert_boxes(&open(&path, &options()).unwrap(), field);
+        }
+        let header = Written::new(&[2, 1, 1], 64, 64).header();
+        let values: Vec<u8> = [0.1f64, 1e300].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let (_folder, path) = temp_file("a.nii", &[header, values].concat());
+        assert!(open(&path, &options()).err().unwrap().to_string().contains("--allow-lossy"));
+        let source = open(&path, &OpenOptions { allow_lossy: true, ..options() }).unwrap();
+        let mut out = [0; 8];
+        source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+        assert_eq!(out, [0.1f32.to_le_bytes(), f32::INFINITY.to_le_bytes()].concat()[..]);
+        assert!(source.info().notes[0].contains("f64"));
+    }
+
+    #[test]
+    fn slope_and_intercept_make_floats_unless_they_change_nothing() {
+        for (slope, intercept, expected) in
+            [(2.0, -1.0, Some([1.0f32, 509.0])), (1.0, 0.0, None), (0.0, 5.0, None), (f32::NAN, 0.0, None)]
+        {
+            let header = Written { slope, intercept, ..Written::new(&[2, 1, 1], 2, 8) }.header();
+            let (_folder, path) = temp_file("a.nii", &[&header[..], &[1, 255]].concat());
+            let source = open(&path, &options()).unwrap();
+            let full = source.info().extent.full_box();
+            let mut out = vec![0; 2 * source.info().voxel_type.bytes()];
+            source.read_box(0, 0, full, &mut out).unwrap();
+            match expected {
+                Some(values) => assert_eq!(out, bytemuck::cast_slice::<f32, u8>(&values)),
+                None => assert_eq!(out, [1, 255]),
+            }
+        }
+    }
+
+    #[test]
+    fn upright_matrices_give_an_origin_and_others_an_orientation() {
+        let write = |w: Written| temp_file("a.nii", &[w.header(), vec![7]].concat());
+        let plain = || Written::new(&[1, 1, 1], 2, 8);
+        let srow = [0.5, 0.0, 0.0, -90.0, 0.0, 0.75, 0.0, 10.5, 0.0, 0.0, 2.0, 3.25];
+        let (_folder, path) = write(Written { codes: [0, 1], srow, ..plain() });
+        let info = open(&path, &options()).unwrap().info().clone();
+        assert_eq!(
+            (info.geometry.origin, info.orientation, info.calibrated),
+            (DVec3::new(-90.0, 10.5, 3.25), None, true)
+        );
+        assert_eq!(info.notes, Vec::<String>::new());
+
+        // A quarter turn about z by quaternion: x goes to y, y to -x.
+        let h = std::f32::consts::FRAC_1_SQRT_2;
+        let (_folder, path) = write(Written { codes: [1, 0], quaternion: [0.0, 0.0, h, 1.0, 2.0, 3.0], ..plain() });
+        let info = open(&path, &options()).unwrap().info().clone();
+        let expected = [[0.0, -0.75, 0.0, 1.0], [0.5, 0.0, 0.0, 2.0], [0.0, 0.0, 2.0, 3.0]];
+        for (row, e) in info.orientation.unwrap().iter().flatten().zip(expected.iter().flatten()) {
+            // The quaternion is f32: relative error 6e-8 twice over.
+            assert!((row - e).abs() < 1e-6, "{row} {e}");
+        }
+        assert_eq!(info.geometry.origin, DVec3::ZERO);
+        assert!(info.notes[0].contains("rotated"));
+
+        let (_folder, path) = write(Written { pixdim: [1.0, 0.0, 1.0, 1.0], ..plain() });
+        assert!(!open(&path, &options()).unwrap().info().calibrated);
+    }
+
+    #[test]
+    fn cut_and_damaged_files_are_refused_with_numbers() {
+        let refusal = |name: &str, bytes: &[u8]| {
+            let (_folder, path) = temp_file(name, bytes);
+            open(&path, &options()).err().unwrap().to_string()
+        };
+        let whole = [Written::new(&[10, 10, 10], 2, 8).header(), vec![3; 1000]].concat();
+        let message = refusal("a.nii", &whole[..1000]);
+        assert!(
+            message.contains("1352") && message.contains("found 1000") && message.contains("352 missing"),
+            "{message}"
+        );
+        let message = refusal("a.nii.gz", &gzip(&whole[..1000]));
+        assert!(message.contains("1352") && message.contains("found 1000"), "{message}");
+        // A stream cut short inside the voxels; noise, so that the cut removes many of them.
+        let noise: Vec<u8> = (0..1000u32).map(|i| (i.wrapping_mul(2654435761) >> 13) as u8).collect();
+        let mut packed = gzip(&[&whole[..352], &noise].concat());
+        let message = refusal("a.nii.gz", &packed[..packed.len() - 200]);
+        assert!(message.contains("cut short or damaged") && message.contains("1352"), "{message}");
+        // The checksum at the end of the stream is checked too.
+        let last = packed.len() - 6;
+        packed[last] ^= 1;
+        assert!(refusal("a.nii.gz", &packed).contains("cut short or damaged"));
+        assert!(refusal("a.nii", &whole[..100]).contains("348 bytes"));
+        assert!(refusal("a.nii", b"").contains("not a NIfTI"));
+        // Bytes too many are only noted.
+        let (_folder, path) = temp_file("a.nii", &[&whole[..], &[0; 9]].concat());
+        assert_eq!(open(&path, &options()).unwrap().info().notes, ["9 bytes after the voxels are ignored."]);
+    }
+
+    #[test]
+    fn absurd_headers_are_refused() {
+        let refusal = |w: Written| {
+            let (_folder, path) = temp_file("a.nii", &w.header());
+            open(&path, &options()).err().unwrap().to_string()
+        };
+        let plain = |dim: &[i64]| Written::new(dim, 2, 8);
+        assert!(refusal(plain(&[10, 0, 3])).contains("1 or more"));
+        assert!(refusal(plain(&[10, -4, 3])).contains("1 or more"));
+        assert!(refusal(Written { two: true, ..plain(&[1 << 31, 1 << 31, 1 << 31]) }).contains("2^63"));
+        assert!(refusal(Written { two: true, ..plain(&[1 << 40, 1, 1]) }).contains("1 or more"));
+        assert!(refusal(plain(&[2, 2, 2, 2, 2, 2])).contains("sixth"));
+        assert!(refusal(Written::new(&[2, 2, 2], 128, 24)).contains("RGB"));
+        assert!(refusal(Written::new(&[2, 2, 2], 4, 8)).contains("bitpix says 8"));
+        assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("start at byte -5"));
+        let (_folder, path) = temp_file("a.hdr", &[&348i32.to_le_bytes()[..], &[0; 344]].concat());
+        assert!(open(&path, &options()).err().unwrap().to_string().contains("ANALYZE"));
+    }
+}

@@ -1,0 +1,280 @@
+//! The two headers of NIfTI as one struct. Nothing in them is trusted.
+
+use crate::axes::{Axis, AxisOrder};
+use crate::element::{Element, Endian, Scale};
+use crate::error::ImportError;
+use brickyard_volume::{Extent, VoxelType};
+use std::io::Read;
+use std::path::Path;
+
+/// What both versions say, with lengths checked.
+#[derive(Clone, Debug)]
+pub(super) struct Header {
+    pub(super) endian: Endian,
+    /// Whether voxels follow in the same file.
+    pub(super) single_file: bool,
+    pub(super) extent: Extent,
+    pub(super) times: u32,
+    pub(super) channels: u32,
+    pub(super) element: Element,
+    pub(super) body_offset: u64,
+    /// Voxel sizes along x, y, z, and the handedness factor before them.
+    pub(super) pixdim: [f64; 4],
+    slope: f64,
+    intercept: f64,
+    /// The spatial part of `xyzt_units`.
+    pub(super) space_unit: u8,
+    pub(super) qform_code: i32,
+    pub(super) sform_code: i32,
+    /// Quaternion b, c, d.
+    pub(super) quaternion: [f64; 3],
+    pub(super) qoffset: [f64; 3],
+    /// Rows of the affine.
+    pub(super) srow: [[f64; 4]; 3],
+}
+
+impl Header {
+    pub(super) fn read(stream: &mut impl Read, path: &Path) -> Result<Self, ImportError> {
+        let mut bytes = Vec::with_capacity(540);
+        stream.take(540).read_to_end(&mut bytes).map_err(|error| {
+            ImportError::invalid(path, format!("compressed data cut short or damaged inside the header: {error}"))
+        })?;
+        let size = bytes.first_chunk::<4>().copied().unwrap_or_default();
+        let (fields, two) = match (i32::from_le_bytes(size), i32::from_be_bytes(size)) {
+            (348, _) => (Fields { bytes: &bytes, endian: Endian::Little }, false),
+            (_, 348) => (Fields { bytes: &bytes, endian: Endian::Big }, false),
+            (540, _) => (Fields { bytes: &bytes, endian: Endian::Little }, true),
+            (_, 540) => (Fields { bytes: &bytes, endian: Endian::Big }, true),
+            _ => return Err(ImportError::invalid(path, "not a NIfTI file: it starts with neither 348 nor 540")),
+        };
+        let needed = if two { 540 } else { 348 };
+        if bytes.len() < needed {
+            let problem = format!("cut short: a NIfTI header has {needed} bytes, found {}", bytes.len());
+            return Err(ImportError::invalid(path, problem));
+        }
+        let magic: &[u8] = if two { &bytes[4..8] } else { &bytes[344..348] };
+        let single_file = match (magic, two) {
+            (b"n+1\0", false) | (b"n+2\0", true) => true,
+            (b"ni1\0", false) | (b"ni2\0", true) => false,
+            (_, false) => return Err(ImportError::unsupported(path, "an ANALYZE 7.5 header (no NIfTI magic)")),
+            (_, true) => return Err(ImportError::invalid(path, "a 540-byte header without the NIfTI-2 magic")),
+        };
+        let raw = if two { fields.version_2() } else { fields.version_1() };
+        raw.checked(fields.endian, single_file, needed as u64).map_err(|refusal| match refusal {
+            Refusal::Invalid(problem) => ImportError::invalid(path, problem),
+            Refusal::Unsupported(feature) => ImportError::unsupported(path, feature),
+        })
+    }
+
+    /// Slope and intercept where they change anything; a slope of 0 means none, by the standard.
+    pub(super) fn scale(&self) -> Option<Scale> {
+        let Self { slope, intercept, .. } = *self;
+        let none = slope == 0.0 || !slope.is_finite() || !intercept.is_finite() || (slope == 1.0 && intercept == 0.0);
+        (!none).then_some(Scale { slope, intercept })
+    }
+
+    /// The fifth dimension, used for channels, is the slowest.
+    pub(super) fn axes(&self) -> AxisOrder {
+        AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X])
+    }
+}
+
+enum Refusal {
+    Invalid(String),
+    Unsupported(String),
+}
+
+/// Fields as they stand in the file.
+struct RawHeader {
+    dim: [i64; 8],
+    datatype: i16,
+    bitpix: i16,
+    pixdim: [f64; 4],
+    vox_offset: f64,
+    slope: f64,
+    intercept: f64,
+    xyzt_units: u8,
+    qform_code: i32,
+    sform_code: i32,
+    quaternion: [f64; 3],
+    qoffset: [f64; 3],
+    srow: [[f64; 4]; 3],
+}
+
+impl RawHeader {
+    fn checked(self, endian: Endian, single_file: bool, header_bytes: u64) -> Result<Header, Refusal> {
+        let [extent, [times, channels, _]] = self.dimensions()?;
+        let element = self.element()?;
+        Ok(Header {
+            endian,
+            single_file,
+            extent: Extent::from_array(extent),
+            times,
+            channels,
+            element,
+            body_offset: self.body_offset(single_file, header_bytes)?,
+            pixdim: self.pixdim,
+            slope: self.slope,
+            intercept: self.intercept,
+            space_unit: self.xyzt_units & 7,
+            qform_code: self.qform_code,
+            sform_code: self.sform_code,
+            quaternion: self.quaternion,
+            qoffset: self.qoffset,
+            srow: self.srow,
+        })
+    }
+
+    /// `[[x, y, z], [t, c, 1]]`.
+    fn dimensions(&self) -> Result<[[u32; 3]; 2], Refusal> {
+        let count = self.dim[0];
+        if !(1..=7).contains(&count) {
+            return Err(Refusal::Invalid(format!("claims {count} dimensions; NIfTI has 1 to 7")));
+        }
+        let mut sizes = [1u32; 7];
+        for (size, &dim) in sizes.iter_mut().zip(&self.dim[1..=count as usize]) {
+            *size = u32::try_from(dim).ok().filter(|&n| n > 0).ok_or_else(|| {
+                Refusal::Invalid(format!("dimensions {:?}: every one must be 1 or more", &self.dim[1..=count as usize]))
+            })?;
+        }
+        let [x, y, z, t, c, rest @ ..] = sizes;
+        if rest != [1, 1] {
+            return Err(Refusal::Unsupported(format!("a sixth or seventh dimension ({rest:?})")));
+        }
+        Ok([[x, y, z], [t, c, 1]])
+    }
+
+    fn element(&self) -> Result<Element, Refusal> {
+        let element = match self.datatype {
+            2 => Element::Voxel(VoxelType::U8),
+            4 => Element::Voxel(VoxelType::I16),
+            8 => Element::Voxel(VoxelType::I32),
+            16 => Element::Voxel(VoxelType::F32),
+            64 => Element::F64,
+            256 => Element::Voxel(VoxelType::I8),
+            512 => Element::Voxel(VoxelType::U16),
+            768 => Element::Voxel(VoxelType::U32),
+            1024 => Element::I64,
+            1280 => Element::U64,
+            code => {
+                let name = match code {
+                    1 => "bits",
+                    32 | 1792 | 2048 => "complex numbers",
+                    128 => "RGB colours",
+                    2304 => "RGBA colours",
+                    1536 => "128-bit floats",
+                    _ => "unknown",
+                };
+                return Err(Refusal::Unsupported(format!("datatype {code} ({name})")));
+            }
+        };
+        if self.bitpix as usize != element.bytes() * 8 {
+            let problem = format!(
+                "datatype {} has {} bits, but bitpix says {}",
+                element.name(),
+                element.bytes() * 8,
+                self.bitpix
+            );
+            return Err(Refusal::Invalid(problem));
+        }
+        Ok(element)
+    }
+
+    fn body_offset(&self, single_file: bool, header_bytes: u64) -> Result<u64, Refusal> {
+        let least = if single_file { header_bytes + 4 } else { 0 };
+        let offset = self.vox_offset;
+        // Some writers leave 0: voxels then follow the header and its four extension bytes.
+        if offset == 0.0 {
+            return Ok(least);
+        }
+        let sound = offset.fract() == 0.0 && offset >= if single_file { header_bytes as f64 } else { 0.0 };
+        if !sound || offset > i64::MAX as f64 / 2.0 {
+            return Err(Refusal::Invalid(format!(
+                "claims that voxels start at byte {offset}; expected {least} or more"
+            )));
+        }
+        Ok(offset as u64)
+    }
+}
+
+/// Numbers at byte positions of a header whose length has been checked.
+struct Fields<'a> {
+    bytes: &'a [u8],
+    endian: Endian,
+}
+
+impl Fields<'_> {
+    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
+        let mut bytes = [0; N];
+        bytes.copy_from_slice(&self.bytes[offset..offset + N]);
+        if self.endian == Endian::Big {
+            bytes.reverse();
+        }
+        bytes
+    }
+
+    fn i16(&self, offset: usize) -> i16 {
+        i16::from_le_bytes(self.at(offset))
+    }
+
+    fn i32(&self, offset: usize) -> i32 {
+        i32::from_le_bytes(self.at(offset))
+    }
+
+    fn i64(&self, offset: usize) -> i64 {
+        i64::from_le_bytes(self.at(offset))
+    }
+
+    /// For numbers that voxels are computed with.
+    fn exact_f32(&self, offset: usize) -> f64 {
+        f32::from_le_bytes(self.at(offset)) as f64
+    }
+
+    /// The shortest decimal that the f32 stands for, so that 0.1 mm stays 0.1 and not 0.10000000149.
+    fn f32(&self, offset: usize) -> f64 {
+        let value = f32::from_le_bytes(self.at(offset));
+        value.to_string().parse().unwrap_or(value as f64)
+    }
+
+    fn f64(&self, offset: usize) -> f64 {
+        f64::from_le_bytes(self.at(offset))
+    }
+
+    fn version_1(&self) -> RawHeader {
+        let f32s = |start: usize| move |i: usize| self.f32(start + 4 * i);
+        RawHeader {
+            dim: std::array::from_fn(|i| self.i16(40 + 2 * i) as i64),
+            datatype: self.i16(70),
+            bitpix: self.i16(72),
+            pixdim: std::array::from_fn(f32s(76)),
+            vox_offset: self.f32(108),
+            slope: self.exact_f32(112),
+            intercept: self.exact_f32(116),
+            xyzt_units: self.bytes[123],
+            qform_code: self.i16(252) as i32,
+            sform_code: self.i16(254) as i32,
+            quaternion: std::array::from_fn(f32s(256)),
+            qoffset: std::array::from_fn(f32s(268)),
+            srow: std::array::from_fn(|row| std::array::from_fn(f32s(280 + 16 * row))),
+        }
+    }
+
+    fn version_2(&self) -> RawHeader {
+        let f64s = |start: usize| move |i: usize| self.f64(start + 8 * i);
+        RawHeader {
+            dim: std::array::from_fn(|i| self.i64(16 + 8 * i)),
+            datatype: self.i16(12),
+            bitpix: self.i16(14),
+            pixdim: std::array::from_fn(f64s(104)),
+            vox_offset: self.i64(168) as f64,
+            slope: self.f64(176),
+            intercept: self.f64(184),
+            xyzt_units: (self.i32(500) & 0xff) as u8,
+            qform_code: self.i32(344),
+            sform_code: self.i32(348),
+            quaternion: std::array::from_fn(f64s(352)),
+            qoffset: std::array::from_fn(f64s(376)),
+            srow: std::array::from_fn(|row| std::array::from_fn(f64s(400 + 32 * row))),
+        }
+    }
+}

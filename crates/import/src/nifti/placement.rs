@@ -1,0 +1,78 @@
+//! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform.
+
+use super::header::Header;
+use crate::source::SourceInfo;
+use glam::DVec3;
+
+/// Terms off the diagonal up to this part of the voxel size are noise of f32 arithmetic.
+const DIAGONAL_TOLERANCE: f64 = 1e-4;
+/// Spacings of `pixdim` and of the affine may differ by this part.
+const SPACING_TOLERANCE: f64 = 1e-3;
+
+/// Fills geometry and orientation.
+pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<String>) {
+    let sizes = [1, 2, 3].map(|i| header.pixdim[i].abs());
+    let sound = sizes.map(|s| s > 0.0 && s.is_finite());
+    let spacing: [f64; 3] = std::array::from_fn(|a| if sound[a] { sizes[a] } else { 1.0 });
+    info.geometry.spacing = DVec3::from_array(spacing);
+    info.calibrated = sound == [true; 3];
+    if !info.calibrated {
+        notes.push(format!(
+            "Voxel sizes {sizes:?} in the header are not all positive; 1 is taken for those that are not."
+        ));
+    }
+    info.geometry.unit = match header.space_unit {
+        1 => Some("meter".into()),
+        2 => Some("millimeter".into()),
+        3 => Some("micrometer".into()),
+        _ => None,
+    };
+    let Some(world_from_index) = affine(header, spacing).filter(|m| m.iter().flatten().all(|v| v.is_finite())) else {
+        return;
+    };
+    let column = |a: usize| DVec3::new(world_from_index[0][a], world_from_index[1][a], world_from_index[2][a]);
+    for a in 0..3 {
+        let length = column(a).length();
+        if info.calibrated && (length - spacing[a]).abs() > SPACING_TOLERANCE * spacing[a] {
+            let axis = ['x', 'y', 'z'][a];
+            notes.push(format!(
+                "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; pixdim is used.",
+                spacing[a]
+            ));
+        }
+    }
+    let is_positive_diagonal = (0..3).all(|a| {
+        let c = column(a).to_array();
+        c[a] > 0.0 && (0..3).all(|r| r == a || c[r].abs() <= DIAGONAL_TOLERANCE * c[a])
+    });
+    if is_positive_diagonal {
+        info.geometry.origin = column(3);
+    } else {
+        info.orientation = Some(world_from_index);
+        notes.push("The volume is rotated or mirrored against its world: the matrix is kept as metadata, and the volume is shown along its own axes.".into());
+    }
+}
+
+/// Rows of world-from-index, if the header has them.
+fn affine(header: &Header, spacing: [f64; 3]) -> Option<[[f64; 4]; 3]> {
+    if header.sform_code > 0 {
+        return Some(header.srow);
+    }
+    if header.qform_code <= 0 {
+        return None;
+    }
+    let [b, c, d] = header.quaternion;
+    let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
+    let rotation = [
+        [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
+        [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],
+        [2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - c * c - b * b],
+    ];
+    // pixdim[0] is the sign of the third axis; anything but -1 means 1.
+    let sign = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+    let scale = [spacing[0], spacing[1], sign * spacing[2]];
+    Some(std::array::from_fn(|r| {
+        let row = rotation[r];
+        [row[0] * scale[0], row[1] * scale[1], row[2] * scale[2], header.qoffset[r]]
+    }))
+}

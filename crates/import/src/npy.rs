@@ -1,0 +1,256 @@
+//! NumPy's `.npy`: a short Python dictionary before a plain array, read through [`RawSource`].
+//!
+//! The header is parsed here, since the values in it are not to be trusted: lengths are capped and products checked.
+
+use crate::axes::{AxisOrder, Sizes};
+use crate::element::{Decode, Element, Endian};
+use crate::error::ImportError;
+use crate::open::OpenOptions;
+use crate::raw::{ArrayLayout, RawSource, identity};
+use crate::source::SourceInfo;
+use brickyard_volume::VoxelType;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// The bytes every `.npy` starts with.
+pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Longest header read; NumPy's own are 118 bytes.
+const LONGEST_HEADER: usize = 65536;
+
+/// Opens a `.npy` file of 2 to 5 dimensions.
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+    let mut file = File::open(path).map_err(ImportError::io(path))?;
+    let header = Header::read(&mut file, path)?;
+    let note = header.element.check_narrowing(path, options.allow_lossy)?;
+    let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
+    let array = ArrayLayout {
+        sizes,
+        axes: if header.fortran_order { axes.reversed() } else { axes },
+        decode: Decode { element: header.element, endian: header.endian, scale: None },
+        offset: header.body_offset,
+    };
+    let body = array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
+    let expected = body.saturating_add(header.body_offset);
+    let found = file.metadata().map_err(ImportError::io(path))?.len();
+    if found < expected {
+        let problem = format!(
+            "cut short: expected {expected} bytes for shape {:?} of {}, found {found} ({} missing)",
+            header.shape,
+            header.element.name(),
+            expected - found
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    let trailing = (found > expected).then(|| format!("{} bytes after the array are ignored.", found - expected));
+    let info = SourceInfo {
+        identity: identity(&format!("npy {}", array.axes), &[path])?,
+        notes: note.into_iter().chain(trailing).collect(),
+        ..array.info()
+    };
+    RawSource::map(path, &file, array, info)
+}
+
+/// Gives each dimension its axis.
+fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<(AxisOrder, Sizes), String> {
+    let usual = || AxisOrder::usual(shape.len());
+    let Some(axes) = axes.cloned().or_else(usual) else {
+        return Err(format!(
+            "shape {shape:?} has {} dimensions; say what they are with --axes, slowest first, such as tzyx or czyx",
+            shape.len()
+        ));
+    };
+    if axes.axes().len() != shape.len() {
+        return Err(format!("axes '{axes}' name {} dimensions, but the shape is {shape:?}", axes.axes().len()));
+    }
+    let sizes: Result<Vec<u32>, _> = shape.iter().map(|&n| u32::try_from(n)).collect();
+    let sizes = sizes.map_err(|_| format!("shape {shape:?} has an axis longer than 2^32 - 1"))?;
+    let sizes = Sizes::from_ordered(axes.axes(), &sizes);
+    Ok((axes, sizes))
+}
+
+#[derive(Debug, PartialEq)]
+struct Header {
+    element: Element,
+    endian: Endian,
+    fortran_order: bool,
+    shape: Vec<u64>,
+    body_offset: u64,
+}
+
+impl Header {
+    fn read(file: &mut impl Read, path: &Path) -> Result<Self, ImportError> {
+        let invalid = |problem: &str| ImportError::invalid(path, problem);
+        let mut start = [0; 8];
+        file.read_exact(&mut start).map_err(|_| invalid("not a .npy file: shorter than its header"))?;
+        if &start[..6] != MAGIC {
+            return Err(invalid("not a .npy file: it does not start with \\x93NUMPY"));
+        }
+        let (length_bytes, length) = match start[6] {
+            1 => (2, read_number::<2>(file)),
+            2 | 3 => (4, read_number::<4>(file)),
+            version => return Err(ImportError::unsupported(path, format!(".npy format version {version}"))),
+        };
+        let length = length.map_err(|_| invalid("cut short inside the header"))?;
+        if length > LONGEST_HEADER {
+            return Err(invalid(&format!("its header claims {length} bytes, more than any sound one")));
+        }
+        let mut text = vec![0; length];
+        file.read_exact(&mut text).map_err(|_| invalid("cut short inside the header"))?;
+        let text = String::from_utf8_lossy(&text);
+        Self::parse(&text, (8 + length_bytes + length) as u64, path)
+    }
+
+    fn parse(text: &str, body_offset: u64, path: &Path) -> Result<Self, ImportError> {
+        let lacks = |key| ImportError::invalid(path, format!("header without a sound '{key}': {}", text.trim()));
+        let descr = value_of(text, "descr").and_then(quoted);
+        if descr.is_none() && value_of(text, "descr").is_some_and(|v| v.starts_with('[')) {
+            return Err(ImportError::unsupported(path, "an array of records"));
+        }
+        let descr = descr.ok_or_else(|| lacks("descr"))?;
+        let fortran_order = match value_of(text, "fortran_order") {
+            Some(v) if v.starts_with("True") => true,
+            Some(v) if v.starts_with("False") => false,
+            _ => return Err(lacks("fortran_order")),
+        };
+        let shape = value_of(text, "shape").and_then(tuple).ok_or_else(|| lacks("shape"))?;
+        let (element, endian) = element_of(descr)
+            .ok_or_else(|| ImportError::unsupported(path, format!("dtype '{descr}' (integers and floats are read)")))?;
+        Ok(Self { element, endian, fortran_order, shape, body_offset })
+    }
+}
+
+fn read_number<const N: usize>(file: &mut impl Read) -> std::io::Result<usize> {
+    let mut bytes = [0; 8];
+    file.read_exact(&mut bytes[..N])?;
+    Ok(u64::from_le_bytes(bytes) as usize)
+}
+
+/// What follows `'key':`.
+fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    let after = ["'", "\""].iter().find_map(|q| text.split_once(&format!("{q}{key}{q}")))?.1;
+    Some(after.trim_start().strip_prefix(':')?.trim_start())
+}
+
+fn quoted(value: &str) -> Option<&str> {
+    let quote = value.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
+    value[1..].split(quote).next()
+}
+
+fn tuple(value: &str) -> Option<Vec<u64>> {
+    let inside = value.strip_prefix('(')?.split_once(')')?.0;
+    let items = inside.split(',').map(|s| s.trim().trim_end_matches('L')).filter(|s| !s.is_empty());
+    items.map(|s| s.parse().ok()).collect()
+}
+
+/// The element of a NumPy type string such as `<u2`; booleans are bytes of 0 and 1.
+fn element_of(descr: &str) -> Option<(Element, Endian)> {
+    let (order, kind) = descr.split_at_checked(1)?;
+    let endian = match order {
+        "<" | "|" => Endian::Little,
+        ">" => Endian::Big,
+        "=" => Endian::native(),
+        _ => return None,
+    };
+    let element = match kind {
+        "u1" | "b1" => Element::Voxel(VoxelType::U8),
+        "i1" => Element::Voxel(VoxelType::I8),
+        "u2" => Element::Voxel(VoxelType::U16),
+        "i2" => Element::Voxel(VoxelType::I16),
+        "u4" => Element::Voxel(VoxelType::U32),
+        "i4" => Element::Voxel(VoxelType::I32),
+        "f4" => Element::Voxel(VoxelType::F32),
+        "u8" => Element::U64,
+        "i8" => Element::I64,
+        "f8" => Element::F64,
+        _ => return None,
+    };
+    Some((element, endian))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::Source;
+    use crate::testing::{Field, assert_boxes, temp_file};
+    use npyz::WriterBuilder;
+
+    fn options(axes: &str) -> OpenOptions {
+        OpenOptions { axes: (!axes.is_empty()).then(|| axes.parse().unwrap()), ..OpenOptions::default() }
+    }
+
+    fn with_header(header: &str, body: &[u8]) -> Vec<u8> {
+        let length = (header.len() as u16).to_le_bytes();
+        [MAGIC, &[1, 0], &length, header.as_bytes(), body].concat()
+    }
+
+    /// Written by an independent library.
+    fn written(shape: &[u64], fortran: bool, values: &[u16]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let order = if fortran { npyz::Order::Fortran } else { npyz::Order::C };
+        let options = npyz::WriteOptions::new().default_dtype().shape(shape).order(order);
+        let mut writer = options.writer(&mut bytes).begin_nd().unwrap();
+        writer.extend(values.iter().copied()).unwrap();
+        writer.finish().unwrap();
+        bytes
+    }
+
+    #[test]
+    fn both_orders_and_two_to_five_dimensions_are_read() {
+        let values =
+            |bytes: Vec<u8>| -> Vec<u16> { bytes.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect() };
+        for (axes, given) in [("yx", ""), ("zyx", ""), ("xyz", "xyz"), ("tzyx", "tzyx"), ("tczyx", "tczyx")] {
+            let mut field = Field { sizes: [13, 7, 5, 2, 3], voxel_type: VoxelType::U16 };
+            for (axis, size) in "xyzct".chars().zip(&mut field.sizes) {
+                if !axes.contains(axis) {
+                    *size = 1;
+                }
+            }
+            let shape: Vec<u64> = axes.chars().map(|a| field.sizes["xyzct".find(a).unwrap()] as u64).collect();
+            let reversed: String = axes.chars().rev().collect();
+            for (fortran, order) in [(false, axes), (true, &reversed)] {
+                let bytes = written(&shape, fortran, &values(field.bytes(order, false)));
+                let (_folder, path) = temp_file("a.npy", &bytes);
+                assert_boxes(&open(&path, &options(given)).unwrap(), field);
+            }
+        }
+    }
+
+    #[test]
+    fn big_endian_and_booleans_are_read() {
+        let field = Field { sizes: [3, 2, 4, 1, 1], voxel_type: VoxelType::F32 };
+        let header = "{'descr': '>f4', 'fortran_order': False, 'shape': (4, 2, 3), }   \n";
+        let (_folder, path) = temp_file("a.npy", &with_header(header, &field.bytes("zyx", true)));
+        assert_boxes(&open(&path, &options("")).unwrap(), field);
+        let header = "{\"descr\": \"|b1\", \"fortran_order\": False, \"shape\": (1L, 2L)}";
+        let (_folder, path) = temp_file("a.npy", &with_header(header, &[0, 1]));
+        assert_eq!(open(&path, &options("")).unwrap().info().voxel_type, VoxelType::U8);
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused_with_advice() {
+        let refusal = |header: &str, body: &[u8], axes: &str| {
+            let (_folder, path) = temp_file("a.npy", &with_header(header, body));
+            open(&path, &options(axes)).err().unwrap().to_string()
+        };
+        let header =
+            |descr: &str, shape: &str| format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}");
+        let u1 = |shape| header("'|u1'", shape);
+        assert!(refusal(&u1("(2, 1, 1, 1)"), &[0; 2], "").contains("--axes"));
+        assert!(refusal(&u1("(2, 1, 1)"), &[0; 2], "yx").contains("name 2 dimensions"));
+        assert!(refusal(&u1("(2, 2, 2)"), &[0; 5], "").contains("3 missing"));
+        assert!(refusal(&u1("(2, 0, 2)"), &[], "").contains("size 0"));
+        assert!(refusal(&u1("(4294967295, 4294967295, 4294967295)"), &[], "").contains("2^63"));
+        assert!(refusal(&u1("(99999999999, 1, 1)"), &[], "").contains("2^32"));
+        assert!(refusal(&u1("(99999999999999999999999,)"), &[], "").contains("'shape'"));
+        assert!(refusal(&header("'<f8'", "(1, 1, 1)"), &[0; 8], "").contains("--allow-lossy"));
+        assert!(refusal(&header("'<c8'", "(1, 1, 1)"), &[0; 8], "").contains("'<c8'"));
+        assert!(refusal(&header("[('a', '<f4')]", "(1, 1, 1)"), &[0; 8], "").contains("records"));
+        assert!(refusal("{}", &[], "").contains("'descr'"));
+        let (_folder, path) = temp_file("a.npy", b"\x93NUMPY\x02\x00\xff\xff\xff\x7f");
+        assert!(open(&path, &options("")).err().unwrap().to_string().contains("2147483647"));
+        let (_folder, path) = temp_file("a.npy", b"\x93NUM");
+        assert!(open(&path, &options("")).err().unwrap().to_string().contains("shorter"));
+    }
+}

@@ -1,0 +1,409 @@
+//! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
+//! what the user knows better than the file.
+
+use crate::axes::AxisOrder;
+use crate::element::Endian;
+use crate::error::ImportError;
+use crate::raw::{RawLayout, RawSource};
+use crate::series::Series;
+use crate::source::{Access, Source, SourceInfo};
+use crate::{nifti, npy, tiff_stack};
+use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use glam::DVec3;
+use std::cmp::Ordering;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// What the user says of the input. Everything is optional but for raw files, which need shape and type.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OpenOptions {
+    /// Voxels along x, y, z of a raw file; makes any file be read as raw.
+    pub shape: Option<Extent>,
+    /// Voxel type of a raw file.
+    pub voxel_type: Option<VoxelType>,
+    /// Byte order of a raw file.
+    pub endian: Endian,
+    /// Bytes before the first voxel of a raw file.
+    pub offset: u64,
+    /// Number of channels of a raw file, or of a TIFF file whose `axes` are given.
+    pub channels: Option<u32>,
+    /// Number of time steps in a raw file, or in a TIFF file whose `axes` are given.
+    pub times: Option<u32>,
+    /// Order of the axes, slowest first, in place of what the file or the format says.
+    pub axes: Option<AxisOrder>,
+    /// Spacing in place of the file's.
+    pub spacing: Option<DVec3>,
+    /// Position of the first voxel's centre in place of the file's.
+    pub origin: Option<DVec3>,
+    /// UDUNITS name of the unit in place of the file's.
+    pub unit: Option<String>,
+    /// Whether 64-bit numbers may be narrowed to 32.
+    pub allow_lossy: bool,
+    /// Where compressed inputs are inflated; the system's temporary directory by default.
+    pub scratch_dir: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Format {
+    Raw,
+    Npy,
+    Nifti,
+    Tiff,
+}
+
+/// Formats and their names, for the message that none fits.
+const READ: &str = "raw (.raw, .bin, .dat, or any file with --shape and --dtype), NumPy .npy, NIfTI (.nii, .nii.gz, \
+                    .hdr with .img), TIFF (.tif, .tiff, or a folder of them)";
+
+/// Opens one input; several inputs (put in natural order) are one file per time step, or, if they are TIFF files of a
+/// single page, one file per plane.
+///
+/// # Errors
+/// Says which file cannot be read, why, and which flag would help.
+pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let (paths, folder) = match inputs {
+        [] => return Err(ImportError::options(Path::new("input"), "none given")),
+        [folder] if folder.is_dir() => (planes_in(folder)?, true),
+        [one] => (vec![one.clone()], false),
+        many => (in_natural_order(many), false),
+    };
+    let format = format_of(&paths[0], options)?;
+    for path in &paths[1..] {
+        if format_of(path, options)? != format {
+            return Err(ImportError::options(path, format!("is of another format than {}", paths[0].display())));
+        }
+    }
+    let source = match (format, &paths[..]) {
+        (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
+        (_, [path]) => open_one(path, format, options)?,
+        _ => {
+            let steps = paths.iter().map(|path| open_one(path, format, options)).collect::<Result<_, _>>()?;
+            Box::new(Series::new(&paths, steps)?)
+        }
+    };
+    let mut info = source.info().clone();
+    if paths.len() > 1 || folder {
+        let name = |p: &PathBuf| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
+        info.notes.push(format!("{} files in natural order, from {first} to {last}.", paths.len()));
+    }
+    override_geometry(&mut info, &paths[0], options)?;
+    Ok(Box::new(Described { info, source }))
+}
+
+fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    Ok(match format {
+        Format::Raw => Box::new(open_raw(path, options)?),
+        Format::Npy => Box::new(npy::open(path, options)?),
+        Format::Nifti => Box::new(nifti::open(path, options)?),
+        Format::Tiff => tiff_stack::open_file(path, options)?,
+    })
+}
+
+fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
+    let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+    let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
+        let problem = format!("a raw file of {bytes} bytes does not say what it holds; pass --shape X,Y,Z and --dtype");
+        return Err(ImportError::options(path, problem));
+    };
+    let layout = RawLayout {
+        extent,
+        voxel_type,
+        endian: options.endian,
+        offset: options.offset,
+        channels: options.channels.unwrap_or(1),
+        times: options.times.unwrap_or(1),
+        axes: options.axes.clone().unwrap_or_default(),
+    };
+    RawSource::open(path, &layout)
+}
+
+/// Several TIFF files: planes if each has one page, time steps if each has more.
+fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let multi_page = tiff_stack::is_multi_page(&paths[0])?;
+    for path in &paths[1..] {
+        if tiff_stack::is_multi_page(path)? != multi_page {
+            let count = |many| if many { "several pages" } else { "one page" };
+            let problem = format!("has {}, but {} has {}", count(!multi_page), paths[0].display(), count(multi_page));
+            return Err(ImportError::invalid(path, problem));
+        }
+    }
+    if !multi_page {
+        return tiff_stack::open_planes(paths, options);
+    }
+    let steps = paths.iter().map(|path| tiff_stack::open_file(path, options)).collect::<Result<_, _>>()?;
+    Ok(Box::new(Series::new(paths, steps)?))
+}
+
+fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> {
+    if options.shape.is_some() {
+        return Ok(Format::Raw);
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
+    // The file must exist before its name means anything.
+    let start = first_bytes(path)?;
+    if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
+        return Ok(Format::Nifti);
+    }
+    if start.starts_with(npy::MAGIC) || ends(&[".npy"]) {
+        return Ok(Format::Npy);
+    }
+    let tiff_magics: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+    if tiff_magics.iter().any(|magic| start.starts_with(magic)) || is_tiff_name(path) {
+        return Ok(Format::Tiff);
+    }
+    if ends(&[".raw", ".bin", ".dat"]) {
+        return Ok(Format::Raw);
+    }
+    Err(ImportError::options(path, format!("not a format that is read: {READ}")))
+}
+
+fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
+    let mut start = Vec::new();
+    let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
+    file.take(8).read_to_end(&mut start).map_err(ImportError::io(path))?;
+    Ok(start)
+}
+
+fn is_tiff_name(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
+}
+
+/// The TIFF files of a folder, in natural order.
+fn planes_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
+        let path = entry.map_err(ImportError::io(folder))?.path();
+        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
+        if is_tiff_name(&path) && !hidden && path.is_file() {
+            paths.push(path);
+        }
+    }
+    if paths.is_empty() {
+        return Err(ImportError::invalid(folder, format!("a folder without TIFF files; what is read: {READ}")));
+    }
+    Ok(in_natural_order(&paths))
+}
+
+/// Sorted so that numbers within names count as numbers: `s2` before `s10`.
+fn in_natural_order(paths: &[PathBuf]) -> Vec<PathBuf> {
+    let mut sorted = paths.to_vec();
+    sorted.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()).then_with(|| a.cmp(b)));
+    sorted
+}
+
+fn natural_order(a: &str, b: &str) -> Ordering {
+    let (mut a, mut b) = (a.as_bytes(), b.as_bytes());
+    loop {
+        let (Some(&x), Some(&y)) = (a.first(), b.first()) else { return a.len().cmp(&b.len()) };
+        if x.is_ascii_digit() && y.is_ascii_digit() {
+            let (m, n) = (leading_number(&mut a), leading_number(&mut b));
+            // Without leading zeros the longer number is the greater one, however long.
+            match m.len().cmp(&n.len()).then_with(|| m.cmp(n)) {
+                Ordering::Equal => continue,
+                unequal => return unequal,
+            }
+        }
+        if x != y {
+            return x.cmp(&y);
+        }
+        (a, b) = (&a[1..], &b[1..]);
+    }
+}
+
+/// Splits the digits off the front; leading zeros are dropped.
+fn leading_number<'a>(text: &mut &'a [u8]) -> &'a [u8] {
+    let end = text.iter().position(|c| !c.is_ascii_digit()).unwrap_or(text.len());
+    let (digits, rest) = text.split_at(end);
+    *text = rest;
+    let zeros = digits.iter().take_while(|&&c| c == b'0').count();
+    &digits[zeros..]
+}
+
+/// Puts the user's spacing, origin and unit in place of the file's.
+fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
+    if let Some(spacing) = options.spacing {
+        if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
+            return Err(ImportError::options(path, format!("--spacing {spacing}: every spacing must be above 0")));
+        }
+        info.geometry.spacing = spacing;
+        info.calibrated = true;
+    }
+    if let Some(origin) = options.origin {
+        if !origin.is_finite() {
+            return Err(ImportError::options(path, format!("--origin {origin}: not a position")));
+        }
+        info.geometry.origin = origin;
+    }
+    if let Some(unit) = &options.unit {
+        info.geometry.unit = Some(unit.clone());
+    }
+    Ok(())
+}
+
+/// A source under a corrected description.
+struct Described {
+    info: SourceInfo,
+    source: Box<dyn Source>,
+}
+
+impl Source for Described {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.source.access()
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.source.read_box(time, channel, region, out)
+    }
+
+    fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
+        self.source.constant_in(time, channel, region)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{Field, assert_boxes, temp_file};
+    use proptest::prelude::*;
+
+    fn raw_options(field: Field) -> OpenOptions {
+        let [x, y, z, c, t] = field.sizes;
+        OpenOptions {
+            shape: Some(Extent::new(x, y, z)),
+            voxel_type: Some(field.voxel_type),
+            channels: Some(c),
+            times: Some(t),
+            ..OpenOptions::default()
+        }
+    }
+
+    fn refusal(path: &Path, options: &OpenOptions) -> String {
+        open(&[path.to_owned()], options).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn numbers_in_names_count_as_numbers() {
+        let sort = |names: &[&str]| {
+            let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+            in_natural_order(&paths).iter().map(|p| p.display().to_string()).collect::<Vec<_>>()
+        };
+        assert_eq!(sort(&["s10", "s9", "s1", "s010b"]), ["s1", "s9", "s10", "s010b"]);
+        assert_eq!(sort(&["a2b10", "a2b9", "a10b1", "a"]), ["a", "a2b9", "a2b10", "a10b1"]);
+        assert_eq!(sort(&["t99999999999999999999999", "t100000000000000000000000"])[0], "t99999999999999999999999");
+    }
+
+    #[test]
+    fn a_raw_file_in_one_piece_or_one_per_step() {
+        let field = Field { sizes: [7, 5, 4, 2, 3], voxel_type: VoxelType::U16 };
+        let bytes = field.bytes("tczyx", false);
+        let (folder, path) = temp_file("all.dat", &bytes);
+        assert_boxes(&*open(&[path], &raw_options(field)).unwrap(), field);
+        let paths: Vec<PathBuf> = (8..11).map(|i| folder.path().join(format!("s{i}.raw"))).collect();
+        for (path, step) in paths.iter().zip(bytes.chunks(bytes.len() / 3)) {
+            std::fs::write(path, step).unwrap();
+        }
+        // As a shell sorts them: s10, s8, s9.
+        let shuffled = [paths[2].clone(), paths[0].clone(), paths[1].clone()];
+        let options = OpenOptions { times: None, ..raw_options(field) };
+        let source = open(&shuffled, &options).unwrap();
+        assert_boxes(&*source, field);
+        assert!(source.info().notes[0].contains("from s8.raw to s10.raw"));
+        let message =
+            open(&shuffled, &raw_options(Field { sizes: [7, 5, 2, 2, 2], ..field })).err().unwrap().to_string();
+        assert!(message.contains("one per time step"), "{message}");
+    }
+
+    #[test]
+    fn steps_that_disagree_name_the_odd_one() {
+        let npy = |shape: &str, n: usize| {
+            let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
+            [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &vec![0; n]].concat()
+        };
+        let (folder, first) = temp_file("a1.npy", &npy("(2, 3, 4)", 24));
+        let second = folder.path().join("a2.npy");
+        std::fs::write(&second, npy("(2, 4, 3)", 24)).unwrap();
+        let message = open(&[first, second], &OpenOptions::default()).err().unwrap().to_string();
+        assert!(message.contains("a2.npy: is 3,4,2 u8") && message.contains("4,3,2 u8"), "{message}");
+    }
+
+    #[test]
+    fn the_user_knows_better_than_the_file() {
+        let field = Field { sizes: [2, 2, 2, 1, 1], voxel_type: VoxelType::U8 };
+        let (_folder, path) = temp_file("a.raw", &field.bytes("zyx", false));
+        let plain = open(std::slice::from_ref(&path), &raw_options(field)).unwrap();
+        assert!(!plain.info().calibrated);
+        let told = OpenOptions {
+            spacing: Some(DVec3::new(0.5, 0.5, 2.0)),
+            origin: Some(DVec3::new(-1.0, 0.0, 3.0)),
+            unit: Some("micrometer".into()),
+            ..raw_options(field)
+        };
+        let source = open(std::slice::from_ref(&path), &told).unwrap();
+        let geometry = &source.info().geometry;
+        assert!(source.info().calibrated);
+        assert_eq!((geometry.spacing, geometry.origin), (told.spacing.unwrap(), told.origin.unwrap()));
+        assert_eq!(geometry.unit, told.unit);
+        for spacing in [DVec3::ZERO, DVec3::new(1.0, -1.0, 1.0), DVec3::NAN] {
+            let bad = OpenOptions { spacing: Some(spacing), ..raw_options(field) };
+            assert!(refusal(&path, &bad).contains("above 0"));
+        }
+    }
+
+    #[test]
+    fn what_is_missing_or_unknown_is_said() {
+        let none = OpenOptions::default();
+        let (folder, path) = temp_file("a.raw", &[0; 64]);
+        let message = refusal(&path, &none);
+        assert!(
+            message.contains("64 bytes") && message.contains("--shape") && message.contains("--dtype"),
+            "{message}"
+        );
+        let (_other, path) = temp_file("a.xyz", b"what is this");
+        let message = refusal(&path, &none);
+        assert!(message.contains(".npy") && message.contains("NIfTI") && message.contains("TIFF"), "{message}");
+        assert!(matches!(open(&[folder.path().join("no.nii")], &none), Err(ImportError::Io { .. })));
+        assert!(open(&[], &none).is_err());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Damage ends in an error or in wrong voxels, never in a panic.
+        #[test]
+        fn damaged_headers_do_not_panic(
+            damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            nifti in any::<bool>(),
+        ) {
+            let header = "{'descr': '<u2', 'fortran_order': False, 'shape': (2, 3, 4), }";
+            let (name, mut bytes) = if nifti {
+                let mut bytes = vec![0; 352 + 48];
+                bytes[..4].copy_from_slice(&348i32.to_le_bytes());
+                bytes[40..48].copy_from_slice(&[3, 0, 4, 0, 3, 0, 2, 0]);
+                bytes[70..74].copy_from_slice(&[0, 2, 16, 0]);
+                bytes[344..348].copy_from_slice(b"n+1\0");
+                ("a.nii", bytes)
+            } else {
+                let length = [header.len() as u8, 0];
+                ("a.npy", [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), &[7; 48]].concat())
+            };
+            for (place, value) in damage {
+                let place = place.index(bytes.len().min(352));
+                bytes[place] = value;
+            }
+            let (_folder, path) = temp_file(name, &bytes);
+            let told = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
+            if let Ok(source) = open(&[path], &told) {
+                let full = source.info().extent.full_box();
+                let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
+                source.read_box(0, 0, full, &mut out).unwrap();
+            }
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! One file per time step, as one source.
+
+use crate::error::ImportError;
+use crate::source::{Access, Source, SourceInfo};
+use brickyard_volume::VoxelBox;
+use std::path::PathBuf;
+
+/// Steps that agree in everything but their voxels.
+pub(crate) struct Series {
+    info: SourceInfo,
+    steps: Vec<Box<dyn Source>>,
+}
+
+impl Series {
+    /// Joins the steps; the paths are theirs, for messages.
+    pub(crate) fn new(paths: &[PathBuf], steps: Vec<Box<dyn Source>>) -> Result<Self, ImportError> {
+        let mut info = steps[0].info().clone();
+        info.times = steps.len() as u32;
+        info.identity.clear();
+        info.notes.clear();
+        for (path, step) in paths.iter().zip(&steps) {
+            let (first, step) = (steps[0].info(), step.info());
+            if step.times != 1 {
+                let problem =
+                    format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
+                return Err(ImportError::options(path, problem));
+            }
+            let describe = |i: &SourceInfo| {
+                format!("{} {} with {} channels, spacing {}", i.extent, i.voxel_type, i.channels, i.geometry.spacing)
+            };
+            if describe(step) != describe(first) {
+                let problem = format!("is {}, but {} is {}", describe(step), paths[0].display(), describe(first));
+                return Err(ImportError::invalid(path, problem));
+            }
+            info.identity += &step.identity;
+            info.identity += "\n";
+            for note in &step.notes {
+                if !info.notes.contains(note) {
+                    info.notes.push(note.clone());
+                }
+            }
+        }
+        Ok(Self { info, steps })
+    }
+}
+
+impl Source for Series {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.steps[0].access()
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.info.check_box(time, channel, region, out);
+        self.steps[time as usize].read_box(0, channel, region, out)
+    }
+}

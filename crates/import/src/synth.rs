@@ -1,0 +1,301 @@
+//! Generated volumes as sources: for demonstrations, benchmarks and tests.
+//!
+//! A voxel's value depends on its position, the kind, the extent, the time step and the seed, never on how the volume
+//! is cut into boxes or on threads. Fields are functions of the unit cube (voxel `i` of `n` is at `(i + 0.5) / n`), so
+//! every extent shows the same object, finer with more voxels. Values are in *units* of 0 to 255: stored as they are in
+//! u8 and f32, times 200 in u16 (so that the low byte carries the noise, as in a scan).
+//!
+//! A box is made row by row: a kind's [`RowField`] fills a row of f32, which is then rounded to the voxel type.
+
+mod ct;
+mod flow;
+mod shapes;
+#[cfg(test)]
+mod tests;
+mod turbulence;
+
+use crate::axes::Sizes;
+use crate::error::ImportError;
+use crate::source::{Source, SourceInfo};
+use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use glam::DVec3;
+use shapes::{MarschnerLobb, Ramp, Sparse, Spheres};
+use turbulence::Turbulence;
+
+/// What to generate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SynthKind {
+    /// Noise of all scales everywhere: nothing to skip, little to compress.
+    Turbulence,
+    /// The Marschner-Lobb test signal, for judging reconstruction.
+    MarschnerLobb,
+    /// A dozen solid spheres in empty space.
+    Spheres,
+    /// A scan of an imagined specimen: a tube around a ball of shells in a turbulent matrix, noise over all.
+    Ct,
+    /// A turbulent plume that rises with time.
+    Flow,
+    /// Zero but for a few small spheres and the very last voxel ([`SPARSE_LAST_UNITS`]); boxes of zeros are known
+    /// without making them, so extents may be huge.
+    Sparse,
+    /// Linear along the main diagonal, from 0 to 255.
+    Ramp,
+    /// [`CONSTANT_UNITS`] everywhere.
+    Constant,
+}
+
+/// Value of every voxel of [`SynthKind::Constant`], in units.
+pub const CONSTANT_UNITS: f64 = 100.0;
+
+/// Value of the last voxel of [`SynthKind::Sparse`], in units.
+pub const SPARSE_LAST_UNITS: f64 = 199.0;
+
+impl SynthKind {
+    /// All kinds.
+    pub const ALL: [SynthKind; 8] = [
+        Self::Turbulence,
+        Self::MarschnerLobb,
+        Self::Spheres,
+        Self::Ct,
+        Self::Flow,
+        Self::Sparse,
+        Self::Ramp,
+        Self::Constant,
+    ];
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Turbulence => "turbulence",
+            Self::MarschnerLobb => "marschner-lobb",
+            Self::Spheres => "spheres",
+            Self::Ct => "ct",
+            Self::Flow => "flow",
+            Self::Sparse => "sparse",
+            Self::Ramp => "ramp",
+            Self::Constant => "constant",
+        }
+    }
+}
+
+impl std::str::FromStr for SynthKind {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let names = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL
+            .into_iter()
+            .find(|k| k.name() == s)
+            .ok_or_else(|| format!("unknown kind '{s}': expected one of {}", names()))
+    }
+}
+
+/// A generated volume or series.
+pub struct SynthSource {
+    info: SourceInfo,
+    seed: u64,
+    units: Units,
+    field: Field,
+}
+
+/// A kind with what it has computed in advance.
+enum Field {
+    Turbulence(Turbulence),
+    MarschnerLobb,
+    Spheres(Spheres),
+    Ct(Turbulence),
+    Flow(Turbulence),
+    Sparse(Sparse),
+    Ramp,
+    Constant,
+}
+
+/// Makes rows of one box, in units. Rows are asked for in memory order.
+trait RowField {
+    fn row(&mut self, y: u32, z: u32, units: &mut [f32]);
+}
+
+impl SynthSource {
+    /// A generator of `steps` time steps (only [`SynthKind::Flow`] changes with time).
+    ///
+    /// # Errors
+    /// If an axis or the number of steps is zero, the extent overflows, or the type is not u8, u16 or f32.
+    pub fn new(
+        kind: SynthKind,
+        extent: Extent,
+        voxel_type: VoxelType,
+        steps: u32,
+        seed: u64,
+    ) -> Result<Self, ImportError> {
+        let name = std::path::Path::new(kind.name());
+        let units = Units::of(voxel_type).ok_or_else(|| {
+            ImportError::options(name, format!("cannot be generated as {voxel_type}; use u8, u16 or f32"))
+        })?;
+        let sizes = Sizes { extent, channels: 1, times: steps };
+        sizes.checked_bytes(voxel_type.bytes()).map_err(|problem| ImportError::options(name, problem))?;
+        let field = match kind {
+            SynthKind::Turbulence => Field::Turbulence(Turbulence::new(seed, extent)),
+            SynthKind::MarschnerLobb => Field::MarschnerLobb,
+            SynthKind::Spheres => Field::Spheres(Spheres::new(seed)),
+            SynthKind::Ct => Field::Ct(Turbulence::new(seed, extent)),
+            SynthKind::Flow => Field::Flow(Turbulence::new(seed, extent)),
+            SynthKind::Sparse => Field::Sparse(Sparse::new(seed, extent)),
+            SynthKind::Ramp => Field::Ramp,
+            SynthKind::Constant => Field::Constant,
+        };
+        let info = SourceInfo {
+            calibrated: true,
+            identity: format!("synth {} {extent} {voxel_type} steps {steps} seed {seed}", kind.name()),
+            ..SourceInfo::plain(sizes, voxel_type)
+        };
+        Ok(Self { info, seed, units, field })
+    }
+
+    /// The unrounded value, as stored, at a continuous voxel position (voxel `i` is centred at `i + 0.5`), for kinds
+    /// that have a formula: marschner-lobb, spheres, sparse, ramp, constant.
+    pub fn value_at(&self, position: DVec3) -> Option<f64> {
+        let extent = self.info.extent;
+        let n = DVec3::new(extent.x as f64, extent.y as f64, extent.z as f64);
+        let units = match &self.field {
+            Field::MarschnerLobb => shapes::marschner_lobb_at(position / n),
+            Field::Spheres(spheres) => spheres.at(position / n),
+            Field::Sparse(sparse) => sparse.at(position),
+            Field::Ramp => shapes::ramp_at(position / n),
+            Field::Constant => CONSTANT_UNITS,
+            Field::Turbulence(_) | Field::Ct(_) | Field::Flow(_) => return None,
+        };
+        Some(units * self.units.factor())
+    }
+
+    fn rows(&self, time: u32, region: VoxelBox) -> Box<dyn RowField + '_> {
+        let extent = self.info.extent;
+        match &self.field {
+            Field::Turbulence(noise) => Box::new(turbulence::Haze::new(noise, extent, region)),
+            Field::MarschnerLobb => Box::new(MarschnerLobb::new(extent, region)),
+            Field::Spheres(spheres) => Box::new(spheres.rows(extent, region)),
+            Field::Ct(noise) => Box::new(ct::Ct::new(noise, self.seed, extent, region)),
+            Field::Flow(noise) => Box::new(flow::Flow::new(noise, time, extent, region)),
+            Field::Sparse(sparse) => Box::new(sparse.rows(region)),
+            Field::Ramp => Box::new(Ramp::new(extent, region)),
+            Field::Constant => Box::new(Constant),
+        }
+    }
+}
+
+impl Source for SynthSource {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.info.check_box(time, channel, region, out);
+        let width = region.extent().x as usize;
+        let mut rows = self.rows(time, region);
+        let mut units = vec![0f32; width];
+        let mut lines = out.chunks_exact_mut(width * self.info.voxel_type.bytes());
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                rows.row(y, z, &mut units);
+                if let Some(line) = lines.next() {
+                    self.units.store(&units, line);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn constant_in(&self, _time: u32, _channel: u32, region: VoxelBox) -> Option<f64> {
+        let units = match &self.field {
+            Field::Constant => Some(CONSTANT_UNITS),
+            Field::Sparse(sparse) => sparse.is_zero_in(region).then_some(0.0),
+            Field::Spheres(spheres) => spheres.is_zero_in(self.info.extent, region).then_some(0.0),
+            _ => None,
+        };
+        units.map(|u| u * self.units.factor())
+    }
+}
+
+struct Constant;
+
+impl RowField for Constant {
+    fn row(&mut self, _y: u32, _z: u32, units: &mut [f32]) {
+        units.fill(CONSTANT_UNITS as f32);
+    }
+}
+
+/// How units are stored.
+#[derive(Clone, Copy)]
+enum Units {
+    U8,
+    U16,
+    F32,
+}
+
+impl Units {
+    fn of(voxel_type: VoxelType) -> Option<Self> {
+        match voxel_type {
+            VoxelType::U8 => Some(Self::U8),
+            VoxelType::U16 => Some(Self::U16),
+            VoxelType::F32 => Some(Self::F32),
+            _ => None,
+        }
+    }
+
+    fn factor(self) -> f64 {
+        match self {
+            Self::U16 => 200.0,
+            Self::U8 | Self::F32 => 1.0,
+        }
+    }
+
+    fn store(self, units: &[f32], out: &mut [u8]) {
+        match self {
+            Self::U8 => {
+                for (o, u) in out.iter_mut().zip(units) {
+                    *o = round_bits(u.clamp(0.0, 255.0)) as u8;
+                }
+            }
+            Self::U16 => {
+                for (o, u) in out.as_chunks_mut::<2>().0.iter_mut().zip(units) {
+                    *o = (round_bits((u * 200.0).clamp(0.0, 65535.0)) as u16).to_le_bytes();
+                }
+            }
+            Self::F32 => {
+                for (o, u) in out.as_chunks_mut::<4>().0.iter_mut().zip(units) {
+                    *o = u.to_le_bytes();
+                }
+            }
+        }
+    }
+}
+
+/// Low 22 bits: a value of `0..2^22` rounded to the nearest integer, ties to even. Adding 2^23 leaves it in the low
+/// mantissa bits: unlike a conversion, that is one vector instruction.
+#[inline]
+fn round_bits(value: f32) -> u32 {
+    (value + (1 << 23) as f32).to_bits()
+}
+
+/// A well-mixed 64-bit hash (SplitMix64's output function).
+#[inline]
+fn mix(key: u64) -> u64 {
+    let mut z = key.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The `index`-th number in `0..1` of a seeded sequence.
+fn uniform(seed: u64, index: u64) -> f64 {
+    (mix(mix(seed) ^ index) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Centre of voxel `i` of `n` in the unit interval.
+fn centre(i: u32, n: u32) -> f64 {
+    (i as f64 + 0.5) / n as f64
+}
+
+fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
+    let t = ((x - a) / (b - a)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}

@@ -1,0 +1,96 @@
+//! What the readers' tests share: a field whose every voxel differs from its neighbours, written in any axis and byte
+//! order, and the check that a source delivers it whole and in random boxes.
+
+use crate::source::Source;
+use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
+use proptest::prelude::*;
+use proptest::test_runner::{Config, TestRunner};
+use std::path::PathBuf;
+
+/// A test array: sizes along x, y, z, c, t.
+#[derive(Clone, Copy)]
+pub(crate) struct Field {
+    pub(crate) sizes: [u32; 5],
+    pub(crate) voxel_type: VoxelType,
+}
+
+impl Field {
+    /// A hash of the position: neighbours, axes and bytes all differ.
+    fn value(self, [x, y, z, c, t]: [u32; 5]) -> u64 {
+        let mut key = x as u64;
+        for i in [y, z, c, t] {
+            key = key.wrapping_mul(1009).wrapping_add(i as u64 + 1);
+        }
+        key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32
+    }
+
+    fn put(self, position: [u32; 5], big: bool, out: &mut Vec<u8>) {
+        let value = self.value(position);
+        with_voxel_type!(self.voxel_type, T => {
+            let value = value as T;
+            out.extend(if big { value.to_be_bytes() } else { value.to_le_bytes() });
+        });
+    }
+
+    /// The array with its axes in the given order, slowest first.
+    pub(crate) fn bytes(self, axes: &str, big: bool) -> Vec<u8> {
+        let order: Vec<usize> = axes.chars().map(|a| "xyzct".find(a).unwrap()).collect();
+        let mut out = Vec::new();
+        let total: u32 = order.iter().map(|&a| self.sizes[a]).product();
+        for index in 0..total {
+            let (mut position, mut rest) = ([0; 5], index);
+            for &a in order.iter().rev() {
+                position[a] = rest % self.sizes[a];
+                rest /= self.sizes[a];
+            }
+            self.put(position, big, &mut out);
+        }
+        out
+    }
+
+    fn box_bytes(self, time: u32, channel: u32, region: VoxelBox) -> Vec<u8> {
+        let mut out = Vec::new();
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                for x in region.min.x..region.max.x {
+                    self.put([x, y, z, channel, time], false, &mut out);
+                }
+            }
+        }
+        out
+    }
+}
+
+/// Checks the description, the whole of every volume, and random boxes.
+pub(crate) fn assert_boxes(source: &dyn Source, field: Field) {
+    let [x, y, z, c, t] = field.sizes;
+    let info = source.info();
+    assert_eq!(([x, y, z], c, t), (info.extent.to_array(), info.channels, info.times));
+    assert_eq!(info.voxel_type, field.voxel_type);
+    let read = |time, channel, region: VoxelBox| {
+        let mut out = vec![0xa5; region.extent().volume() as usize * info.voxel_type.bytes()];
+        source.read_box(time, channel, region, &mut out).unwrap();
+        out
+    };
+    for (time, channel) in (0..t).flat_map(|t| (0..c).map(move |c| (t, c))) {
+        let full = info.extent.full_box();
+        assert!(read(time, channel, full) == field.box_bytes(time, channel, full), "t{time} c{channel}");
+    }
+    let axis = |n: u32| (0..n).prop_flat_map(move |lo| (Just(lo), lo + 1..=n));
+    let mut runner = TestRunner::new(Config { failure_persistence: None, cases: 40, ..Config::default() });
+    runner
+        .run(&(axis(x), axis(y), axis(z), 0..c, 0..t), |(x, y, z, channel, time)| {
+            let region = VoxelBox::new([x.0, y.0, z.0], [x.1, y.1, z.1]);
+            prop_assert!(read(time, channel, region) == field.box_bytes(time, channel, region));
+            Ok(())
+        })
+        .unwrap();
+}
+
+/// A file in a folder of its own, which vanishes with the folder's guard.
+pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}

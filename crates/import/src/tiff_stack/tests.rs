@@ -1,0 +1,470 @@
+//! TIFF files built byte by byte (layouts) and by the library's encoder (compressions), read back.
+
+use crate::error::ImportError;
+use crate::open::{OpenOptions, open};
+use crate::source::{Access, Source};
+use crate::testing::{Field, assert_boxes, temp_file};
+use brickyard_volume::{VoxelBox, VoxelType};
+use glam::DVec3;
+use proptest::prelude::*;
+use std::path::{Path, PathBuf};
+use tiff::encoder::{Compression, DeflateLevel, Predictor, TiffEncoder, colortype};
+
+/// How [`written`] lays a stack out.
+#[derive(Clone)]
+struct Layout {
+    big_endian: bool,
+    big_tiff: bool,
+    /// Width and height of tiles, or the rows of a strip.
+    chunk: Result<[u32; 2], u32>,
+    samples: u32,
+    planar: bool,
+    photometric: u16,
+    description: String,
+    /// Pixels per unit.
+    resolution: Option<u32>,
+    /// Number of directories, where it is not that of the planes.
+    directories: Option<usize>,
+}
+
+impl Default for Layout {
+    fn default() -> Self {
+        Self {
+            big_endian: false,
+            big_tiff: false,
+            chunk: Err(3),
+            samples: 1,
+            planar: false,
+            photometric: 1,
+            description: String::new(),
+            resolution: None,
+            directories: None,
+        }
+    }
+}
+
+struct Writer {
+    bytes: Vec<u8>,
+    layout: Layout,
+}
+
+impl Writer {
+    fn number(&self, value: u64, width: usize) -> Vec<u8> {
+        let mut bytes = value.to_le_bytes()[..width].to_vec();
+        if self.layout.big_endian {
+            bytes.reverse();
+        }
+        bytes
+    }
+
+    fn put_at(&mut self, at: usize, value: u64, width: usize) {
+        let number = self.number(value, width);
+        self.bytes[at..at + width].copy_from_slice(&number);
+    }
+
+    /// Appends a directory; returns where the pointer to the next one is.
+    fn directory(&mut self, mut tags: Vec<(u16, u16, Vec<u64>)>) -> usize {
+        tags.sort_by_key(|t| t.0);
+        let (count_width, width) = if self.layout.big_tiff { (8, 8) } else { (2, 4) };
+        // Values too long for their entry go before the directory.
+        let mut entries = Vec::new();
+        for (tag, kind, values) in tags {
+            let size = [0, 1, 1, 2, 4, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8][kind as usize];
+            let count = if kind == 5 { values.len() / 2 } else { values.len() };
+            let data: Vec<u8> = values.iter().flat_map(|&v| self.number(v, size)).collect();
+            let mut field = if data.len() > width {
+                let at = self.bytes.len() as u64;
+                self.bytes.extend(&data);
+                self.number(at, width)
+            } else {
+                data
+            };
+            field.resize(width, 0);
+            entries.extend([
+                self.number(tag as u64, 2),
+                self.number(kind as u64, 2),
+                self.number(count as u64, width),
+                field,
+            ]);
+        }
+        let start = self.bytes.len();
+        let count = self.number(entries.len() as u64 / 4, count_width);
+        self.bytes.extend(count);
+        self.bytes.extend(entries.concat());
+        self.bytes.extend(vec![0; width]);
+        start
+    }
+}
+
+/// The field as a TIFF file; pages run through the given axes, slowest first, each holding `samples` channels.
+fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
+    let mut w = Writer { bytes: Vec::new(), layout: layout.clone() };
+    w.bytes.extend(if layout.big_endian { b"MM" } else { b"II" });
+    let width = if layout.big_tiff { 8 } else { 4 };
+    let version = if layout.big_tiff { vec![(43, 2), (8, 2), (0, 2), (0, 8)] } else { vec![(42, 2), (0, 4)] };
+    for (value, bytes) in version {
+        let number = w.number(value, bytes);
+        w.bytes.extend(number);
+    }
+    let mut link = w.bytes.len() - width;
+    let [columns, rows, ..] = field.sizes;
+    let voxel = field.voxel_type.bytes();
+    // Chunky samples are the fastest axis, planar ones come between the page and its rows.
+    let (page_axes, within) = match (layout.samples, layout.planar) {
+        (1, _) => (page_axes.to_owned(), "yx"),
+        (_, false) => (page_axes.replace('c', ""), "yxc"),
+        (_, true) => (page_axes.replace('c', ""), "cyx"),
+    };
+    let all = field.bytes(&format!("{page_axes}{within}"), layout.big_endian);
+    let page_bytes = (columns * rows * layout.samples) as usize * voxel;
+    let pages = all.len() / page_bytes;
+    let body = w.bytes.len();
+    if layout.directories == Some(1) {
+        w.bytes.extend(&all);
+    }
+    for page in all.chunks(page_bytes).take(layout.directories.unwrap_or(pages)) {
+        let planes = if layout.planar { layout.samples } else { 1 };
+        let pixel = voxel * (layout.samples / planes) as usize;
+        let [cw, ch] = layout.chunk.unwrap_or_else(|rows| [columns, rows]);
+        let (mut offsets, mut counts) = (Vec::new(), Vec::new());
+        for plane in page.chunks(page.len() / planes as usize) {
+            for (y0, x0) in
+                (0..rows.div_ceil(ch)).flat_map(|r| (0..columns.div_ceil(cw)).map(move |c| (r * ch, c * cw)))
+            {
+                let start = w.bytes.len();
+                // Strips end with the image, tiles are padded.
+                let end = if layout.chunk.is_ok() { y0 + ch } else { (y0 + ch).min(rows) };
+                for (y, x) in (y0..end).flat_map(|y| (x0..x0 + cw).map(move |x| (y, x))) {
+                    let from = (y * columns + x) as usize * pixel;
+                    let inside = x < columns && y < rows;
+                    w.bytes.extend(if inside { plane[from..from + pixel].to_vec() } else { vec![0xee; pixel] });
+                }
+                offsets.push(start as u64);
+                counts.push((w.bytes.len() - start) as u64);
+            }
+        }
+        if layout.directories == Some(1) {
+            offsets = vec![body as u64];
+            counts = vec![page_bytes as u64];
+        }
+        let format = match field.voxel_type {
+            VoxelType::F32 => 3,
+            VoxelType::I8 | VoxelType::I16 | VoxelType::I32 => 2,
+            _ => 1,
+        };
+        let per_sample = |v: u64| vec![v; layout.samples as usize];
+        let wide = if layout.big_tiff { 16 } else { 4 };
+        let mut tags = vec![
+            (256, 4, vec![columns as u64]),
+            (257, 4, vec![rows as u64]),
+            (258, 3, per_sample(voxel as u64 * 8)),
+            (259, 3, vec![1]),
+            (262, 3, vec![layout.photometric as u64]),
+            (277, 3, vec![layout.samples as u64]),
+            (284, 3, vec![1 + layout.planar as u64]),
+            (339, 3, per_sample(format)),
+        ];
+        if layout.chunk.is_ok() {
+            let size = [(322, 4, vec![cw as u64]), (323, 4, vec![ch as u64])];
+            tags.extend(size.into_iter().chain([(324, wide, offsets), (325, wide, counts)]));
+        } else {
+            let whole = layout.directories == Some(1);
+            let rows_per_strip = if whole { rows } else { ch };
+            tags.extend([(278, 4, vec![rows_per_strip as u64]), (273, wide, offsets), (279, wide, counts)]);
+        }
+        if !layout.description.is_empty() {
+            tags.push((270, 2, layout.description.bytes().chain([0]).map(u64::from).collect()));
+        }
+        if let Some(r) = layout.resolution {
+            tags.extend([(282, 5, vec![r as u64, 1]), (283, 5, vec![r as u64, 1])]);
+        }
+        let at = w.directory(tags);
+        w.put_at(link, at as u64, width);
+        link = w.bytes.len() - width;
+    }
+    w.bytes
+}
+
+fn options() -> OpenOptions {
+    OpenOptions::default()
+}
+
+fn opened(path: &Path) -> Result<Box<dyn Source>, ImportError> {
+    open(&[path.to_owned()], &options())
+}
+
+fn refusal(bytes: &[u8], options: &OpenOptions) -> String {
+    let (_folder, path) = temp_file("a.tif", bytes);
+    open(&[path], options).err().unwrap().to_string()
+}
+
+#[test]
+fn strips_and_tiles_of_every_type_and_order_are_read() {
+    for (i, voxel_type) in VoxelType::ALL.into_iter().enumerate() {
+        for (j, chunk) in [Err(3), Err(1), Err(100), Ok([16, 16]), Ok([16, 32])].into_iter().enumerate() {
+            let field = Field { sizes: [37, 19, 3, 1, 1], voxel_type };
+            let layout = Layout { big_endian: (i + j) % 2 == 0, big_tiff: j % 2 == 0, chunk, ..Layout::default() };
+            let (_folder, path) = temp_file("a b.tif", &written(field, "z", &layout));
+            let source = opened(&path).unwrap();
+            assert_eq!(source.access(), Access::Planes);
+            assert_boxes(&*source, field);
+        }
+    }
+}
+
+#[test]
+fn samples_become_channels() {
+    let field = Field { sizes: [21, 18, 2, 3, 1], voxel_type: VoxelType::U16 };
+    for planar in [false, true] {
+        for chunk in [Err(5), Ok([16, 16])] {
+            let layout = Layout { samples: 3, photometric: 2, planar, chunk, ..Layout::default() };
+            let (_folder, path) = temp_file("a.tif", &written(field, "zc", &layout));
+            let source = opened(&path).unwrap();
+            assert_boxes(&*source, field);
+            assert!(source.info().notes[0].contains("3 samples"));
+        }
+    }
+}
+
+#[test]
+fn white_is_zero_keeps_the_stored_values() {
+    let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U16 };
+    let layout = Layout { photometric: 0, ..Layout::default() };
+    let (_folder, path) = temp_file("a.tif", &written(field, "z", &layout));
+    assert_boxes(&*opened(&path).unwrap(), field);
+    let palette = Layout { photometric: 3, ..Layout::default() };
+    assert!(refusal(&written(field, "z", &palette), &options()).contains("not supported"));
+}
+
+#[test]
+fn compressions_and_predictors_are_undone() {
+    let field = Field { sizes: [33, 14, 3, 1, 1], voxel_type: VoxelType::U16 };
+    let values: Vec<u16> = field.bytes("zyx", false).as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
+    let compressions =
+        [Compression::Uncompressed, Compression::Lzw, Compression::Deflate(DeflateLevel::Fast), Compression::Packbits];
+    for compression in compressions {
+        for predictor in [Predictor::None, Predictor::Horizontal] {
+            let (_folder, path) = temp_file("a.tif", b"");
+            let file = std::fs::File::create(&path).unwrap();
+            let mut encoder = TiffEncoder::new(file).unwrap().with_compression(compression).with_predictor(predictor);
+            for plane in values.chunks(33 * 14) {
+                encoder.write_image::<colortype::Gray16>(33, 14, plane).unwrap();
+            }
+            drop(encoder);
+            assert_boxes(&*opened(&path).unwrap(), field);
+        }
+    }
+}
+
+const HYPERSTACK: &str =
+    "ImageJ=1.53t\nimages=30\nchannels=2\nslices=5\nframes=3\nhyperstack=true\nspacing=2.5\nunit=um\n";
+
+#[test]
+fn imagej_hyperstacks_are_unravelled() {
+    let field = Field { sizes: [7, 5, 5, 2, 3], voxel_type: VoxelType::U16 };
+    for directories in [None, Some(1)] {
+        let layout = Layout {
+            description: HYPERSTACK.into(),
+            resolution: Some(4),
+            directories,
+            big_endian: true,
+            ..Layout::default()
+        };
+        let bytes = written(field, "tzc", &layout);
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        let source = opened(&path).unwrap();
+        assert_boxes(&*source, field);
+        let info = source.info();
+        assert_eq!((info.geometry.spacing, info.calibrated), (DVec3::new(0.25, 0.25, 2.5), true));
+        assert_eq!(info.geometry.unit.as_deref(), Some("micrometer"));
+    }
+}
+
+#[test]
+fn imagej_latin_1_units_are_understood() {
+    let field = Field { sizes: [2, 2, 2, 1, 1], voxel_type: VoxelType::U8 };
+    let layout =
+        Layout { description: "ImageJ=1.0\nimages=2\nunit=#m\n".into(), resolution: Some(1), ..Layout::default() };
+    let mut bytes = written(field, "z", &layout);
+    for i in bytes.windows(7).enumerate().filter(|w| w.1 == b"unit=#m").map(|w| w.0).collect::<Vec<_>>() {
+        bytes[i + 5] = 0xb5;
+    }
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    assert_eq!(opened(&path).unwrap().info().geometry.unit.as_deref(), Some("micrometer"));
+}
+
+#[test]
+fn declared_counts_that_disagree_name_both() {
+    let field = Field { sizes: [7, 5, 5, 2, 2], voxel_type: VoxelType::U8 };
+    let layout = Layout { description: HYPERSTACK.into(), ..Layout::default() };
+    let bytes = written(field, "tzc", &layout);
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("30 planes") && message.contains("20 pages") && message.contains("--axes"), "{message}");
+    // The user may overrule the description.
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
+    assert_eq!(open(&[path], &told).unwrap().info().extent.z, 20);
+    // One directory, but not all planes behind it.
+    let layout = Layout { directories: Some(1), ..layout };
+    let message = refusal(&written(Field { voxel_type: VoxelType::U16, ..field }, "tzc", &layout), &options());
+    assert!(message.contains("30 planes") && message.contains("missing"), "{message}");
+}
+
+#[test]
+fn ome_xml_orders_pages() {
+    let field = Field { sizes: [7, 5, 4, 2, 3], voxel_type: VoxelType::U16 };
+    for (order, axes) in [("XYZCT", "tcz"), ("XYCZT", "tzc"), ("XYTZC", "czt")] {
+        let description = format!(
+            "<?xml version=\"1.0\"?><OME><Image><Pixels DimensionOrder=\"{order}\" SizeX=\"7\" SizeY=\"5\" SizeZ=\"4\" \
+             SizeC=\"2\" SizeT=\"3\" PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"1.5\"/></Image></OME>"
+        );
+        let layout = Layout { description: description.clone(), ..Layout::default() };
+        let (_folder, path) = temp_file("a.ome.tif", &written(field, axes, &layout));
+        let source = opened(&path).unwrap();
+        assert_boxes(&*source, field);
+        assert_eq!(source.info().geometry.spacing, DVec3::new(0.5, 0.5, 1.5));
+        let more = Layout { description: description.replace("SizeZ=\"4\"", "SizeZ=\"9\""), ..Layout::default() };
+        let message = refusal(&written(field, axes, &more), &options());
+        assert!(message.contains("54 planes") && message.contains("24 pages"), "{message}");
+    }
+}
+
+#[test]
+fn pages_go_where_the_user_says() {
+    let field = Field { sizes: [7, 5, 4, 2, 3], voxel_type: VoxelType::U8 };
+    let (_folder, path) = temp_file("a.tif", &written(field, "ctz", &Layout::default()));
+    let told =
+        |axes: &str, channels, times| OpenOptions { axes: Some(axes.parse().unwrap()), channels, times, ..options() };
+    assert_boxes(&*open(std::slice::from_ref(&path), &told("ctzyx", Some(2), Some(3))).unwrap(), field);
+    assert_eq!(open(std::slice::from_ref(&path), &told("tyx", None, None)).unwrap().info().times, 24);
+    let why = |o| open(std::slice::from_ref(&path), &o).err().unwrap().to_string();
+    assert!(why(told("ctzyx", Some(2), None)).contains("--times"));
+    assert!(why(told("ctzyx", Some(5), Some(3))).contains("do not divide"));
+    assert!(why(told("zxy", None, None)).contains("do not end in yx"));
+}
+
+/// Single-plane files `s0.tif`, `s1.tif`, ... in one folder.
+fn planes(field: Field) -> (tempfile::TempDir, Vec<PathBuf>) {
+    let folder = tempfile::tempdir().unwrap();
+    let all = field.bytes("zyx", false);
+    let [x, y, z, ..] = field.sizes;
+    let paths = (0..z).map(|i| {
+        // A plane's file is a stack of one whose bytes are then those of the plane.
+        let one = Field { sizes: [x, y, 1, 1, 1], ..field };
+        let mut bytes = written(one, "z", &Layout { chunk: Err(y), ..Layout::default() });
+        let plane = &all[i as usize * all.len() / z as usize..][..all.len() / z as usize];
+        bytes[8..8 + plane.len()].copy_from_slice(plane);
+        let path = folder.path().join(format!("s{i}.tif"));
+        std::fs::write(&path, bytes).unwrap();
+        path
+    });
+    let paths = paths.collect();
+    (folder, paths)
+}
+
+#[test]
+fn folders_and_lists_of_planes_are_read_in_natural_order() {
+    let field = Field { sizes: [7, 5, 12, 1, 1], voxel_type: VoxelType::U16 };
+    let (folder, mut paths) = planes(field);
+    std::fs::write(folder.path().join("notes.txt"), "x").unwrap();
+    let source = opened(folder.path()).unwrap();
+    assert_boxes(&*source, field);
+    assert!(source.info().notes[0].contains("from s0.tif to s11.tif"), "{:?}", source.info().notes);
+    // As a shell sorts them.
+    paths.sort();
+    assert_boxes(&*open(&paths, &options()).unwrap(), field);
+}
+
+#[test]
+fn planes_that_disagree_name_the_odd_one() {
+    let field = Field { sizes: [7, 5, 4, 1, 1], voxel_type: VoxelType::U16 };
+    let (folder, paths) = planes(field);
+    let odd = Field { sizes: [5, 7, 1, 1, 1], ..field };
+    std::fs::write(&paths[2], written(odd, "z", &Layout::default())).unwrap();
+    let message = opened(folder.path()).err().unwrap().to_string();
+    assert!(message.contains("s2.tif") && message.contains("5x7") && message.contains("7x5"), "{message}");
+    std::fs::write(&paths[2], written(field, "z", &Layout::default())).unwrap();
+    let message = opened(folder.path()).err().unwrap().to_string();
+    assert!(message.contains("s2.tif") && message.contains("several pages"), "{message}");
+    let empty = tempfile::tempdir().unwrap();
+    assert!(opened(empty.path()).err().unwrap().to_string().contains("without TIFF files"));
+}
+
+#[test]
+fn pages_of_another_size_within_a_file_are_refused() {
+    let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type: VoxelType::U8 };
+    let mut bytes = written(field, "z", &Layout::default());
+    // The last directory's width is the first value of tag 256.
+    let at = bytes.windows(8).rposition(|w| w == [0, 1, 4, 0, 1, 0, 0, 0]).unwrap() + 8;
+    bytes[at] = 6;
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("page 3 is 6x5 u8") && message.contains("page 1 is 7x5 u8"), "{message}");
+}
+
+#[test]
+fn cut_files_are_refused_at_opening() {
+    let field = Field { sizes: [40, 30, 3, 1, 1], voxel_type: VoxelType::U8 };
+    let bytes = written(field, "z", &Layout::default());
+    for keep in [bytes.len() - 1, bytes.len() / 2, 100, 9, 3, 0] {
+        let message = refusal(&bytes[..keep], &options());
+        assert!(message.contains("a.tif"), "{message}");
+    }
+    // A directory that is whole, before data that are not.
+    let mut late = bytes.clone();
+    let strips = late.windows(2).rposition(|w| w == [0x11, 1]).unwrap();
+    let list = u32::from_le_bytes(late[strips + 8..strips + 12].try_into().unwrap()) as usize;
+    late[list..list + 4].copy_from_slice(&(bytes.len() as u32).to_le_bytes());
+    let message = refusal(&late, &options());
+    assert!(message.contains("data of page 3") && message.contains("missing"), "{message}");
+}
+
+#[test]
+fn many_threads_read_at_once() {
+    let field = Field { sizes: [33, 17, 20, 1, 1], voxel_type: VoxelType::U16 };
+    let (_folder, path) = temp_file("a.tif", &written(field, "z", &Layout::default()));
+    let source = opened(&path).unwrap();
+    let whole = field.bytes("zyx", false);
+    std::thread::scope(|scope| {
+        for thread in 0..4u32 {
+            let (source, whole) = (&source, &whole);
+            scope.spawn(move || {
+                for i in 0..60 {
+                    let z = (i * 7 + thread * 5) % 20;
+                    let plane = whole.len() / 20;
+                    let mut out = vec![0; plane];
+                    source.read_box(0, 0, VoxelBox::new([0, 0, z], [33, 17, z + 1]), &mut out).unwrap();
+                    assert!(out == whole[z as usize * plane..][..plane]);
+                }
+            });
+        }
+    });
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Damage ends in an error or in wrong voxels, never in a panic.
+    #[test]
+    fn damage_does_not_panic(
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        tiled in any::<bool>(),
+        big_tiff in any::<bool>(),
+    ) {
+        let field = Field { sizes: [9, 5, 2, 1, 1], voxel_type: VoxelType::U16 };
+        let chunk = if tiled { Ok([16, 16]) } else { Err(2) };
+        let layout = Layout { chunk, big_tiff, description: HYPERSTACK.replace("30", "2"), ..Layout::default() };
+        let mut bytes = written(field, "z", &layout);
+        for (place, value) in damage {
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+        }
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        let told = OpenOptions { axes: Some("zyx".parse().unwrap()), allow_lossy: true, ..options() };
+        if let Ok(source) = open(&[path], &told) {
+            let e = source.info().extent;
+            let region = VoxelBox::new([0, 0, 0], [e.x.min(50), e.y.min(50), e.z.min(2)]);
+            let mut out = vec![0; region.extent().volume() as usize * source.info().voxel_type.bytes()];
+            let _ = source.read_box(0, 0, region, &mut out);
+        }
+    }
+}
