@@ -1,1 +1,34 @@
 //! The brick store: an OME-Zarr 0.5 image with side data; pack, open, read, verify, export.
+//!
+//! Format, low to high: [`codec`] turns a brick's core into checked bytes (with `blosc` for shuffled data), [`shard`]
+//! frames many of them into one file, [`side`] holds statistics per brick and fingerprints per shard, [`layout`] says
+//! which file holds what, and [`metadata`] writes and checks the `zarr.json` documents. [`Store`] reads all that.
+
+mod blosc;
+pub mod codec;
+pub mod downsample;
+pub mod error;
+pub mod export;
+pub mod layout;
+pub mod metadata;
+pub mod pack;
+pub mod shard;
+mod shard_file;
+pub mod side;
+mod stats;
+mod store;
+#[cfg(test)]
+mod test_store;
+pub mod verify;
+
+pub use codec::{BrickCodec, Codec, Scratch};
+pub use downsample::Downsample;
+pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
+pub use export::{ExportRequest, export};
+pub use layout::{Layout, ShardId};
+pub use metadata::{ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
+pub use pack::{Exists, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan};
+pub use shard::Fingerprint;
+pub use shard_file::IoMode;
+pub use store::Store;
+pub use verify::{VerifyProblem, VerifyReport, verify};

@@ -1,0 +1,355 @@
+//! The Blosc-1 container around shuffled Zstandard: what the Zarr codec `blosc` with `cname = "zstd"` stores.
+//!
+//! ```text
+//! 0  format version 2 | 1  codec version | 2  flags | 3  typesize | 4  nbytes u32 | 8  blocksize u32 | 12  cbytes u32
+//! 16 start of each block u32 ...        each block: one stream, or one per byte of the type ("split"):
+//!                                       length u32, then Zstandard, or the bytes as they are if the length says so
+//! ```
+//!
+//! The writer makes one block with one stream (blocks of 128 KiB cost 2 % of the ratio on 16-bit data, 15 % on floats, and
+//! decode no faster at 16 bits). The reader takes any container that c-blosc writes with Zstandard: several
+//! blocks, split streams, byte or bit shuffle, stored uncompressed; other compressors are told apart and refused.
+
+use crate::codec::Scratch;
+use crate::error::CodecError;
+
+const HEADER_BYTES: usize = 16;
+/// Header, one block start, one stream length.
+pub(crate) const OVERHEAD_BYTES: usize = HEADER_BYTES + 8;
+
+const VERSION: u8 = 2;
+const BYTE_SHUFFLE: u8 = 0x01;
+const STORED: u8 = 0x02;
+const BIT_SHUFFLE: u8 = 0x04;
+const NOT_SPLIT: u8 = 0x10;
+const ZSTD: u8 = 4;
+/// c-blosc splits no wider types, and no streams shorter than this.
+const MAX_SPLITS: usize = 16;
+const MIN_STREAM_BYTES: usize = 128;
+
+/// Appends `data` (voxels of `typesize` bytes) as one container to `out`.
+pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &[u8], out: &mut Vec<u8>) {
+    let start = out.len();
+    let mut shuffled = std::mem::take(&mut scratch.bytes);
+    shuffled.resize(data.len(), 0);
+    shuffle(typesize, data, &mut shuffled);
+    out.extend_from_slice(&[0; OVERHEAD_BYTES]);
+    scratch.compress(level, &shuffled, out);
+    scratch.bytes = shuffled;
+
+    let stream_bytes = out.len() - start - OVERHEAD_BYTES;
+    let mut flags = ZSTD << 5 | NOT_SPLIT | BYTE_SHUFFLE;
+    // A stream as long as its data would be taken for stored bytes.
+    if stream_bytes >= data.len() {
+        out.truncate(start + HEADER_BYTES);
+        out.extend_from_slice(data);
+        flags |= STORED;
+    } else {
+        let block_start = HEADER_BYTES + 4;
+        out[start + 16..start + 20].copy_from_slice(&(block_start as u32).to_le_bytes());
+        out[start + 20..start + 24].copy_from_slice(&(stream_bytes as u32).to_le_bytes());
+    }
+    let container_bytes = out.len() - start;
+    let header = &mut out[start..start + HEADER_BYTES];
+    header[..4].copy_from_slice(&[VERSION, 1, flags, typesize as u8]);
+    for (at, bytes) in [(4, data.len()), (8, data.len()), (12, container_bytes)] {
+        header[at..at + 4].copy_from_slice(&(bytes as u32).to_le_bytes());
+    }
+}
+
+/// Decodes a container that must hold exactly `out`.
+pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
+    let header = Header::parse(container, out.len())?;
+    let body = &container[..header.container_bytes];
+    if header.flags & STORED != 0 {
+        let stored =
+            body.get(HEADER_BYTES..HEADER_BYTES + out.len()).ok_or_else(|| malformed("stored bytes cut short"))?;
+        out.copy_from_slice(stored);
+        return Ok(());
+    }
+    if header.flags >> 5 != ZSTD {
+        let name = match header.flags >> 5 {
+            0 => "blosclz",
+            1 => "lz4",
+            2 => "snappy",
+            3 => "zlib",
+            _ => "an unknown compressor",
+        };
+        return Err(CodecError::Unsupported(format!("blosc with {name} (only zstd)")));
+    }
+    let mut shuffled = std::mem::take(&mut scratch.bytes);
+    let result = decode_blocks(scratch, &header, body, &mut shuffled, out);
+    scratch.bytes = shuffled;
+    result
+}
+
+struct Header {
+    flags: u8,
+    typesize: usize,
+    block_bytes: usize,
+    container_bytes: usize,
+}
+
+impl Header {
+    fn parse(container: &[u8], expected_bytes: usize) -> Result<Self, CodecError> {
+        let head = container.get(..HEADER_BYTES).ok_or_else(|| malformed("container shorter than its header"))?;
+        let (version, flags, typesize) = (head[0], head[2], head[3] as usize);
+        let [data_bytes, block_bytes, container_bytes] = [4, 8, 12].map(|at| read_u32(head, at).unwrap_or(0));
+        if version != VERSION {
+            return Err(CodecError::Unsupported(format!("blosc format version {version} (only {VERSION})")));
+        }
+        if data_bytes != expected_bytes {
+            return Err(CodecError::Length { expected: expected_bytes as u64, found: data_bytes as u64 });
+        }
+        if container_bytes > container.len() || typesize == 0 || (data_bytes > 0 && block_bytes == 0) {
+            return Err(malformed("header contradicts itself"));
+        }
+        Ok(Self { flags, typesize, block_bytes, container_bytes })
+    }
+}
+
+fn decode_blocks(
+    scratch: &mut Scratch,
+    header: &Header,
+    body: &[u8],
+    shuffled: &mut Vec<u8>,
+    out: &mut [u8],
+) -> Result<(), CodecError> {
+    let byte_shuffled = header.flags & BYTE_SHUFFLE != 0 && header.typesize > 1;
+    let bit_shuffled = header.flags & BIT_SHUFFLE != 0 && header.block_bytes >= header.typesize;
+    for (i, block) in out.chunks_mut(header.block_bytes.max(1)).enumerate() {
+        let start = read_u32(body, HEADER_BYTES + 4 * i).ok_or_else(|| malformed("block starts cut short"))?;
+        // The last block, if shorter, is never split.
+        let split = header.flags & NOT_SPLIT == 0
+            && header.typesize <= MAX_SPLITS
+            && header.block_bytes / header.typesize >= MIN_STREAM_BYTES
+            && block.len() == header.block_bytes;
+        let streams = if split { header.typesize } else { 1 };
+        if byte_shuffled || bit_shuffled {
+            shuffled.resize(block.len(), 0);
+            decode_streams(scratch, body, start, streams, shuffled)?;
+            if byte_shuffled {
+                unshuffle(header.typesize, shuffled, block);
+            } else {
+                unshuffle_bits(header.typesize, shuffled, block);
+            }
+        } else {
+            decode_streams(scratch, body, start, streams, block)?;
+        }
+    }
+    Ok(())
+}
+
+fn decode_streams(
+    scratch: &mut Scratch,
+    body: &[u8],
+    mut at: usize,
+    streams: usize,
+    out: &mut [u8],
+) -> Result<(), CodecError> {
+    let stream_bytes = out.len() / streams;
+    if stream_bytes * streams != out.len() {
+        return Err(malformed("block is not a whole number of streams"));
+    }
+    for part in out.chunks_mut(stream_bytes.max(1)) {
+        let length = read_u32(body, at).ok_or_else(|| malformed("stream length outside the container"))?;
+        let data = body.get(at + 4..).and_then(|d| d.get(..length)).ok_or_else(|| malformed("stream cut short"))?;
+        if length == part.len() {
+            part.copy_from_slice(data);
+        } else {
+            scratch.decompress(data, part)?;
+        }
+        at += 4 + length;
+    }
+    Ok(())
+}
+
+fn malformed(what: &str) -> CodecError {
+    CodecError::Malformed(format!("blosc: {what}"))
+}
+
+fn read_u32(bytes: &[u8], at: usize) -> Option<usize> {
+    let four = bytes.get(at..)?.first_chunk::<4>()?;
+    Some(u32::from_le_bytes(*four) as usize)
+}
+
+/// All first bytes of the elements, then all second ones, ...; bytes past the last whole element stay in place.
+pub(crate) fn shuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
+    let count = data.len() / typesize;
+    let (body, rest) = data.split_at(count * typesize);
+    let (planes, out_rest) = out.split_at_mut(count * typesize);
+    match typesize {
+        2 => wide::split_2(body, planes),
+        4 => wide::split_4(body, planes),
+        _ => {
+            for (k, plane) in planes.chunks_exact_mut(count.max(1)).enumerate() {
+                plane.iter_mut().zip(body.chunks_exact(typesize)).for_each(|(p, v)| *p = v[k]);
+            }
+        }
+    }
+    out_rest.copy_from_slice(rest);
+}
+
+/// Undoes [`shuffle`].
+pub(crate) fn unshuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
+    let count = data.len() / typesize;
+    let (planes, rest) = data.split_at(count * typesize);
+    let (body, out_rest) = out.split_at_mut(count * typesize);
+    match typesize {
+        2 => wide::join_2(planes, body),
+        4 => wide::join_4(planes, body),
+        _ => {
+            for (k, plane) in planes.chunks_exact(count.max(1)).enumerate() {
+                body.chunks_exact_mut(typesize).zip(plane).for_each(|(v, p)| v[k] = *p);
+            }
+        }
+    }
+    out_rest.copy_from_slice(rest);
+}
+
+/// The loops for 2 and 4 bytes, in a form that the compiler turns into vector shifts; compiled for AVX2 too, where the
+/// processor has it.
+mod wide {
+    macro_rules! dispatched {
+        ($(#[$doc:meta])* $name:ident, $from:ident, $to:ident, $body:block) => {
+            $(#[$doc])*
+            pub(super) fn $name($from: &[u8], $to: &mut [u8]) {
+                #[cfg(target_arch = "x86_64")]
+                if std::arch::is_x86_feature_detected!("avx2") {
+                    #[target_feature(enable = "avx2")]
+                    fn avx2($from: &[u8], $to: &mut [u8]) $body
+                    // SAFETY: the processor has the feature.
+                    return unsafe { avx2($from, $to) };
+                }
+                $body
+            }
+        };
+    }
+
+    dispatched!(split_2, data, planes, {
+        let (low, high) = planes.split_at_mut(data.len() / 2);
+        for ((v, l), h) in data.as_chunks::<2>().0.iter().zip(low).zip(high) {
+            [*l, *h] = *v;
+        }
+    });
+    dispatched!(join_2, planes, data, {
+        let (low, high) = planes.split_at(data.len() / 2);
+        for ((v, &l), &h) in data.as_chunks_mut::<2>().0.iter_mut().zip(low).zip(high) {
+            *v = (l as u16 | (h as u16) << 8).to_le_bytes();
+        }
+    });
+    dispatched!(split_4, data, planes, {
+        let (ab, cd) = planes.split_at_mut(data.len() / 2);
+        let ((a, b), (c, d)) = (ab.split_at_mut(data.len() / 4), cd.split_at_mut(data.len() / 4));
+        for ((((v, a), b), c), d) in data.as_chunks::<4>().0.iter().zip(a).zip(b).zip(c).zip(d) {
+            let v = u32::from_le_bytes(*v);
+            (*a, *b, *c, *d) = (v as u8, (v >> 8) as u8, (v >> 16) as u8, (v >> 24) as u8);
+        }
+    });
+    dispatched!(join_4, planes, data, {
+        let (ab, cd) = planes.split_at(data.len() / 2);
+        let ((a, b), (c, d)) = (ab.split_at(ab.len() / 2), cd.split_at(cd.len() / 2));
+        for ((((v, &a), &b), &c), &d) in data.as_chunks_mut::<4>().0.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *v = (a as u32 | (b as u32) << 8 | (c as u32) << 16 | (d as u32) << 24).to_le_bytes();
+        }
+    });
+}
+
+/// Undoes Blosc's bit shuffle: row `b` of `8 * typesize` holds bit `b` of all elements, eight to a byte. It is applied only
+/// to multiples of eight elements; any other block is stored in its own order.
+fn unshuffle_bits(typesize: usize, data: &[u8], out: &mut [u8]) {
+    let count = data.len() / typesize;
+    out.copy_from_slice(data);
+    if !count.is_multiple_of(8) || count == 0 {
+        return;
+    }
+    let body = &mut out[..count * typesize];
+    body.fill(0);
+    for (b, row) in data[..count * typesize].chunks_exact(count / 8).enumerate() {
+        for (i, element) in body.chunks_exact_mut(typesize).enumerate() {
+            element[b / 8] |= (row[i / 8] >> (i % 8) & 1) << (b % 8);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn from_hex(hex: &str) -> Vec<u8> {
+        (0..hex.len()).step_by(2).map(|i| u8::from_str_radix(&hex[i..i + 2], 16).unwrap()).collect()
+    }
+
+    fn decoded(container: &[u8], bytes: usize) -> Result<Vec<u8>, CodecError> {
+        let mut out = vec![0; bytes];
+        decode(&mut Scratch::default(), container, &mut out).map(|()| out)
+    }
+
+    /// `count` 16-bit voxels, each value nine times.
+    fn steps(count: u16) -> Vec<u8> {
+        (0..count).flat_map(|i| (i / 9 * 3).to_le_bytes()).collect()
+    }
+
+    /// Made by c-blosc 1.21 through numcodecs 0.16.
+    #[test]
+    fn foreign_containers_decode() {
+        let three_blocks_byte_shuffled = "02019102b004000000020000ce0000001c00000061000000a50000004100000028b52ffd600001bd0100240200000306090c\
+         0f1215181b1e2124272a2d303336393c3f4245484b4e5154545454001d9810f8ac010010467cfdffff33fcf33a9001400000\
+         0028b52ffd600001b5010024025454545454575a5d606366696c6f7275787b7e8184878a8d909396999c9fa2a5a8001d9810\
+         f09b010010467cfdffff33fc84a7a42500000028b52ffd20b0e5000060a8abaeb1b4b7babdc0c3c6000b9010f00e0034edbd\
+         f7def35e5f19";
+        assert_eq!(decoded(&from_hex(three_blocks_byte_shuffled), 1200).unwrap(), steps(600));
+        let three_blocks_bit_shuffled = "020194025802000000010000ed0000001c0000006f000000c60000004f00000028b52ffd6000002d0200040300fe03f80fe0\
+         3f80ff00feff0700e0ff7f000000fc07f0ff3f80000000f8ffffffff070000c000c0ff0700f8ffffff00082030037b1c4a13\
+         0c8641b8064d38f930b3475300000028b52ffd6000004d0200e40280ff00fe03f80fe03f7f0000feff0700e0ff80ff0000fc\
+         07f0ff3fff000000f8ffff3f0000ffffff0700ffffc0000a000c1c959df9705bcce4c77362e65d2aad82278193748b1c2300\
+         000028b52ffd2058d50000605400575a5d6063006300630005006016301f981998a2d76101";
+        assert_eq!(decoded(&from_hex(three_blocks_bit_shuffled), 600).unwrap(), steps(300));
+        let stored = "02019302180000001800000028000000ffe42279f3bd068366a852c1bb9651f3cd18ec08f6a4e724";
+        assert_eq!(decoded(&from_hex(stored), 24).unwrap(), from_hex(stored)[16..]);
+        let lz4 = "02013102c8000000c800000023000000140000000b0000001f000100af500000000000";
+        let error = decoded(&from_hex(lz4), 200).unwrap_err();
+        assert_eq!(error, CodecError::Unsupported("blosc with lz4 (only zstd)".into()));
+    }
+
+    /// Older c-blosc wrote one stream per byte of the type, but not in a shorter last block.
+    #[test]
+    fn split_streams_decode() {
+        const BLOCK_BYTES: usize = 512;
+        let data = steps(600);
+        let mut scratch = Scratch::default();
+        let starts = HEADER_BYTES + 4 * data.len().div_ceil(BLOCK_BYTES);
+        let (mut header, mut body) = (Vec::new(), Vec::new());
+        for block in data.chunks(BLOCK_BYTES) {
+            header.extend_from_slice(&((starts + body.len()) as u32).to_le_bytes());
+            let mut shuffled = vec![0; block.len()];
+            shuffle(2, block, &mut shuffled);
+            let streams = if block.len() == BLOCK_BYTES { 2 } else { 1 };
+            for stream in shuffled.chunks(block.len() / streams) {
+                let mut frame = Vec::new();
+                scratch.compress(1, stream, &mut frame);
+                body.extend_from_slice(&(frame.len() as u32).to_le_bytes());
+                body.extend_from_slice(&frame);
+            }
+        }
+        let sizes = [data.len(), BLOCK_BYTES, starts + body.len()].map(|n| (n as u32).to_le_bytes());
+        let container = [&[2, 1, ZSTD << 5 | BYTE_SHUFFLE, 2], sizes.as_flattened(), &header, &body].concat();
+        assert_eq!(decoded(&container, data.len()).unwrap(), data);
+    }
+
+    #[test]
+    fn shuffles_invert_at_every_width() {
+        for typesize in 1..=8 {
+            for bytes in [0, 1, 7, 64, 67, 250] {
+                let data: Vec<u8> = (0..bytes).map(|i| (i * 37 % 251) as u8).collect();
+                let (mut shuffled, mut back) = (vec![0; bytes], vec![0; bytes]);
+                shuffle(typesize, &data, &mut shuffled);
+                unshuffle(typesize, &shuffled, &mut back);
+                assert_eq!(back, data, "{typesize} {bytes}");
+            }
+        }
+        let mut planes = [0; 7];
+        shuffle(2, &[1, 2, 3, 4, 5, 6, 7], &mut planes);
+        assert_eq!(planes, [1, 3, 5, 2, 4, 6, 7]);
+    }
+}

@@ -1,0 +1,231 @@
+//! What can go wrong with a store, by what the caller can do about it.
+
+use brickyard_volume::BrickId;
+use std::path::{Path, PathBuf};
+
+/// Why a store cannot be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// There is nothing here that could be a store.
+    #[error("{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT {path}' makes one", path = path.display())]
+    NotAStore {
+        /// The directory asked for.
+        path: PathBuf,
+    },
+    /// A pack was interrupted: the journal is there, the completion marker is not.
+    #[error(
+        "{path}: incomplete store, {percent} % packed; finish it with 'brickyard pack INPUT {path} --resume' or start over \
+         with --overwrite",
+        path = path.display()
+    )]
+    Incomplete {
+        /// The store.
+        path: PathBuf,
+        /// How much of it is there, 0 to 99.
+        percent: u8,
+    },
+    /// Sound, but with something that is not read yet.
+    #[error("{path}: {feature} is not supported", path = path.display())]
+    Unsupported {
+        /// The file that says so.
+        path: PathBuf,
+        /// What it uses, and what to do.
+        feature: String,
+    },
+    /// A field contradicts the format or another field.
+    #[error("{path}: {field}: expected {expected}, found {found}", path = path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// The field inside it.
+        field: String,
+        /// What should be there.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// The operating system refused.
+    #[error("{path}: {error}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        #[source]
+        error: std::io::Error,
+    },
+}
+
+impl OpenError {
+    pub(crate) fn invalid(
+        path: &Path,
+        field: impl Into<String>,
+        expected: impl std::fmt::Display,
+        found: impl std::fmt::Display,
+    ) -> Self {
+        Self::Invalid {
+            path: path.into(),
+            field: field.into(),
+            expected: expected.to_string(),
+            found: found.to_string(),
+        }
+    }
+}
+
+/// Why a brick cannot be read from an open store.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The store says that this file exists.
+    #[error("{path}: missing shard (the store was packed with it); pack again or restore the file", path = path.display())]
+    MissingShard {
+        /// The shard.
+        path: PathBuf,
+    },
+    /// The file is not the one that was packed.
+    #[error(
+        "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another tool); pack again or restore \
+         the file",
+        path = path.display()
+    )]
+    Rewritten {
+        /// The shard.
+        path: PathBuf,
+        /// What differs: the length or the index checksum.
+        what: &'static str,
+        /// As packed.
+        expected: u64,
+        /// As found.
+        found: u64,
+    },
+    /// The shard's index is damaged, so none of its bricks can be found.
+    #[error("{path}: damaged shard index: {error}", path = path.display())]
+    CorruptIndex {
+        /// The shard.
+        path: PathBuf,
+        /// How.
+        #[source]
+        error: ShardError,
+    },
+    /// One brick is damaged.
+    #[error("{path}: {id}: {error}", path = path.display())]
+    CorruptBrick {
+        /// The shard.
+        path: PathBuf,
+        /// The brick.
+        id: BrickId,
+        /// How.
+        #[source]
+        error: CodecError,
+    },
+    /// The operating system refused.
+    #[error("{path}: {error}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        #[source]
+        error: std::io::Error,
+    },
+}
+
+/// Why a shard's index cannot be trusted.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ShardError {
+    /// Not even room for the index.
+    #[error("the file has {found} bytes, its index alone needs {expected}")]
+    TooShort {
+        /// Bytes of the index.
+        expected: u64,
+        /// Bytes of the file.
+        found: u64,
+    },
+    /// The index does not match its checksum.
+    #[error("index checksum: stored {stored:08x}, computed {computed:08x}")]
+    Checksum {
+        /// In the file.
+        stored: u32,
+        /// Of the bytes in the file.
+        computed: u32,
+    },
+    /// An entry points outside the data, or is larger than an encoded brick can be.
+    #[error(
+        "index entry {slot}: {length} bytes at {offset} do not fit {data} bytes of data in bricks of at most {cap}"
+    )]
+    Range {
+        /// Which entry.
+        slot: usize,
+        /// As stored.
+        offset: u64,
+        /// As stored.
+        length: u64,
+        /// Bytes before the index.
+        data: u64,
+        /// The greatest length that an encoded brick may have.
+        cap: u64,
+    },
+}
+
+/// Why a brick's bytes cannot be decoded.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CodecError {
+    /// The bytes do not match their checksum.
+    #[error("damaged brick: checksum stored {stored:08x}, computed {computed:08x}")]
+    Checksum {
+        /// In the file.
+        stored: u32,
+        /// Of the bytes in the file.
+        computed: u32,
+    },
+    /// The decoded brick has the wrong size.
+    #[error("damaged brick: {found} bytes decoded, expected {expected}")]
+    Length {
+        /// Bytes of a core.
+        expected: u64,
+        /// Bytes decoded, or announced.
+        found: u64,
+    },
+    /// The bytes pass their checksum but are not what the codec writes.
+    #[error("damaged brick: {0}")]
+    Malformed(String),
+    /// A sound container with something that is not read.
+    #[error("{0} is not supported")]
+    Unsupported(String),
+}
+
+/// Why an export failed. Nothing is left under the output's name then.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The output is there already.
+    #[error("{path}: exists already; choose another name or pass --overwrite", path = path.display())]
+    Exists {
+        /// The output.
+        path: PathBuf,
+    },
+    /// The output's extension names no format that is written.
+    #[error("{path}: cannot export to this extension; supported: .raw, .npy", path = path.display())]
+    Extension {
+        /// The output.
+        path: PathBuf,
+    },
+    /// The store has no such level, time step, channel or box.
+    #[error("{what} {found} is outside the store: expected {expected}")]
+    Outside {
+        /// Which request.
+        what: &'static str,
+        /// What was asked for.
+        found: String,
+        /// What there is.
+        expected: String,
+    },
+    /// A brick could not be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The operating system refused.
+    #[error("{path}: {error}", path = path.display())]
+    Io {
+        /// The output.
+        path: PathBuf,
+        /// What it said.
+        #[source]
+        error: std::io::Error,
+    },
+}

@@ -1,0 +1,232 @@
+//! Export: one level, or a box of it, of one time step and channel, as one file.
+//!
+//! `.raw` is the voxels alone, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x). Rows of bricks are
+//! decoded on all threads and written at their places, so a thread holds one row of bricks whatever the size of the box.
+//! The file gets its name when it is whole; until then it has a temporary one beside it.
+
+use crate::error::ExportError;
+use crate::store::Store;
+use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
+use rayon::prelude::*;
+use std::fs::File;
+use std::io::Write;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What to export.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExportRequest {
+    /// Level.
+    pub level: Level,
+    /// Time step.
+    pub time: u32,
+    /// Channel.
+    pub channel: u32,
+    /// Box in the level's voxels; `None` is all of it.
+    pub region: Option<VoxelBox>,
+    /// Whether an existing file may be replaced.
+    pub overwrite: bool,
+}
+
+/// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. `progress` is told bytes
+/// written and bytes in all. Returns the extent written.
+///
+/// # Errors
+/// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
+/// cannot be read, or the file cannot be written. Nothing is left behind then.
+pub fn export(
+    store: &Store,
+    output: &Path,
+    request: &ExportRequest,
+    progress: impl Fn(u64, u64) + Sync,
+) -> Result<Extent, ExportError> {
+    let region = checked_region(store, request)?;
+    let extent = region.extent();
+    let header = match output.extension().and_then(|e| e.to_str()) {
+        Some("raw") => Vec::new(),
+        Some("npy") => npy_header(store.voxel_type(), extent),
+        _ => return Err(ExportError::Extension { path: output.into() }),
+    };
+    if !request.overwrite && output.symlink_metadata().is_ok() {
+        return Err(ExportError::Exists { path: output.into() });
+    }
+    let io = |error| ExportError::Io { path: output.into(), error };
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::Builder::new().prefix(".brickyard-export").tempfile_in(folder).map_err(io)?;
+    file.write_all(&header).map_err(io)?;
+    write_voxels(store, request, region, file.as_file(), header.len() as u64, output, &progress)?;
+    file.as_file().sync_all().map_err(io)?;
+    make_readable(file.as_file()).map_err(io)?;
+    let persisted = if request.overwrite { file.persist(output) } else { file.persist_noclobber(output) };
+    persisted.map_err(|e| match e.error.kind() {
+        std::io::ErrorKind::AlreadyExists => ExportError::Exists { path: output.into() },
+        _ => io(e.error),
+    })?;
+    Ok(extent)
+}
+
+fn checked_region(store: &Store, request: &ExportRequest) -> Result<VoxelBox, ExportError> {
+    let below = |what, found: u32, count: u32| match found < count {
+        true => Ok(()),
+        false => {
+            let expected = format!("0 to {}", count - 1);
+            Err(ExportError::Outside { what, found: found.to_string(), expected })
+        }
+    };
+    below("level", request.level.0.into(), store.pyramid().levels().len() as u32)?;
+    below("time step", request.time, store.times())?;
+    below("channel", request.channel, store.channels())?;
+    let whole = store.pyramid().level(request.level).extent.full_box();
+    let region = request.region.unwrap_or(whole);
+    if region.is_empty() || region.intersect(whole) != region {
+        let show = |b: VoxelBox| {
+            let (min, max) = (b.min, b.max);
+            format!("{}:{},{}:{},{}:{}", min.x, max.x, min.y, max.y, min.z, max.z)
+        };
+        let expected = format!("a box inside {} of level {}", show(whole), request.level);
+        return Err(ExportError::Outside { what: "box", found: show(region), expected });
+    }
+    Ok(region)
+}
+
+/// Writes the voxels of `region` from byte `start` of the file.
+fn write_voxels(
+    store: &Store,
+    request: &ExportRequest,
+    region: VoxelBox,
+    file: &File,
+    start: u64,
+    output: &Path,
+    progress: &(impl Fn(u64, u64) + Sync),
+) -> Result<(), ExportError> {
+    let edge = store.pyramid().edge();
+    let voxel_bytes = store.voxel_type().bytes() as u64;
+    let extent = region.extent();
+    let total = extent.volume() * voxel_bytes;
+    let done = AtomicU64::new(0);
+    let bars: Vec<VoxelBox> = cuts(region.min.z, region.max.z, edge)
+        .flat_map(|(z0, z1)| {
+            cuts(region.min.y, region.max.y, edge)
+                .map(move |(y0, y1)| VoxelBox::new([region.min.x, y0, z0], [region.max.x, y1, z1]))
+        })
+        .collect();
+    bars.into_par_iter().try_for_each_init(Vec::new, |buffer, bar| {
+        buffer.resize((bar.extent().volume() * voxel_bytes) as usize, 0);
+        store.read_box(request.time, request.channel, request.level, bar, buffer)?;
+        // The rows of one slice of the bar lie together in the file.
+        let slice_bytes = bar.extent().x as usize * bar.extent().y as usize * voxel_bytes as usize;
+        for (z, slice) in (bar.min.z..).zip(buffer.chunks_exact(slice_bytes)) {
+            let at = extent.linear([0, bar.min.y - region.min.y, z - region.min.z]) * voxel_bytes;
+            file.write_all_at(slice, start + at).map_err(|error| ExportError::Io { path: output.into(), error })?;
+        }
+        let bytes = buffer.len() as u64;
+        progress(done.fetch_add(bytes, Ordering::Relaxed) + bytes, total);
+        Ok(())
+    })
+}
+
+/// `[from, to)` cut at multiples of `edge`.
+fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
+    (from / edge..to.div_ceil(edge)).map(move |i| (from.max(i * edge), to.min((i + 1).saturating_mul(edge))))
+}
+
+/// The header of a version 1.0 `.npy` file: a Python dictionary, padded so that the data start at a multiple of 64.
+fn npy_header(voxel_type: VoxelType, extent: Extent) -> Vec<u8> {
+    let descr = match voxel_type {
+        VoxelType::U8 => "|u1",
+        VoxelType::I8 => "|i1",
+        VoxelType::U16 => "<u2",
+        VoxelType::I16 => "<i2",
+        VoxelType::U32 => "<u4",
+        VoxelType::I32 => "<i4",
+        VoxelType::F32 => "<f4",
+    };
+    let Extent { x, y, z } = extent;
+    let dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
+    let bytes = (MAGIC.len() + 2 + dictionary.len() + 1).next_multiple_of(64);
+    let padded = format!("{dictionary:width$}\n", width = bytes - MAGIC.len() - 3);
+    [MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat()
+}
+
+/// Temporary files are private; an export has the permissions of any new file.
+fn make_readable(file: &File) -> std::io::Result<()> {
+    let mask = rustix::process::umask(rustix::fs::Mode::empty());
+    rustix::process::umask(mask);
+    rustix::fs::fchmod(file, rustix::fs::Mode::from_raw_mode(0o666) & !mask)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::Codec;
+    use crate::test_store::{TestStore, bumps, voxels};
+    use std::sync::atomic::AtomicBool;
+
+    fn store(spec: &TestStore) -> (tempfile::TempDir, Store) {
+        let dir = tempfile::tempdir().unwrap();
+        spec.write(dir.path(), bumps);
+        let store = Store::open(dir.path()).unwrap();
+        (dir, store)
+    }
+
+    #[test]
+    fn raw_is_the_voxels_alone() {
+        let spec = TestStore { times: 2, channels: 2, ..TestStore::default() };
+        let (dir, store) = store(&spec);
+        let output = dir.path().join("out.raw");
+        let whole = AtomicBool::new(false);
+        for level in 0..store.pyramid().levels().len() {
+            let request =
+                ExportRequest { level: Level(level as u8), time: 1, channel: 1, overwrite: true, region: None };
+            export(&store, &output, &request, |done, total| whole.store(done == total, Ordering::Relaxed)).unwrap();
+            let expected = spec.levels(|v| bumps(1, 1, v)).swap_remove(level);
+            let expected: Vec<u8> = expected.into_iter().flat_map(|v| spec.bytes_of(v)).collect();
+            assert!(std::fs::read(&output).unwrap() == expected, "level {level}");
+        }
+        assert!(whole.into_inner());
+    }
+
+    #[test]
+    fn npy_of_a_box_reads_back() {
+        for voxel_type in VoxelType::ALL {
+            let spec = TestStore { voxel_type, codec: Codec::default_for(voxel_type), ..TestStore::default() };
+            let (dir, store) = store(&spec);
+            let output = dir.path().join("out.npy");
+            let region = VoxelBox::new([3, 8, 2], [36, 17, 19]);
+            export(&store, &output, &ExportRequest { region: Some(region), ..Default::default() }, |_, _| {}).unwrap();
+            let bytes = std::fs::read(&output).unwrap();
+            let header = u16::from_le_bytes([bytes[8], bytes[9]]) as usize + 10;
+            assert_eq!((header % 64, bytes[header - 1]), (0, b'\n'));
+            let text = std::str::from_utf8(&bytes[10..header]).unwrap();
+            assert!(text.contains("'shape': (17, 9, 33)"), "{text}");
+            let expected: Vec<u8> = voxels(region).flat_map(|v| spec.bytes_of(bumps(0, 0, v))).collect();
+            assert!(bytes[header..] == expected, "{voxel_type}");
+        }
+    }
+
+    #[test]
+    fn refusals_leave_nothing_behind() {
+        let (dir, store) = store(&TestStore::default());
+        let out = tempfile::tempdir().unwrap();
+        let attempt = |name: &str, request: ExportRequest| {
+            export(&store, &out.path().join(name), &request, |_, _| {}).unwrap_err().to_string()
+        };
+        let request = ExportRequest::default();
+        assert!(attempt("a.tif", request).contains(".raw, .npy"));
+        assert!(attempt("a.raw", ExportRequest { level: Level(9), ..request }).contains("expected 0 to 3"));
+        assert!(attempt("a.raw", ExportRequest { time: 1, ..request }).contains("time step 1"));
+        assert!(attempt("a.raw", ExportRequest { channel: 1, ..request }).contains("channel 1"));
+        let region = Some(VoxelBox::new([0, 0, 0], [38, 1, 1]));
+        assert!(attempt("a.raw", ExportRequest { region, ..request }).contains("inside 0:37,0:20,0:19"));
+        assert!(attempt("no/a.raw", request).contains("No such file"));
+        std::fs::remove_file(dir.path().join("0/c/1/1/1")).unwrap();
+        assert!(attempt("a.raw", request).contains("missing shard"));
+        assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
+        std::fs::write(out.path().join("a.raw"), "mine").unwrap();
+        assert!(attempt("a.raw", request).contains("--overwrite"));
+        assert_eq!(std::fs::read(out.path().join("a.raw")).unwrap(), b"mine");
+    }
+}

@@ -1,0 +1,228 @@
+//! Which file holds what: axes, shard grids, paths, and the places of bricks and shards in the side data. Arithmetic only.
+//!
+//! ```text
+//! STORE/zarr.json                      root group, written last: the completion marker
+//! STORE/.brickyard-journal             only while packing
+//! STORE/K/zarr.json                    level K
+//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
+//! STORE/K/.brickyard/{minmax,occupancy,shards}/   its side data
+//! ```
+
+use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
+use std::path::{Path, PathBuf};
+
+/// Voxels along a shard's edge unless a store says otherwise.
+pub const DEFAULT_SHARD_EDGE: u32 = 512;
+
+/// Present in a store directory exactly while a pack is unfinished. Its first line is a JSON object whose `shards` is the
+/// number of shards to come; every further complete line is one finished shard.
+pub const JOURNAL_NAME: &str = ".brickyard-journal";
+
+/// The key of one shard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ShardId {
+    /// Time step.
+    pub time: u32,
+    /// Channel.
+    pub channel: u32,
+    /// Level.
+    pub level: Level,
+    /// Place in the level's shard grid along z.
+    pub z: u32,
+    /// Along y.
+    pub y: u32,
+    /// Along x.
+    pub x: u32,
+}
+
+/// The arrangement of a store's bricks into shards and files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Levels and brick grids.
+    pub pyramid: Pyramid,
+    /// Number of time steps, at least 1.
+    pub times: u32,
+    /// Number of channels, at least 1.
+    pub channels: u32,
+    /// Most bricks along a shard's edge.
+    max_shard_bricks: u32,
+}
+
+impl Layout {
+    /// A layout with shards of at most `shard_edge` voxels an axis (at least one brick).
+    pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
+        let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
+        Self { pyramid, times, channels, max_shard_bricks }
+    }
+
+    /// The store's axes, slowest first: `t` and `c` only where there is more than one of them, then `z`, `y`, `x`.
+    pub fn axes(&self) -> Vec<&'static str> {
+        let t = (self.times > 1).then_some("t");
+        let c = (self.channels > 1).then_some("c");
+        t.into_iter().chain(c).chain(["z", "y", "x"]).collect()
+    }
+
+    /// A value per axis, in the order of [`Layout::axes`], from the values for t, c and `[x, y, z]`.
+    pub fn per_axis<T: Copy>(&self, t: T, c: T, [x, y, z]: [T; 3]) -> Vec<T> {
+        let t = (self.times > 1).then_some(t);
+        let c = (self.channels > 1).then_some(c);
+        t.into_iter().chain(c).chain([z, y, x]).collect()
+    }
+
+    /// Bricks of a shard along each axis (of whole shards; those at the far faces may reach past the grid).
+    pub fn shard_bricks(&self, level: Level) -> Extent {
+        let bricks = self.pyramid.level(level).bricks.to_array();
+        Extent::from_array(bricks.map(|n| n.min(self.max_shard_bricks)))
+    }
+
+    /// Shards of a level along each axis, for one time step and channel.
+    pub fn shard_grid(&self, level: Level) -> Extent {
+        let bricks = self.pyramid.level(level).bricks.to_array();
+        let shard = self.shard_bricks(level).to_array();
+        Extent::from_array(std::array::from_fn(|a| bricks[a].div_ceil(shard[a])))
+    }
+
+    /// The shard that holds a brick, and the brick's entry in its index.
+    pub fn shard_of(&self, id: BrickId) -> (ShardId, usize) {
+        let shard = self.shard_bricks(id.level);
+        let (i, s) = (id.index.to_array(), shard.to_array());
+        let [x, y, z] = std::array::from_fn(|a| i[a] / s[a]);
+        let slot = shard.linear(std::array::from_fn(|a| i[a] % s[a])) as usize;
+        (ShardId { time: id.time, channel: id.channel, level: id.level, z, y, x }, slot)
+    }
+
+    /// The brick of entry `slot` of a shard's index; `None` where the shard reaches past the grid.
+    pub fn brick_at(&self, shard: ShardId, slot: usize) -> Option<BrickId> {
+        let s = self.shard_bricks(shard.level).to_array();
+        let slot = slot as u32;
+        let inner = [slot % s[0], slot / s[0] % s[1], slot / (s[0] * s[1])];
+        let corner = [shard.x, shard.y, shard.z];
+        let index: [u32; 3] = std::array::from_fn(|a| corner[a] * s[a] + inner[a]);
+        self.pyramid.level(shard.level).bricks.contains(index).then_some(BrickId {
+            time: shard.time,
+            channel: shard.channel,
+            level: shard.level,
+            index: BrickIndex::from_array(index),
+        })
+    }
+
+    /// All shards of a level, in the order of the side data.
+    pub fn shards(&self, level: Level) -> impl Iterator<Item = ShardId> + use<> {
+        let grid = self.shard_grid(level);
+        let (channels, per_volume) = (self.channels as u64, grid.volume());
+        (0..self.times as u64 * channels * per_volume).map(move |i| {
+            let (volume, cell) = (i / per_volume, i % per_volume);
+            let (gx, gy) = (grid.x as u64, grid.y as u64);
+            ShardId {
+                time: (volume / channels) as u32,
+                channel: (volume % channels) as u32,
+                level,
+                z: (cell / (gx * gy)) as u32,
+                y: (cell / gx % gy) as u32,
+                x: (cell % gx) as u32,
+            }
+        })
+    }
+
+    /// The brick's place in its level's side data, row-major in (t, c, z, y, x).
+    pub fn brick_place(&self, id: BrickId) -> usize {
+        let grid = self.pyramid.level(id.level).bricks;
+        let volume = id.time as u64 * self.channels as u64 + id.channel as u64;
+        (volume * grid.volume() + grid.linear(id.index.to_array())) as usize
+    }
+
+    /// The shard's place in its level's side data, row-major in (t, c, z, y, x).
+    pub fn shard_place(&self, id: ShardId) -> usize {
+        let grid = self.shard_grid(id.level);
+        let volume = id.time as u64 * self.channels as u64 + id.channel as u64;
+        (volume * grid.volume() + grid.linear([id.x, id.y, id.z])) as usize
+    }
+
+    /// The shard's file.
+    pub fn shard_path(&self, store: &Path, id: ShardId) -> PathBuf {
+        let mut path = store.join(id.level.to_string());
+        path.push("c");
+        path.extend(self.per_axis(id.time, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
+        path
+    }
+
+    /// Whether the store has such a brick.
+    pub fn contains(&self, id: BrickId) -> bool {
+        id.time < self.times
+            && id.channel < self.channels
+            && id.level <= self.pyramid.coarsest()
+            && self.pyramid.level(id.level).bricks.contains(id.index.to_array())
+    }
+}
+
+/// The folder of a level's side data.
+pub fn side_dir(store: &Path, level: Level) -> PathBuf {
+    store.join(level.to_string()).join(".brickyard")
+}
+
+/// How much of an unfinished store its journal says is there, 0 to 99; `None` if the journal cannot be read.
+pub fn journal_percent(store: &Path) -> Option<u8> {
+    let journal = std::fs::read(store.join(JOURNAL_NAME)).ok()?;
+    let mut lines = journal.split_inclusive(|&b| b == b'\n');
+    let head: serde_json::Value = serde_json::from_slice(lines.next()?).ok()?;
+    let total = head.get("shards")?.as_u64()?.max(1);
+    let done = lines.filter(|l| l.ends_with(b"\n")).count() as u64;
+    Some((done.saturating_mul(100) / total).min(99) as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn layout(times: u32, channels: u32) -> Layout {
+        Layout::new(Pyramid::new(Extent::new(100, 37, 211), [1.0; 3], 16), times, channels, 64)
+    }
+
+    #[test]
+    fn bricks_and_shards_map_both_ways() {
+        let l = layout(2, 3);
+        for level in 0..l.pyramid.levels().len() {
+            let level = Level(level as u8);
+            let mut seen = vec![false; 6 * l.pyramid.level(level).bricks.volume() as usize];
+            for (place, shard) in l.shards(level).enumerate() {
+                assert_eq!(l.shard_place(shard), place);
+                for slot in 0..l.shard_bricks(level).volume() as usize {
+                    let Some(id) = l.brick_at(shard, slot) else { continue };
+                    assert_eq!(l.shard_of(id), (shard, slot));
+                    assert!(!std::mem::replace(&mut seen[l.brick_place(id)], true));
+                }
+            }
+            assert!(seen.iter().all(|&s| s));
+        }
+    }
+
+    #[test]
+    fn paths_name_only_the_axes_there_are() {
+        let shard = ShardId { time: 1, channel: 2, level: Level(0), z: 3, y: 0, x: 1 };
+        let path = |l: Layout, s| l.shard_path(Path::new("a.zarr"), s).to_string_lossy().into_owned();
+        assert_eq!(path(layout(2, 3), shard), "a.zarr/0/c/1/2/3/0/1");
+        assert_eq!(path(layout(1, 3), ShardId { time: 0, ..shard }), "a.zarr/0/c/2/3/0/1");
+        assert_eq!(path(layout(1, 1), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/3/0/1");
+    }
+
+    #[test]
+    fn small_levels_have_small_shards() {
+        let l = layout(1, 1);
+        assert_eq!(l.shard_bricks(Level(0)), Extent::new(4, 3, 4));
+        assert_eq!(l.shard_grid(Level(0)), Extent::new(2, 1, 4));
+        assert_eq!(l.shard_bricks(l.pyramid.coarsest()), Extent::new(1, 1, 1));
+    }
+
+    #[test]
+    fn a_journal_tells_how_far_a_pack_came() {
+        let dir = tempfile::tempdir().unwrap();
+        let percent = |text: &str| {
+            std::fs::write(dir.path().join(JOURNAL_NAME), text).unwrap();
+            journal_percent(dir.path())
+        };
+        assert_eq!(percent("{\"shards\": 8}\na\nb\n"), Some(25));
+        assert_eq!(percent("{\"shards\": 8}\na\nb\nhalf a li"), Some(25));
+        assert_eq!(percent("{\"shards\": 1}\na\n"), Some(99));
+        assert_eq!(percent("{\"sha"), None);
+    }
+}

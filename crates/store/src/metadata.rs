@@ -1,0 +1,413 @@
+//! The `zarr.json` documents: written by pack, checked field by field on open.
+//!
+//! The root group's `attributes.ome` is OME-Zarr 0.5's own and the truth about placement; `attributes.brickyard` is
+//! [`StoreInfo`]: settings and statistics. Since settings decide every array document, opening writes the documents it
+//! expects and compares. Unknown keys are left alone, so other tools may add theirs.
+
+use crate::codec::Codec;
+use crate::downsample::Downsample;
+use crate::error::OpenError;
+use crate::layout::Layout;
+use brickyard_volume::{Extent, Geometry, Level, OccupancyBins, Pyramid, VoxelType};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// The version of the `brickyard` attribute that is written and read.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Bins of a [`Histogram`].
+pub const HISTOGRAM_BINS: usize = 256;
+
+/// What the values mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Intensities: interpolated.
+    #[default]
+    Image,
+    /// Identifiers: never mixed.
+    Labels,
+}
+
+/// Values below which a share of a channel's valid voxels lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Percentiles {
+    /// 0.1 %.
+    #[serde(rename = "0.1")]
+    pub p0_1: f64,
+    /// 1 %.
+    #[serde(rename = "1")]
+    pub p1: f64,
+    /// 5 %.
+    #[serde(rename = "5")]
+    pub p5: f64,
+    /// 50 %.
+    #[serde(rename = "50")]
+    pub p50: f64,
+    /// 95 %.
+    #[serde(rename = "95")]
+    pub p95: f64,
+    /// 99 %.
+    #[serde(rename = "99")]
+    pub p99: f64,
+    /// 99.9 %.
+    #[serde(rename = "99.9")]
+    pub p99_9: f64,
+}
+
+/// Counts of level-0 values in equal bins; the outer bins are open ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Histogram {
+    /// Lower edge of the first bin.
+    pub low: f64,
+    /// Width of a bin in data units; positive.
+    pub width: f64,
+    /// Valid voxels in each of the [`HISTOGRAM_BINS`] bins.
+    pub counts: Vec<u64>,
+}
+
+/// One channel's level-0 statistics over all time steps. Valid means neither NaN nor infinite.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelStatistics {
+    /// Least and greatest valid value; `[0, 0]` where there is none.
+    pub range: [f64; 2],
+    /// Valid voxels.
+    pub count: u64,
+    /// NaN voxels.
+    pub nan: u64,
+    /// Voxels of +infinity.
+    pub pos_inf: u64,
+    /// Voxels of -infinity.
+    pub neg_inf: u64,
+    /// Mean of the valid voxels; 0 where there is none.
+    pub mean: f64,
+    /// Percentiles of the valid voxels.
+    pub percentiles: Percentiles,
+    /// Histogram of the valid voxels.
+    pub histogram: Histogram,
+    /// The values shown as black and white unless a transfer function is given.
+    pub window: [f64; 2],
+}
+
+impl ChannelStatistics {
+    /// Whether some voxel is NaN or infinite.
+    pub fn has_non_finite(&self) -> bool {
+        self.nan + self.pos_inf + self.neg_inf > 0
+    }
+}
+
+/// The root group's `brickyard` attribute: settings and statistics of the whole store.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StoreInfo {
+    /// [`FORMAT_VERSION`].
+    pub version: u32,
+    /// Voxels along a brick's core edge.
+    pub edge: u32,
+    /// Most voxels along a shard's edge.
+    pub shard: u32,
+    /// Type of a voxel.
+    pub voxel_type: VoxelType,
+    /// How bricks are compressed.
+    pub codec: Codec,
+    /// How coarser levels were made.
+    pub downsample: Downsample,
+    /// What the values mean.
+    pub kind: Kind,
+    /// Spacing (`[x, y, z]`) that the levels' factors were chosen by. Where voxels stand is `attributes.ome`'s to say.
+    pub spacing: [f64; 3],
+    /// Whether the source gave a spacing.
+    pub calibrated: bool,
+    /// World-from-voxel-centre matrix (row-major 3x4) where the source had one that spacing and origin cannot hold.
+    #[serde(default)]
+    pub orientation: Option<[[f64; 4]; 3]>,
+    /// How occupancy masks bin values.
+    pub occupancy_bins: OccupancyBins,
+    /// Statistics, one per channel.
+    pub channels: Vec<ChannelStatistics>,
+    /// What the store was packed from.
+    pub source: String,
+    /// Identifies source and settings together.
+    pub settings_fingerprint: String,
+    /// Always true in a finished store.
+    pub complete: bool,
+}
+
+impl StoreInfo {
+    fn check(&self, path: &Path, channels: u32) -> Result<(), OpenError> {
+        let invalid = |field: &str, expected: &str, found: String| {
+            Err(OpenError::invalid(path, format!("attributes.brickyard.{field}"), expected, found))
+        };
+        if !(8..=256).contains(&self.edge) || !self.edge.is_power_of_two() {
+            return invalid("edge", "a power of two from 8 to 256", self.edge.to_string());
+        }
+        if !self.shard.is_multiple_of(self.edge) || !(self.edge..=8192).contains(&self.shard) {
+            return invalid("shard", "a multiple of edge, at most 8192", self.shard.to_string());
+        }
+        if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+            return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
+        }
+        let bins = self.occupancy_bins;
+        if !(bins.low.is_finite() && bins.width.is_finite() && bins.width > 0.0) {
+            return invalid("occupancy_bins", "a finite low and a positive width", format!("{bins:?}"));
+        }
+        if self.channels.len() != channels as usize {
+            return invalid("channels", &format!("{channels} entries"), self.channels.len().to_string());
+        }
+        for (i, channel) in self.channels.iter().enumerate() {
+            let (range, bins) = (channel.range, channel.histogram.counts.len());
+            if range[0] > range[1] {
+                return invalid(&format!("channels[{i}].range"), "low <= high", format!("{range:?}"));
+            }
+            if bins != HISTOGRAM_BINS {
+                return invalid(&format!("channels[{i}].histogram.counts"), "256 counts", bins.to_string());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The root group's document.
+pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
+    let mut ome = json!({
+        "version": "0.5",
+        "multiscales": [{
+            "axes": axes(layout, geometry),
+            "datasets": datasets(layout, geometry),
+            "type": info.downsample.name(),
+        }],
+    });
+    if info.kind == Kind::Image {
+        ome["omero"] = omero(info);
+    }
+    json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": info } })
+}
+
+fn axes(layout: &Layout, geometry: &Geometry) -> Value {
+    let axis = |name: &str| match name {
+        "t" => json!({ "name": name, "type": "time" }),
+        "c" => json!({ "name": name, "type": "channel" }),
+        _ => match &geometry.unit {
+            Some(unit) => json!({ "name": name, "type": "space", "unit": unit }),
+            None => json!({ "name": name, "type": "space" }),
+        },
+    };
+    layout.axes().into_iter().map(axis).collect()
+}
+
+fn datasets(layout: &Layout, geometry: &Geometry) -> Value {
+    let dataset = |(k, level): (usize, &brickyard_volume::LevelGrid)| {
+        let (scale, translation) = geometry.level_placement(level.factor);
+        json!({
+            "path": k.to_string(),
+            "coordinateTransformations": [
+                { "type": "scale", "scale": layout.per_axis(1.0, 1.0, scale.to_array()) },
+                { "type": "translation", "translation": layout.per_axis(0.0, 0.0, translation.to_array()) },
+            ],
+        })
+    };
+    layout.pyramid.levels().iter().enumerate().map(dataset).collect()
+}
+
+/// Display hints: contrast windows, and colours where there are several channels.
+fn omero(info: &StoreInfo) -> Value {
+    const COLORS: [&str; 6] = ["00FF00", "FF00FF", "00FFFF", "FFFF00", "FF0000", "0000FF"];
+    let several = info.channels.len() > 1;
+    let channel = |(i, c): (usize, &ChannelStatistics)| {
+        let window = json!({ "min": c.range[0], "max": c.range[1], "start": c.window[0], "end": c.window[1] });
+        let color = if several { COLORS[i % COLORS.len()] } else { "FFFFFF" };
+        let mut channel = json!({ "color": color, "window": window, "active": true });
+        if several {
+            channel["label"] = json!(format!("channel {i}"));
+        }
+        channel
+    };
+    json!({ "channels": info.channels.iter().enumerate().map(channel).collect::<Value>() })
+}
+
+/// A level's array document.
+pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value {
+    let extent = layout.pyramid.level(level).extent.to_array();
+    let shard = layout.shard_bricks(level).to_array().map(|n| n * info.edge);
+    let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
+    let sharding = json!({
+        "chunk_shape": layout.per_axis(1, 1, [info.edge; 3]),
+        "codecs": brick_codecs(info.codec, info.voxel_type),
+        "index_codecs": index_codecs,
+        "index_location": "end",
+    });
+    let fill_value = if info.voxel_type.is_float() { json!(0.0) } else { json!(0) };
+    let mut document = array_document(
+        &layout.per_axis(layout.times, layout.channels, extent),
+        &layout.per_axis(1, 1, shard),
+        info.voxel_type.zarr_name(),
+        json!([{ "name": "sharding_indexed", "configuration": sharding }]),
+    );
+    document["fill_value"] = fill_value;
+    document["dimension_names"] = json!(layout.axes());
+    document
+}
+
+/// An array document with a regular grid and fill value 0.
+pub(crate) fn array_document<T: Serialize>(shape: &[T], chunk_shape: &[T], data_type: &str, codecs: Value) -> Value {
+    json!({
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": shape,
+        "data_type": data_type,
+        "chunk_grid": { "name": "regular", "configuration": { "chunk_shape": chunk_shape } },
+        "chunk_key_encoding": { "name": "default", "configuration": { "separator": "/" } },
+        "fill_value": 0,
+        "codecs": codecs,
+        "attributes": {},
+    })
+}
+
+/// The Zarr `bytes` codec for elements of this many bytes.
+pub(crate) fn bytes_codec(element_bytes: usize) -> Value {
+    match element_bytes {
+        1 => json!({ "name": "bytes" }),
+        _ => json!({ "name": "bytes", "configuration": { "endian": "little" } }),
+    }
+}
+
+fn brick_codecs(codec: Codec, voxel_type: VoxelType) -> Value {
+    let bytes = bytes_codec(voxel_type.bytes());
+    let crc = json!({ "name": "crc32c" });
+    match codec.for_voxel_type(voxel_type) {
+        Codec::Zstd(level) => {
+            json!([bytes, { "name": "zstd", "configuration": { "level": level, "checksum": false } }, crc])
+        }
+        Codec::ShuffleZstd(level) => {
+            // Blosc's own scale from 0 to 9: it asks Zstandard for level 2 n - 1.
+            let blosc = json!({
+                "cname": "zstd", "clevel": (level + 1).div_euclid(2).min(9), "shuffle": "shuffle",
+                "typesize": voxel_type.bytes(), "blocksize": 0,
+            });
+            json!([bytes, { "name": "blosc", "configuration": blosc }, crc])
+        }
+        Codec::None => json!([bytes, crc]),
+    }
+}
+
+/// The bytes of a document as written to a file.
+pub fn document_bytes(document: &Value) -> Vec<u8> {
+    let mut text = format!("{document:#}");
+    text.push('\n');
+    text.into_bytes()
+}
+
+/// Compares an array document with the one that the settings call for.
+pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value) -> Result<(), OpenError> {
+    const FIELDS: [&str; 8] =
+        ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
+    for field in FIELDS {
+        let (want, have) = (&expected[field], &found[field]);
+        // 0 and 0.0 are one fill value.
+        let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
+        if !same {
+            return Err(OpenError::invalid(path, field, want, have));
+        }
+    }
+    Ok(())
+}
+
+/// Reads a store's settings and statistics from the root document.
+pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
+    let attributes = &root["attributes"];
+    let ours = &attributes["brickyard"];
+    if ours.is_null() {
+        let feature = "a Zarr without brickyard's side data; export it to .npy, .raw, NIfTI or TIFF and pack that";
+        return Err(OpenError::Unsupported { path: path.into(), feature: feature.into() });
+    }
+    let version = ours["version"].as_u64();
+    if version != Some(FORMAT_VERSION.into()) {
+        let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
+        return Err(OpenError::Unsupported { path: path.into(), feature });
+    }
+    serde_json::from_value(ours.clone())
+        .map_err(|e| OpenError::invalid(path, "attributes.brickyard", "the settings of a version 1 store", e))
+}
+
+/// The layout that level 0's shape and the settings call for.
+pub(crate) fn parse_layout(
+    root_path: &Path,
+    root: &Value,
+    level_path: &Path,
+    level_0: &Value,
+    info: &StoreInfo,
+) -> Result<Layout, OpenError> {
+    let names: Vec<&str> = match root["attributes"]["ome"]["multiscales"][0]["axes"].as_array() {
+        Some(axes) => axes.iter().filter_map(|a| a["name"].as_str()).collect(),
+        None => Vec::new(),
+    };
+    if !matches!(names[..], ["z", "y", "x"] | ["c", "z", "y", "x"] | ["t", "z", "y", "x"] | ["t", "c", "z", "y", "x"]) {
+        let field = "attributes.ome.multiscales[0].axes";
+        return Err(OpenError::invalid(root_path, field, "names [t,] [c,] z, y, x", format!("{names:?}")));
+    }
+    let shape: Option<Vec<u32>> = serde_json::from_value(level_0["shape"].clone()).ok();
+    let Some(shape) = shape.filter(|s| s.len() == names.len() && s.iter().all(|&n| n > 0)) else {
+        let expected = format!("{} positive integers below 2^32", names.len());
+        return Err(OpenError::invalid(level_path, "shape", expected, &level_0["shape"]));
+    };
+    let size = |name: &str| names.iter().position(|n| *n == name).map_or(1, |i| shape[i]);
+    let (times, channels) = (size("t"), size("c"));
+    let extent = Extent::new(size("x"), size("y"), size("z"));
+    let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
+    if voxels.is_none_or(|v| v > i64::MAX as u64) {
+        return Err(OpenError::invalid(level_path, "shape", "fewer than 2^63 voxels", &level_0["shape"]));
+    }
+    info.check(root_path, channels)?;
+    Ok(Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard))
+}
+
+/// Placement from the OME metadata, every level of which must agree with level 0's.
+pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
+    let multiscale = &root["attributes"]["ome"]["multiscales"][0];
+    let field = |k: usize, what: &str| format!("attributes.ome.multiscales[0].datasets[{k}]{what}");
+    let datasets = multiscale["datasets"].as_array().map_or(&[][..], |d| d);
+    let levels = layout.pyramid.levels();
+    if datasets.len() != levels.len() {
+        let field = "attributes.ome.multiscales[0].datasets";
+        return Err(OpenError::invalid(path, field, format!("{} levels", levels.len()), datasets.len()));
+    }
+    let mut placements = Vec::new();
+    for (k, dataset) in datasets.iter().enumerate() {
+        if dataset["path"] != json!(k.to_string()) {
+            return Err(OpenError::invalid(path, field(k, ".path"), k, &dataset["path"]));
+        }
+        let axes = layout.axes().len();
+        let transforms = &dataset["coordinateTransformations"];
+        let scale = spatial(transforms, "scale", axes).filter(|s| s.min_element() > 0.0);
+        let Some((scale, translation)) = scale.zip(spatial(transforms, "translation", axes)) else {
+            let expected = format!("a positive scale and a translation of {axes} numbers");
+            return Err(OpenError::invalid(path, field(k, ".coordinateTransformations"), expected, transforms));
+        };
+        placements.push((scale, translation));
+    }
+    let axis = multiscale["axes"].as_array().and_then(|a| a.last());
+    let unit = axis.and_then(|x| x["unit"].as_str()).map(str::to_owned);
+    let geometry = Geometry { spacing: placements[0].0, origin: placements[0].1, unit };
+    for (k, (level, found)) in levels.iter().zip(&placements).enumerate() {
+        let expected = geometry.level_placement(level.factor);
+        // Written in full precision; another tool may have rounded to about seven digits.
+        let tolerance = expected.0.max_element() * 1e-5 + geometry.origin.abs().max_element() * 1e-6;
+        let near = |a: DVec3, b: DVec3| (a - b).abs().max_element() <= tolerance;
+        if !(near(expected.0, found.0) && near(expected.1, found.1)) {
+            let show = |(s, t): &(DVec3, DVec3)| format!("scale {s} and translation {t} (x, y, z)");
+            let field = field(k, ".coordinateTransformations");
+            return Err(OpenError::invalid(path, field, show(&expected), show(found)));
+        }
+    }
+    Ok(geometry)
+}
+
+/// The x, y and z of the first transformation of this kind.
+fn spatial(transforms: &Value, kind: &str, axes: usize) -> Option<DVec3> {
+    let transform = transforms.as_array()?.iter().find(|t| t["type"] == kind)?;
+    let numbers: Vec<f64> = transform[kind].as_array()?.iter().filter_map(Value::as_f64).collect();
+    let [.., z, y, x] = numbers[..] else { return None };
+    let v = DVec3::new(x, y, z);
+    (numbers.len() == axes && v.is_finite()).then_some(v)
+}

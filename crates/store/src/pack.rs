@@ -1,0 +1,405 @@
+//! Packing: any [`Source`] becomes a brick store in one streaming pass.
+//!
+//! Bricks are read with one voxel around them, straight from sources that read boxes; each gives its encoded core, its
+//! ranges, and its part of the next level, which goes to that level's *window*, the few slices that are still needed. So
+//! all levels cascade from data still at hand, and memory does not depend on the volume: windows that do not fit it are
+//! rings in a scratch file. `pack/plan.rs` has the formula.
+//!
+//! Output does not depend on threads, memory or interruptions: results pass through one sequence in the bricks' order, so
+//! stores from the same source and settings are equal byte for byte.
+//!
+//! Nothing half-made ever stands under a final name. Shards are written under a temporary one, synced, renamed, and noted
+//! in `STORE/.brickyard-journal`; the root `zarr.json`, written last, makes the store a store; then the journal goes. Kill
+//! it at any moment and [`Exists::Resume`] reads the source again for statistics and coarser levels, but neither encodes
+//! nor writes the shards that are there. A finished store is replaced only by a finished one: [`Exists::Overwrite`] packs
+//! into `STORE.packing` beside it and exchanges the two in one step at the end.
+
+pub(crate) mod brick;
+mod cascade;
+mod disk;
+mod journal;
+mod output;
+mod plan;
+mod sequence;
+mod shards;
+#[cfg(test)]
+mod tests;
+mod window;
+
+pub use plan::{PackPlan, plan};
+
+use crate::codec::Codec;
+use crate::downsample::Downsample;
+use crate::layout::DEFAULT_SHARD_EDGE;
+use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document};
+use brickyard_import::{ImportError, Source};
+use brickyard_volume::{DEFAULT_BRICK_EDGE, Level, VoxelType, with_voxel_type};
+use cascade::{Pass, Passed, Reached, Stop};
+use disk::Disk;
+use output::{Output, Start};
+use serde_json::{Value, json};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// What to do if the output is there already.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Exists {
+    /// Fail.
+    #[default]
+    Refuse,
+    /// Finish an unfinished pack of the same source and settings; start one if there is none.
+    Resume,
+    /// Replace it, if it is a store or an unfinished pack.
+    Overwrite,
+}
+
+/// How to pack.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackOptions {
+    /// Voxels along a brick's core edge: a power of two from 8 to 256.
+    pub edge: u32,
+    /// Most voxels along a shard's edge: a multiple of `edge`. Larger means fewer files.
+    pub shard_edge: u32,
+    /// How bricks are compressed. zstd 3 is 3 % smaller than 1 at twice the time.
+    pub codec: Codec,
+    /// How coarser levels are made.
+    pub downsample: Downsample,
+    /// What the values mean.
+    pub kind: Kind,
+    /// Most anonymous memory.
+    pub memory_bytes: u64,
+    /// Worker threads, at least 1. Reading planes and writing have a thread of their own each.
+    pub threads: usize,
+    /// What to do if the output is there already.
+    pub exists: Exists,
+}
+
+impl PackOptions {
+    /// The defaults for a voxel type: bricks of 64, shards of 512, 2 GiB, all processors.
+    pub fn new(voxel_type: VoxelType) -> Self {
+        Self {
+            edge: DEFAULT_BRICK_EDGE,
+            shard_edge: DEFAULT_SHARD_EDGE,
+            codec: Codec::default_for(voxel_type),
+            downsample: Downsample::Mean,
+            kind: Kind::Image,
+            memory_bytes: 2 << 30,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            exists: Exists::Refuse,
+        }
+    }
+
+    fn check(&self) -> Result<(), PackError> {
+        let problem = if !(8..=256).contains(&self.edge) || !self.edge.is_power_of_two() {
+            format!("--brick {}: expected a power of two from 8 to 256", self.edge)
+        } else if self.shard_edge == 0 || !self.shard_edge.is_multiple_of(self.edge) {
+            format!("--shard {}: expected a multiple of --brick {}", self.shard_edge, self.edge)
+        } else if self.threads == 0 {
+            "-j 0: expected at least one thread".into()
+        } else {
+            return Ok(());
+        };
+        Err(PackError::Options(problem))
+    }
+}
+
+/// Told how a pack comes along. Calls may come from any thread.
+pub trait Progress: Sync {
+    /// Before anything is read or written.
+    fn planned(&self, _plan: &PackPlan) {}
+    /// Something the user should know, one sentence.
+    fn warn(&self, _message: &str) {}
+    /// So many of so many voxels of level 0 are packed.
+    fn advanced(&self, _done: u64, _total: u64) {}
+}
+
+/// Tells no one.
+impl Progress for () {}
+
+/// What a pack made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackReport {
+    /// What it needed.
+    pub plan: PackPlan,
+    /// Shards in the store, those without a file (all fill) included.
+    pub shards: u64,
+    /// Shards that earlier, interrupted runs had finished.
+    pub shards_resumed: u64,
+    /// Bytes written to shards by this run.
+    pub written_bytes: u64,
+    /// Voxels that are NaN or infinite.
+    pub non_finite: u64,
+    /// The store was there, finished, from the same source and settings: nothing was done.
+    pub was_complete: bool,
+}
+
+/// Why a pack failed.
+#[derive(Debug, thiserror::Error)]
+pub enum PackError {
+    /// The options contradict each other.
+    #[error("{0}")]
+    Options(String),
+    /// The budget is smaller than the least a pack can do with.
+    #[error(
+        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more, or use fewer threads (-j) or \
+         smaller bricks",
+        given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
+    )]
+    Memory {
+        /// The least it can do with.
+        needed_bytes: u64,
+        /// What was allowed.
+        given_bytes: u64,
+    },
+    /// The output is there, and nothing was said about that.
+    #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
+        if *unfinished { "--resume to finish it or --overwrite to start over" } else { "--overwrite to replace it" }, path = path.display())]
+    Exists {
+        /// The output.
+        path: PathBuf,
+        /// Whether it is an unfinished pack.
+        unfinished: bool,
+    },
+    /// The output is there, and is nothing that packing would replace.
+    #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name or remove it", path = path.display())]
+    NotOurs {
+        /// The output.
+        path: PathBuf,
+    },
+    /// The unfinished pack was made from other data or with other settings.
+    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or --overwrite to start over", store = store.display())]
+    Mismatch {
+        /// The store.
+        store: PathBuf,
+        /// Which setting, then and now.
+        difference: String,
+    },
+    /// Another process is packing into it.
+    #[error("{store}: another process is packing into it; wait for it or stop it", store = store.display())]
+    Busy {
+        /// The store.
+        store: PathBuf,
+    },
+    /// The source failed midway. What was packed stays.
+    #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with --resume", store = store.display())]
+    Source {
+        /// What it said.
+        #[source]
+        error: ImportError,
+        /// The store.
+        store: PathBuf,
+        /// Finished shards.
+        done: u64,
+        /// All shards.
+        total: u64,
+    },
+    /// A write failed midway (a full disk, mostly). What was packed stays; nothing half-made has a final name.
+    #[error(
+        "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with --resume",
+        path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
+    )]
+    Incomplete {
+        /// What was being written.
+        path: PathBuf,
+        /// What the operating system said.
+        #[source]
+        error: std::io::Error,
+        /// The store.
+        store: PathBuf,
+        /// Finished shards.
+        done: u64,
+        /// All shards.
+        total: u64,
+        /// About how much more will be written.
+        needed_bytes: u64,
+    },
+    /// The operating system refused before anything was packed, or after all was.
+    #[error("{path}: {error}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        #[source]
+        error: std::io::Error,
+    },
+    /// Threads could not be started.
+    #[error("cannot start worker threads: {0}; use fewer (-j)")]
+    Threads(String),
+}
+
+fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
+    match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            format!("make room (about {} MiB more)", needed_bytes.div_ceil(1 << 20))
+        }
+        _ => "see to that".into(),
+    }
+}
+
+/// Packs a source into a store.
+///
+/// # Errors
+/// If the options or the output do not allow it; if the source fails or the disk is full, in which case the pack can be
+/// resumed.
+pub fn pack(
+    source: &dyn Source,
+    store: &Path,
+    options: &PackOptions,
+    progress: &dyn Progress,
+) -> Result<PackReport, PackError> {
+    pack_on(&Disk::default(), source, store, options, progress)
+}
+
+fn pack_on(
+    disk: &Disk,
+    source: &dyn Source,
+    store: &Path,
+    options: &PackOptions,
+    progress: &dyn Progress,
+) -> Result<PackReport, PackError> {
+    let plan = plan(source, options)?;
+    let settings = settings(source, options);
+    let layout = &plan.layout;
+    let volumes = layout.times as u64 * layout.channels as u64;
+    let levels = (0..layout.pyramid.levels().len()).map(|k| Level(k as u8));
+    let shards = volumes * levels.map(|level| layout.shard_grid(level).volume()).sum::<u64>();
+    let report = |resumed, written_bytes, non_finite, was_complete| PackReport {
+        plan: plan.clone(),
+        shards,
+        shards_resumed: resumed,
+        written_bytes,
+        non_finite,
+        was_complete,
+    };
+    let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
+        PackError::Io { path, error } if error.kind() == ErrorKind::StorageFull => {
+            stopped(Stop::Disk(disk::DiskError { path, error }), &Reached::default(), store, &plan, shards)
+        }
+        other => other,
+    });
+    let mut output = match start? {
+        Start::Complete => return Ok(report(shards, 0, 0, true)),
+        Start::Pack(output) => output,
+    };
+    source.info().notes.iter().for_each(|note| progress.warn(note));
+    warn_of_space(&output.dir, &plan, progress);
+    progress.planned(&plan);
+    let resumed = output.journal.finished_count();
+    let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
+    let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal));
+    let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, &plan, shards))?;
+    let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
+    let written_bytes = passed.written_bytes;
+    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
+    let dir = output.dir.clone();
+    finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
+        let needed_bytes = plan.layout.pyramid.brick_count() * 24;
+        PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
+    })?;
+    Ok(report(resumed, written_bytes, non_finite, false))
+}
+
+/// What decides a store's bytes.
+fn settings(source: &dyn Source, options: &PackOptions) -> Value {
+    let info = source.info();
+    json!({
+        "source": info.identity,
+        "extent": info.extent.to_array(),
+        "times": info.times,
+        "channels": info.channels,
+        "voxel_type": info.voxel_type,
+        "geometry": info.geometry,
+        "orientation": info.orientation,
+        "brick": options.edge,
+        "shard": options.shard_edge,
+        "codec": options.codec.for_voxel_type(info.voxel_type),
+        "downsample": options.downsample,
+        "kind": options.kind,
+        "format": FORMAT_VERSION,
+    })
+}
+
+/// A short name for the settings.
+fn fingerprint(settings: &Value) -> String {
+    format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
+}
+
+fn stopped(stop: Stop, reached: &Reached, store: &Path, plan: &PackPlan, total: u64) -> PackError {
+    let (store, done) = (store.to_path_buf(), reached.shards);
+    match stop {
+        Stop::Threads(problem) => PackError::Threads(problem),
+        Stop::Source(error) => PackError::Source { error, store, done, total },
+        Stop::Disk(disk::DiskError { path, error }) => {
+            let layout = &plan.layout;
+            let volumes = layout.times as u64 * layout.channels as u64;
+            let voxels = volumes * layout.pyramid.levels()[0].extent.volume();
+            let left = 1.0 - reached.voxels as f64 / voxels as f64;
+            // As the data compressed so far; by half as long as nothing is known.
+            let rate = match reached.written_bytes {
+                0 => 0.5 * plan.output_bytes_at_most as f64 / voxels as f64,
+                written => written as f64 / reached.voxels.max(1) as f64,
+            };
+            let needed_bytes = (rate * voxels as f64 * left) as u64 + (1 << 20);
+            PackError::Incomplete { path, error, store, done, total, needed_bytes }
+        }
+    }
+}
+
+fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
+    let Ok(disk) = rustix::fs::statvfs(dir) else { return };
+    let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+    let worst = plan.output_bytes_at_most.saturating_add(plan.scratch_bytes);
+    if free < worst {
+        progress.warn(&format!(
+            "{}: {} MiB are free; if the data do not compress, the store needs {} MiB",
+            dir.display(),
+            free >> 20,
+            worst.div_ceil(1 << 20)
+        ));
+    }
+}
+
+/// Everything but the shards; the root document last.
+fn write_metadata(
+    disk: &Disk,
+    dir: &Path,
+    source: &dyn Source,
+    options: &PackOptions,
+    plan: &PackPlan,
+    settings: &Value,
+    passed: Passed,
+) -> Result<(), disk::DiskError> {
+    let (info, layout) = (source.info(), &plan.layout);
+    let store_info = StoreInfo {
+        version: FORMAT_VERSION,
+        edge: options.edge,
+        shard: options.shard_edge,
+        voxel_type: info.voxel_type,
+        codec: options.codec.for_voxel_type(info.voxel_type),
+        downsample: options.downsample,
+        kind: options.kind,
+        spacing: info.geometry.spacing.to_array(),
+        calibrated: info.calibrated,
+        orientation: info.orientation,
+        occupancy_bins: passed.bins,
+        channels: passed.channels,
+        source: info.identity.clone(),
+        settings_fingerprint: fingerprint(settings),
+        complete: true,
+    };
+    for (k, side) in passed.sides.iter().enumerate() {
+        let level = Level(k as u8);
+        let document = document_bytes(&level_document(layout, level, &store_info));
+        let document = (PathBuf::from(k.to_string()).join("zarr.json"), document);
+        for (path, bytes) in side.files(layout, level).into_iter().chain([document]) {
+            let path = dir.join(path);
+            if let Some(parent) = path.parent() {
+                disk.create_dir_all(parent)?;
+            }
+            disk.write(&path, &bytes)?;
+        }
+    }
+    output::sync_tree(disk, dir)?;
+    disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
+    disk.sync_dir(dir)
+}

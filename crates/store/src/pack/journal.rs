@@ -1,0 +1,114 @@
+//! The journal of an unfinished pack: what is packed how, then one line per finished shard.
+//!
+//! ```text
+//! {"settings": {...}, "shards": 24}
+//! 1234567 89abcdef 0/c/0/0/0          length, checksum of the index, path below the store; "0 00000000 path" if all fill
+//! ```
+//!
+//! A line is believed only if it is complete and the shard's file is there with that length and checksum: so lines and
+//! renames may reach the disk in any order, and the journal is never synced.
+
+use crate::layout::{JOURNAL_NAME, Layout, ShardId};
+use crate::pack::PackError;
+use crate::pack::disk::{Disk, DiskError};
+use crate::shard::Fingerprint;
+use serde_json::{Value, json};
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+pub(crate) struct Journal {
+    path: PathBuf,
+    file: File,
+    /// Shards finished by earlier runs, by path below the store.
+    finished: HashMap<PathBuf, Fingerprint>,
+}
+
+impl Journal {
+    /// Starts a journal in an empty store directory.
+    pub(crate) fn create(disk: &Disk, store: &Path, settings: &Value, shards: u64) -> Result<Self, DiskError> {
+        let path = store.join(JOURNAL_NAME);
+        let head = format!("{}\n", json!({ "settings": settings, "shards": shards }));
+        disk.write(&path, head.as_bytes())?;
+        disk.sync_dir(store)?;
+        Ok(Self { file: disk.reopen(&path)?, path, finished: HashMap::new() })
+    }
+
+    /// Opens the journal of an unfinished pack.
+    pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, DiskError> {
+        let path = store.join(JOURNAL_NAME);
+        Ok(Self { file: disk.reopen(&path)?, path, finished: HashMap::new() })
+    }
+
+    /// Continues where the journal ends. Shards whose files are not as it says count as unfinished.
+    ///
+    /// # Errors
+    /// If the pack was one of other data or with other settings.
+    pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
+        let text = std::fs::read(&self.path).map_err(|error| PackError::Io { path: self.path.clone(), error })?;
+        let text = String::from_utf8_lossy(&text);
+        let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
+        let head: Value = serde_json::from_str(head).unwrap_or_default();
+        if let Some(difference) = difference(&head["settings"], settings) {
+            return Err(PackError::Mismatch { store: store.into(), difference });
+        }
+        let complete = lines.rfind('\n').map_or(0, |end| end + 1);
+        self.finished = lines[..complete].lines().filter_map(|line| parse(store, line)).collect();
+        if complete < lines.len() {
+            // A torn last line: end it, so that the next one starts afresh, in a way that no shard's line ends.
+            disk.append(&self.path, &mut self.file, b" torn\n")?;
+        }
+        Ok(())
+    }
+
+    /// What an earlier run made of a shard, if it finished it.
+    pub(crate) fn finished(&self, layout: &Layout, shard: ShardId) -> Option<Fingerprint> {
+        self.finished.get(&layout.shard_path(Path::new(""), shard)).copied()
+    }
+
+    /// How many shards earlier runs finished.
+    pub(crate) fn finished_count(&self) -> u64 {
+        self.finished.len() as u64
+    }
+
+    /// Notes a finished shard.
+    pub(crate) fn add(&mut self, disk: &Disk, path: &Path, fingerprint: Fingerprint) -> Result<(), DiskError> {
+        let Fingerprint { file_bytes, index_crc } = fingerprint;
+        let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());
+        disk.append(&self.path, &mut self.file, line.as_bytes())
+    }
+
+    /// Keeps other packs out of the directory for as long as the journal is open.
+    pub(crate) fn lock(&self) -> std::io::Result<()> {
+        Ok(rustix::fs::flock(&self.file, rustix::fs::FlockOperation::NonBlockingLockExclusive)?)
+    }
+}
+
+fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
+    let mut words = line.splitn(3, ' ');
+    let file_bytes = words.next()?.parse().ok()?;
+    let index_crc = u64::from_str_radix(words.next()?, 16).ok()?;
+    let path = PathBuf::from(words.next()?);
+    let fingerprint = Fingerprint { file_bytes, index_crc };
+    (!fingerprint.has_file() || on_disk(&store.join(&path)) == Some(fingerprint)).then_some((path, fingerprint))
+}
+
+/// The fingerprint of a shard's file.
+fn on_disk(path: &Path) -> Option<Fingerprint> {
+    let mut file = File::open(path).ok()?;
+    let file_bytes = file.metadata().ok()?.len();
+    let mut crc = [0; 4];
+    file.seek(SeekFrom::End(-4)).ok()?;
+    file.read_exact(&mut crc).ok()?;
+    Some(Fingerprint { file_bytes, index_crc: u32::from_le_bytes(crc) as u64 })
+}
+
+/// The first setting that differs, in words.
+fn difference(then: &Value, now: &Value) -> Option<String> {
+    let (Some(then), Some(now)) = (then.as_object(), now.as_object()) else {
+        return Some("its journal cannot be read".into());
+    };
+    let differs = now.iter().find(|(name, value)| then.get(*name) != Some(value));
+    differs.map(|(name, value)| format!("{name} was {}, now {value}", then.get(name).unwrap_or(&Value::Null)))
+}

@@ -1,0 +1,566 @@
+//! Whole packs of small volumes, against plain loops and against each other.
+
+use super::disk::Disk;
+use super::*;
+use crate::layout::JOURNAL_NAME;
+use crate::store::Store;
+use brickyard_import::{Access, SourceInfo};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Geometry, OccupancyBins, Pyramid, Voxel, VoxelBox};
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
+
+/// A source over an array in memory.
+struct Array<T> {
+    info: SourceInfo,
+    voxels: Vec<T>,
+    access: Access,
+    /// Reads until all further ones fail.
+    fuse: AtomicI64,
+    /// Boxes asked for.
+    reads: AtomicU32,
+}
+
+impl<T: Voxel> Array<T> {
+    fn new(extent: [u32; 3], value: impl Fn([u32; 3]) -> T) -> Self {
+        Self::series(extent, 1, 1, |_, p| value(p))
+    }
+
+    fn series(extent: [u32; 3], times: u32, channels: u32, value: impl Fn(u32, [u32; 3]) -> T) -> Self {
+        let extent = Extent::from_array(extent);
+        let volume = |i: u32| {
+            let value = &value;
+            (0..extent.z)
+                .flat_map(move |z| (0..extent.y).flat_map(move |y| (0..extent.x).map(move |x| value(i, [x, y, z]))))
+        };
+        let info = SourceInfo {
+            extent,
+            channels,
+            times,
+            voxel_type: T::TYPE,
+            geometry: Geometry::default(),
+            calibrated: false,
+            orientation: None,
+            identity: "array".into(),
+            notes: Vec::new(),
+        };
+        let voxels = (0..times * channels).flat_map(volume).collect();
+        let fuse = AtomicI64::new(i64::MAX);
+        Self { info, voxels, access: Access::Box, fuse, reads: AtomicU32::new(0) }
+    }
+
+    fn at(&self, volume: u32, p: [u32; 3]) -> T {
+        let extent = self.info.extent;
+        self.voxels[(volume as u64 * extent.volume() + extent.linear(p)) as usize]
+    }
+}
+
+impl<T: Voxel> Source for Array<T> {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.access
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        if self.fuse.fetch_sub(1, Ordering::Relaxed) <= 0 {
+            let error = std::io::ErrorKind::UnexpectedEof.into();
+            return Err(ImportError::Io { path: "array".into(), error });
+        }
+        let mut out = out.chunks_exact_mut(size_of::<T>());
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                for x in region.min.x..region.max.x {
+                    let voxel = self.at(time * self.info.channels + channel, [x, y, z]);
+                    out.next().unwrap().copy_from_slice(bytemuck::bytes_of(&voxel));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Smooth, with noise in the low bits, and with an empty corner.
+fn value([x, y, z]: [u32; 3]) -> f64 {
+    let noise = (x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)) >> 7 & 7;
+    if x < 20 && y < 20 { 0.0 } else { ((x + y) / 2 + z / 4 + noise) as f64 }
+}
+
+fn options(voxel_type: VoxelType) -> PackOptions {
+    PackOptions { edge: 16, shard_edge: 32, threads: 2, memory_bytes: 1 << 30, ..PackOptions::new(voxel_type) }
+}
+
+/// All files of a store.
+fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    fn walk(root: &Path, dir: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
+        for entry in std::fs::read_dir(dir).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                walk(root, &path, files);
+            } else {
+                files.insert(path.strip_prefix(root).unwrap().into(), std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    let mut found = BTreeMap::new();
+    walk(dir, dir, &mut found);
+    found
+}
+
+/// Compares without printing megabytes.
+fn assert_same(a: &BTreeMap<PathBuf, Vec<u8>>, b: &BTreeMap<PathBuf, Vec<u8>>, what: &str) {
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{what}");
+    for (path, bytes) in a {
+        assert!(bytes == &b[path], "{what}: {} differs", path.display());
+    }
+}
+
+fn packed<T: Voxel>(source: &Array<T>, options: &PackOptions) -> BTreeMap<PathBuf, Vec<u8>> {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    pack(source, &store, options, &()).unwrap();
+    files(&store)
+}
+
+fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64> {
+    let region = store.pyramid().level(level).extent.full_box();
+    let voxel_type = store.voxel_type();
+    let mut bytes = vec![0; region.extent().volume() as usize * voxel_type.bytes()];
+    store.read_box(time, channel, level, region, &mut bytes).unwrap();
+    (0..region.extent().volume() as usize).map(|i| voxel_type.read(&bytes, i)).collect()
+}
+
+/// One level from the finer one, plainly.
+fn coarser<T: Voxel>(fine: &[f64], from: Extent, to: Extent, factor: [u32; 3], method: Downsample) -> Vec<f64> {
+    let mut coarse = Vec::new();
+    for z in 0..to.z {
+        for y in 0..to.y {
+            for x in 0..to.x {
+                let corner = [x * factor[0], y * factor[1], z * factor[2]];
+                let mut inside = Vec::new();
+                for d in 0..8 {
+                    let step = [d & 1, d >> 1 & 1, d >> 2];
+                    let p = std::array::from_fn(|a| corner[a] + step[a]);
+                    if (0..3).all(|a| step[a] < factor[a]) && from.contains(p) {
+                        inside.push(fine[from.linear(p) as usize]);
+                    }
+                }
+                let first = inside[0];
+                inside.retain(|v| v.is_finite());
+                inside.sort_by(f64::total_cmp);
+                let frequency = |v: f64| inside.iter().filter(|w| **w == v).count();
+                let result = match method {
+                    Downsample::Nearest => first,
+                    _ if inside.is_empty() => f64::NAN,
+                    Downsample::Mean => inside.iter().sum::<f64>() / inside.len() as f64,
+                    Downsample::Max => inside[inside.len() - 1],
+                    Downsample::Min => inside[0],
+                    // `max_by_key` takes the last of those that tie: the least, from the back.
+                    Downsample::Mode => *inside.iter().rev().max_by_key(|v| frequency(**v)).unwrap(),
+                };
+                coarse.push(T::from_f64_rounded(result).to_f64());
+            }
+        }
+    }
+    coarse
+}
+
+fn check_pyramid<T: Voxel>(source: &Array<T>, options: &PackOptions) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    pack(source, &path, options, &()).unwrap();
+    let store = Store::open(&path).unwrap();
+    let info = &source.info;
+    for (time, channel) in (0..info.times).flat_map(|t| (0..info.channels).map(move |c| (t, c))) {
+        let volume = (time * info.channels + channel) as usize * info.extent.volume() as usize;
+        let voxels = &source.voxels[volume..volume + info.extent.volume() as usize];
+        let mut expected: Vec<f64> = voxels.iter().map(|v| v.to_f64()).collect();
+        let levels = store.pyramid().levels();
+        for k in 0..levels.len() {
+            if k > 0 {
+                let factor = std::array::from_fn(|a| levels[k].factor[a] / levels[k - 1].factor[a]);
+                let (from, to) = (levels[k - 1].extent, levels[k].extent);
+                expected = coarser::<T>(&expected, from, to, factor, options.downsample);
+            }
+            let found = level_voxels(&store, time, channel, Level(k as u8));
+            let same = |a: f64, b: f64| a == b || a.is_nan() && b.is_nan();
+            let wrong = expected.iter().zip(&found).position(|(a, b)| !same(*a, *b));
+            let what = format!("{} {} t{time} c{channel} level {k}", T::TYPE, options.downsample.name());
+            assert_eq!(wrong.map(|i| (i, expected[i], found[i])), None, "{what}");
+        }
+    }
+}
+
+#[test]
+fn every_level_is_what_plain_loops_make_of_the_finer_one() {
+    let extent = [100, 37, 211];
+    for downsample in Downsample::ALL {
+        let with = |t| PackOptions { downsample, ..options(t) };
+        check_pyramid(&Array::new(extent, |p| value(p) as u8), &with(VoxelType::U8));
+        check_pyramid(&Array::new(extent, |p| (value(p) * 300.0 - 20000.0) as i16), &with(VoxelType::I16));
+        let holes = |p: [u32; 3]| if p[0].is_multiple_of(5) || p[2] / 8 == 3 { f32::NAN } else { value(p) as f32 };
+        check_pyramid(&Array::new(extent, holes), &with(VoxelType::F32));
+    }
+}
+
+#[test]
+fn every_type_and_shape_packs() {
+    let extent = [50, 33, 41];
+    check_pyramid(&Array::new(extent, |p| (value(p) as i32 - 40) as i8), &options(VoxelType::I8));
+    check_pyramid(&Array::new(extent, |p| (value(p) * 500.0) as u16), &options(VoxelType::U16));
+    check_pyramid(&Array::new(extent, |p| u32::MAX - value(p) as u32), &options(VoxelType::U32));
+    check_pyramid(&Array::new(extent, |p| i32::MIN + value(p) as i32), &options(VoxelType::I32));
+    for extent in [[1, 1, 1], [70, 1, 1], [1, 1, 70], [65, 40, 1], [17, 16, 33]] {
+        check_pyramid(&Array::new(extent, |p| value(p) as u8), &options(VoxelType::U8));
+    }
+    let mut anisotropic = Array::new([90, 80, 30], |p| value(p) as u8);
+    anisotropic.info.geometry.spacing = glam::DVec3::new(0.5, 0.5, 2.0);
+    check_pyramid(&anisotropic, &options(VoxelType::U8));
+    let series = Array::series([40, 20, 35], 3, 2, |i, p| (value(p) as u8).wrapping_add(i as u8 * 10));
+    check_pyramid(&series, &options(VoxelType::U8));
+}
+
+#[test]
+fn output_does_not_depend_on_threads_memory_or_the_order_of_reading() {
+    let mut source = Array::new([150, 90, 110], |p| value(p) as u16);
+    let options = options(VoxelType::U16);
+    let expected = packed(&source, &PackOptions { threads: 1, ..options.clone() });
+    assert_same(&expected, &packed(&source, &PackOptions { threads: 4, ..options.clone() }), "4 threads");
+    let in_memory = plan(&source, &options).unwrap();
+    assert_eq!(in_memory.scratch_bytes, 0);
+    // One byte less than everything: some window goes to a scratch file; the least: all do.
+    let least = in_memory.memory_bytes - in_memory.windows.iter().map(|w| w.bytes).sum::<u64>();
+    for memory_bytes in [in_memory.memory_bytes - 1, least] {
+        let options = PackOptions { memory_bytes, ..options.clone() };
+        let plan = plan(&source, &options).unwrap();
+        assert!(plan.scratch_bytes > 0 && plan.memory_bytes <= memory_bytes);
+        assert_same(&expected, &packed(&source, &options), "scratch files");
+    }
+    let too_little = PackOptions { memory_bytes: least - 1, ..options.clone() };
+    let refused = plan(&source, &too_little).unwrap_err();
+    assert!(matches!(refused, PackError::Memory { needed_bytes, .. } if needed_bytes == least), "{refused}");
+
+    source.access = Access::Planes;
+    source.reads = AtomicU32::new(0);
+    assert_same(&expected, &packed(&source, &options), "planes");
+    assert_eq!(source.reads.load(Ordering::Relaxed), 110, "each plane is read once");
+}
+
+/// The formula of `pack/plan.rs`, by hand.
+#[test]
+fn windows_hold_what_two_finer_layers_leave() {
+    let mut source = Array::new([64, 48, 200], |_| 0u16);
+    let windows = |source: &Array<u16>| {
+        let plan = plan(source, &options(VoxelType::U16)).unwrap();
+        plan.windows.iter().map(|w| (w.capacity, w.bytes)).collect::<Vec<_>>()
+    };
+    let coarse = [(25, 25 * 32 * 24 * 2), (25, 25 * 16 * 12 * 2), (25, 25 * 8 * 6 * 2), (13, 13 * 4 * 3 * 2)];
+    assert_eq!(windows(&source), [&[(0, 0)], &coarse[..]].concat());
+    source.access = Access::Planes;
+    assert_eq!(windows(&source), [&[(34, 34 * 64 * 48 * 2)], &coarse[..]].concat());
+}
+
+#[test]
+fn constant_and_fill_bricks_cost_next_to_nothing() {
+    let source = Array::new([64, 64, 64], |[x, ..]| if x < 32 { 0u16 } else { 700 });
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let report = pack(&source, &path, &options(VoxelType::U16), &()).unwrap();
+    let store = Store::open(&path).unwrap();
+    // Two shards of eight bricks an axis; those at x = 0 hold fill only and have no file.
+    assert!(!path.join("0/c/0/0/0").exists() && path.join("0/c/0/0/1").exists());
+    let id = |x| BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+    assert!(!store.is_stored(id(0)).unwrap() && store.is_stored(id(2)).unwrap());
+    // 40 bricks of 8 KiB: 100 bytes each are plenty for a constant one, and each shard has an index of 132.
+    assert!(report.written_bytes < 40 * 100 + 8 * 132, "{}", report.written_bytes);
+    assert_eq!(store.minmax(id(3)), (700.0, 700.0));
+    // Its neighbour's first voxel lies in reach of the last fill brick.
+    let bins = store.occupancy_bins();
+    assert_eq!(store.occupancy(id(0)), bins.mask(0.0, 0.0));
+    assert_eq!(store.occupancy(id(1)), bins.mask(0.0, 700.0));
+}
+
+/// A source that knows its constant boxes packs to the same bytes.
+#[test]
+fn known_constants_are_not_read() {
+    struct Known(Array<i16>);
+    impl Source for Known {
+        fn info(&self) -> &SourceInfo {
+            self.0.info()
+        }
+        fn read_box(&self, t: u32, c: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+            self.0.read_box(t, c, region, out)
+        }
+        fn constant_in(&self, _: u32, _: u32, region: VoxelBox) -> Option<f64> {
+            (region.min.x >= 40).then_some(-5.0)
+        }
+    }
+    let array = || Array::new([90, 40, 50], |p| if p[0] < 40 { value(p) as i16 } else { -5 });
+    let options = options(VoxelType::I16);
+    let expected = packed(&array(), &options);
+    let known = Known(array());
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    pack(&known, &store, &options, &()).unwrap();
+    assert_same(&expected, &files(&store), "constants");
+    // Bricks are read in pairs, 3 x 3 x 4 of them; the third of each row, from 63 on, is known.
+    assert_eq!(known.0.reads.load(Ordering::Relaxed), 2 * 3 * 4);
+}
+
+#[test]
+fn statistics_are_those_of_all_voxels() {
+    let source = Array::series([30, 20, 25], 2, 2, |i, p| {
+        let v = value(p) as f32 + if i % 2 == 1 { 1000.0 } else { 0.0 };
+        match p {
+            [3, 3, 3] => f32::NAN,
+            [4, 4, 4] => f32::INFINITY,
+            _ => v,
+        }
+    });
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let report = pack(&source, &path, &options(VoxelType::F32), &()).unwrap();
+    assert_eq!(report.non_finite, 8);
+    let store = Store::open(&path).unwrap();
+    let volume = source.info.extent.volume() as usize;
+    for (c, channel) in store.info().channels.iter().enumerate() {
+        let mut valid: Vec<f64> = [c, c + 2]
+            .iter()
+            .flat_map(|i| source.voxels[i * volume..(i + 1) * volume].iter().map(|v| *v as f64))
+            .filter(|v| v.is_finite())
+            .collect();
+        valid.sort_by(f64::total_cmp);
+        assert_eq!((channel.nan, channel.pos_inf, channel.neg_inf), (2, 2, 0));
+        assert_eq!((channel.count, channel.range), (valid.len() as u64, [valid[0], valid[valid.len() - 1]]));
+        let mean = valid.iter().sum::<f64>() / valid.len() as f64;
+        // Sums of whole numbers below 2^53 are exact in any order.
+        assert_eq!(channel.mean, mean);
+        let median = valid[valid.len() / 2 - 1];
+        // A histogram bin is 1/128 of its value wide.
+        assert!((channel.percentiles.p50 - median).abs() <= median / 128.0 + 1e-9);
+        assert_eq!(channel.histogram.counts.iter().sum::<u64>(), channel.count);
+    }
+}
+
+#[test]
+fn an_existing_output_is_treated_as_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let source = Array::new([40, 40, 40], |p| value(p) as u8);
+    let with = |exists| PackOptions { exists, ..options(VoxelType::U8) };
+    std::fs::create_dir(&store).unwrap();
+    pack(&source, &store, &with(Exists::Refuse), &()).unwrap();
+    let first = files(&store);
+    let refused = pack(&source, &store, &with(Exists::Refuse), &()).unwrap_err();
+    assert!(matches!(refused, PackError::Exists { unfinished: false, .. }), "{refused}");
+    assert!(pack(&source, &store, &with(Exists::Resume), &()).unwrap().was_complete);
+    let other = PackOptions { codec: Codec::None, ..with(Exists::Resume) };
+    assert!(matches!(pack(&source, &store, &other, &()), Err(PackError::Mismatch { .. })));
+
+    // A failed overwrite leaves the old store; a finished one replaces it and leaves nothing beside it.
+    let overwrite = PackOptions { codec: Codec::None, ..with(Exists::Overwrite) };
+    source.fuse.store(10, Ordering::Relaxed);
+    assert!(matches!(pack(&source, &store, &overwrite, &()), Err(PackError::Source { .. })));
+    assert_same(&first, &files(&store), "after a failed overwrite");
+    source.fuse.store(i64::MAX, Ordering::Relaxed);
+    pack(&source, &store, &overwrite, &()).unwrap();
+    assert_same(&packed(&source, &overwrite), &files(&store), "after an overwrite");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+
+    let foreign = dir.path().join("photos");
+    std::fs::create_dir(&foreign).unwrap();
+    std::fs::write(foreign.join("a.jpg"), "x").unwrap();
+    for exists in [Exists::Refuse, Exists::Resume, Exists::Overwrite] {
+        assert!(matches!(pack(&source, &foreign, &with(exists), &()), Err(PackError::NotOurs { .. })), "{exists:?}");
+        assert!(matches!(pack(&source, &foreign.join("a.jpg"), &with(exists), &()), Err(PackError::NotOurs { .. })));
+    }
+    assert!(foreign.join("a.jpg").exists());
+}
+
+#[test]
+fn bad_options_are_refused() {
+    let source = Array::new([40, 40, 40], |_| 0u8);
+    let good = options(VoxelType::U8);
+    for bad in [
+        PackOptions { edge: 24, ..good.clone() },
+        PackOptions { edge: 4, ..good.clone() },
+        PackOptions { shard_edge: 40, ..good.clone() },
+        PackOptions { shard_edge: 0, ..good.clone() },
+        PackOptions { threads: 0, ..good.clone() },
+    ] {
+        assert!(matches!(plan(&source, &bad), Err(PackError::Options(_))), "{bad:?}");
+    }
+}
+
+/// A crash or a full disk at (nearly) any change to the file system, then `--resume`: the same store, byte for byte, and nothing
+/// that was finished is written again.
+#[test]
+fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
+    let source = Array::new([40, 20, 36], |p| value(p) as u16 + 1);
+    let fresh = options(VoxelType::U16);
+    let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
+    let expected = packed(&source, &fresh);
+    let dir = tempfile::tempdir().unwrap();
+    let (mut n, mut resumed_most) = (0, 0);
+    loop {
+        let store = dir.path().join(format!("{n}.zarr"));
+        let disk = Disk { fuse: Some(AtomicI64::new(n)) };
+        match pack_on(&disk, &source, &store, &fresh, &()) {
+            Ok(_) => break,
+            Err(PackError::Incomplete { done, total, needed_bytes, .. }) => assert!(done <= total && needed_bytes > 0),
+            Err(error) => panic!("change {n}: {error}"),
+        }
+        assert!(!store.join("zarr.json").exists() || store.join(JOURNAL_NAME).exists() || files(&store) == expected);
+        if store.join(JOURNAL_NAME).exists() {
+            let refused = pack(&source, &store, &fresh, &()).unwrap_err();
+            assert!(matches!(refused, PackError::Exists { unfinished: true, .. }), "{refused}");
+        }
+        let report = pack(&source, &store, &resume, &()).unwrap();
+        resumed_most = resumed_most.max(report.shards_resumed);
+        assert_same(&expected, &files(&store), &format!("change {n}"));
+        std::fs::remove_dir_all(&store).unwrap();
+        // Every change at first, where shards are written, then ever fewer, where side files are.
+        n += 1 + n / 8;
+    }
+    // Every shard's file takes at least a create, an append, a sync, a rename and a journal line.
+    assert!(n > 5 * 6 && resumed_most == 6, "{n} changes, {resumed_most} shards");
+}
+
+/// What the journal says is believed only where the file bears it out.
+#[test]
+fn resume_checks_the_journal_against_the_files() {
+    let source = Array::new([70, 40, 75], |p| value(p) as u8);
+    let fresh = options(VoxelType::U8);
+    let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
+    let expected = packed(&source, &fresh);
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    // All shards are finished; the root document is what fails.
+    let changes = {
+        let disk = Disk { fuse: Some(AtomicI64::new(i64::MAX)) };
+        pack_on(&disk, &source, &store, &fresh, &()).unwrap();
+        i64::MAX - disk.fuse.unwrap().load(Ordering::SeqCst)
+    };
+    std::fs::remove_dir_all(&store).unwrap();
+    let disk = Disk { fuse: Some(AtomicI64::new(changes - 4)) };
+    pack_on(&disk, &source, &store, &fresh, &()).unwrap_err();
+    // Power loss: a file missing, one cut short, one with other bytes of the same length, a torn line.
+    std::fs::remove_file(store.join("0/c/0/0/1")).unwrap();
+    std::fs::write(store.join("0/c/0/1/1"), [1; 100]).unwrap();
+    let damaged = store.join("0/c/1/1/1");
+    std::fs::write(&damaged, vec![9; std::fs::metadata(&damaged).unwrap().len() as usize]).unwrap();
+    let journal = store.join(JOURNAL_NAME);
+    let text = std::fs::read(&journal).unwrap();
+    std::fs::write(&journal, &text[..text.len() - 3]).unwrap();
+
+    let other = PackOptions { codec: Codec::Zstd(5), ..resume.clone() };
+    let refused = pack(&source, &store, &other, &()).unwrap_err().to_string();
+    assert!(refused.contains("codec was \"zstd:1\", now \"zstd:5\""), "{refused}");
+    let report = pack(&source, &store, &resume, &()).unwrap();
+    // Of 18 + 4 + 1 + 1.
+    assert_eq!(report.shards_resumed, 24 - 4);
+    assert_same(&expected, &files(&store), "resumed");
+}
+
+#[test]
+fn a_failing_source_leaves_a_resumable_store() {
+    for access in [Access::Box, Access::Planes] {
+        let mut source = Array::new([70, 40, 75], |p| value(p) as u8);
+        source.access = access;
+        let fresh = options(VoxelType::U8);
+        let expected = packed(&source, &fresh);
+        let dir = tempfile::tempdir().unwrap();
+        let store = dir.path().join("s.zarr");
+        source.fuse.store(30, Ordering::Relaxed);
+        let error = pack(&source, &store, &fresh, &()).unwrap_err();
+        assert!(matches!(error, PackError::Source { .. }), "{error}");
+        assert!(!store.join("zarr.json").exists());
+        source.fuse.store(i64::MAX, Ordering::Relaxed);
+        let resume = PackOptions { exists: Exists::Resume, ..fresh };
+        pack(&source, &store, &resume, &()).unwrap();
+        assert_same(&expected, &files(&store), "resumed");
+    }
+}
+
+#[test]
+fn two_packs_into_one_store_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let source = Array::new([40, 40, 40], |p| value(p) as u8);
+    source.fuse.store(5, Ordering::Relaxed);
+    let fresh = options(VoxelType::U8);
+    pack(&source, &store, &fresh, &()).unwrap_err();
+    let first = journal::Journal::open(&Disk::default(), &store).unwrap();
+    first.lock().unwrap();
+    for exists in [Exists::Resume, Exists::Overwrite] {
+        let error = pack(&source, &store, &PackOptions { exists, ..fresh.clone() }, &()).unwrap_err();
+        assert!(matches!(error, PackError::Busy { .. }), "{error}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// The promise that culling rests on: whatever a trilinear sample in a brick or its apron shows, its bin is set; at
+    /// every level, and in all ancestors.
+    #[test]
+    fn no_sample_leaves_its_bricks_occupancy(seed in any::<u32>(), steep in 1u32..2000, samples in prop::collection::vec(prop::array::uniform3(0.0f64..1.0), 40)) {
+        let random = |p: [u32; 3]| {
+            let h = (p[0] / 3).wrapping_mul(seed | 1) ^ (p[1] / 5).wrapping_mul(0x9e37_79b9) ^ p[2].wrapping_mul(0x85eb_ca6b);
+            ((h.wrapping_mul(0x2c1b_3c6d) >> 16 & 0xff) * steep / 64) as u16
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let extent = [37, 21, 40];
+        pack(&Array::new(extent, random), &path, &PackOptions { edge: 8, shard_edge: 16, ..options(VoxelType::U16) }, &()).unwrap();
+        let store = Store::open(&path).unwrap();
+        let bins = store.occupancy_bins();
+        let pyramid = Pyramid::new(Extent::from_array(extent), [1.0; 3], 8);
+        for k in 0..pyramid.levels().len() {
+            let level = Level(k as u8);
+            let grid = *pyramid.level(level);
+            let voxels = level_voxels(&store, 0, 0, level);
+            for i in 0..grid.bricks.volume() as u32 {
+                let b = grid.bricks;
+                let index = BrickIndex::new(i % b.x, i / b.x % b.y, i / b.x / b.y);
+                for s in &samples {
+                    // Voxel centres from half a voxel outside the brick's core to half a voxel outside its other end.
+                    let at: [f64; 3] = std::array::from_fn(|a| index.to_array()[a] as f64 * 8.0 - 0.5 + s[a] * 8.0);
+                    let value = trilinear(&voxels, grid.extent, at);
+                    let mut id = BrickId { time: 0, channel: 0, level, index };
+                    loop {
+                        prop_assert!(store.occupancy(id).meets(bins.mask(value, value)), "{} {:?} {}", id, at, value);
+                        let Some(parent) = pyramid.parent(id.level, id.index) else { break };
+                        id = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The value at a point in voxel-centre coordinates, faces replicated.
+fn trilinear(voxels: &[f64], extent: Extent, at: [f64; 3]) -> f64 {
+    let n = extent.to_array();
+    let (mut value, floor) = (0.0, at.map(f64::floor));
+    for d in 0..8u32 {
+        let step = [d & 1, d >> 1 & 1, d >> 2];
+        let weight: f64 = (0..3).map(|a| 1.0 - (at[a] - floor[a] - step[a] as f64).abs()).product();
+        let p = std::array::from_fn(|a| (floor[a] as i64 + step[a] as i64).clamp(0, n[a] as i64 - 1) as u32);
+        value += weight * voxels[extent.linear(p) as usize];
+    }
+    value
+}
+
+#[test]
+fn occupancy_bins_of_bytes_are_four_values_wide() {
+    let source = Array::new([20, 20, 20], |p| value(p) as u8);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    pack(&source, &path, &options(VoxelType::U8), &()).unwrap();
+    let store = Store::open(&path).unwrap();
+    assert_eq!(store.occupancy_bins(), OccupancyBins { low: 0.0, width: 4.0 });
+}

@@ -1,0 +1,141 @@
+//! The slices of one level that are still needed: a ring along z, in memory or, where memory is short, in a scratch file
+//! that is mapped and so lives in reclaimable page cache.
+
+use brickyard_volume::{Extent, VoxelBox};
+use memmap2::MmapMut;
+use rustix::fs::{FallocateFlags, fallocate};
+use std::fs::File;
+use std::io::{self, Write};
+use std::ops::{Deref, DerefMut};
+use std::path::Path;
+
+pub(crate) struct Window {
+    bytes: Backing,
+    voxel_bytes: usize,
+    /// Extent of the level; `z` slices pass through the ring one after another.
+    extent: Extent,
+    /// Slices held at a time.
+    capacity: usize,
+    /// Slices written so far, from the first.
+    pub(crate) filled: u32,
+}
+
+enum Backing {
+    Memory(Vec<u8>),
+    Scratch(MmapMut),
+}
+
+impl Deref for Backing {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Memory(bytes) => bytes,
+            Self::Scratch(map) => map,
+        }
+    }
+}
+
+impl DerefMut for Backing {
+    fn deref_mut(&mut self) -> &mut [u8] {
+        match self {
+            Self::Memory(bytes) => bytes,
+            Self::Scratch(map) => map,
+        }
+    }
+}
+
+impl Window {
+    /// A ring of `capacity` slices in memory, or in an unnamed file in `scratch`.
+    ///
+    /// # Errors
+    /// If the disk has no room for the scratch file.
+    pub(crate) fn new(extent: Extent, voxel_bytes: usize, capacity: u32, scratch: Option<&Path>) -> io::Result<Self> {
+        let capacity = capacity as usize;
+        let bytes = capacity * extent.x as usize * extent.y as usize * voxel_bytes;
+        let bytes = match scratch {
+            None => Backing::Memory(vec![0; bytes]),
+            Some(dir) => {
+                let mut file = tempfile::tempfile_in(dir)?;
+                reserve(&mut file, bytes as u64)?;
+                // SAFETY: the file has no name, so no one else can truncate or write it; its blocks are allocated, so
+                // no write through the map can run out of disk.
+                Backing::Scratch(unsafe { MmapMut::map_mut(&file)? })
+            }
+        };
+        Ok(Self { bytes, voxel_bytes, extent, capacity, filled: 0 })
+    }
+
+    fn row(&self, x: u32, y: u32, z: u32) -> usize {
+        let slice = z as usize % self.capacity;
+        ((slice * self.extent.y as usize + y as usize) * self.extent.x as usize + x as usize) * self.voxel_bytes
+    }
+
+    /// Copies a box out. Its slices must be among the last `capacity` written.
+    pub(crate) fn read_box(&self, region: VoxelBox, out: &mut [u8]) {
+        let row_bytes = region.extent().x as usize * self.voxel_bytes;
+        let mut rows = out.chunks_exact_mut(row_bytes);
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                let start = self.row(region.min.x, y, z);
+                if let Some(row) = rows.next() {
+                    row.copy_from_slice(&self.bytes[start..start + row_bytes]);
+                }
+            }
+        }
+    }
+
+    /// Copies a box in.
+    pub(crate) fn write_box(&mut self, region: VoxelBox, voxels: &[u8]) {
+        let row_bytes = region.extent().x as usize * self.voxel_bytes;
+        let mut rows = voxels.chunks_exact(row_bytes);
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                let start = self.row(region.min.x, y, z);
+                if let Some(row) = rows.next() {
+                    self.bytes[start..start + row_bytes].copy_from_slice(row);
+                }
+            }
+        }
+    }
+}
+
+/// Allocates the file's blocks now: a map over holes would end in SIGBUS when the disk is full.
+fn reserve(file: &mut File, bytes: u64) -> io::Result<()> {
+    match fallocate(&*file, FallocateFlags::empty(), 0, bytes) {
+        Err(rustix::io::Errno::OPNOTSUPP) => {
+            let zeros = vec![0; 1 << 20];
+            let mut left = bytes;
+            while left > 0 {
+                let n = left.min(zeros.len() as u64);
+                file.write_all(&zeros[..n as usize])?;
+                left -= n;
+            }
+            Ok(())
+        }
+        other => Ok(other?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rings_keep_the_last_slices_wherever_they_live() {
+        let dir = tempfile::tempdir().unwrap();
+        for scratch in [None, Some(dir.path())] {
+            let mut window = Window::new(Extent::new(4, 3, 9), 2, 3, scratch).unwrap();
+            for z in 0..9u32 {
+                let slice: Vec<u8> = (0..24).map(|i| i + z as u8 * 24).collect();
+                window.write_box(VoxelBox::new([0, 0, z], [4, 3, z + 1]), &slice);
+                let first = z.saturating_sub(2);
+                let mut out = vec![0; 2 * 2 * (z + 1 - first) as usize];
+                window.read_box(VoxelBox::new([1, 2, first], [3, 3, z + 1]), &mut out);
+                let expected: Vec<u8> = (first..=z).flat_map(|z| (18..22).map(move |i| i + z as u8 * 24)).collect();
+                assert_eq!(out, expected);
+            }
+        }
+        // Scratch files have no name.
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,181 @@
+//! The frame of a shard file: encoded bricks back to back, then the index, then the index's crc32c.
+//!
+//! The index is two little-endian u64 per brick, offset and length, row-major; both are 2^64 - 1 for a brick that is not
+//! stored (all fill value). Nothing in it is trusted: the checksum is compared first, and every range must lie before the
+//! index and be no longer than an encoded brick can be.
+
+use crate::error::ShardError;
+use bytemuck::{Pod, Zeroable};
+
+/// Marks a brick that is not stored.
+const EMPTY: u64 = u64::MAX;
+
+/// What identifies a shard file as the one that was packed; both zero where no file was written (all bricks empty).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Fingerprint {
+    /// Length of the file.
+    pub file_bytes: u64,
+    /// The crc32c of the index, which is also the file's last four bytes.
+    pub index_crc: u64,
+}
+
+impl Fingerprint {
+    /// Whether the shard has a file.
+    pub const fn has_file(self) -> bool {
+        self.file_bytes != 0
+    }
+}
+
+/// Where an encoded brick lies in its shard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BrickRange {
+    /// From the start of the file.
+    pub offset: u64,
+    /// Encoded length.
+    pub length: u64,
+}
+
+impl BrickRange {
+    /// The range as indices into the whole file.
+    pub fn as_range(self) -> std::ops::Range<usize> {
+        self.offset as usize..(self.offset + self.length) as usize
+    }
+}
+
+/// Bytes of the index of a shard of `bricks`, checksum included.
+pub const fn index_bytes(bricks: usize) -> usize {
+    bricks * 16 + 4
+}
+
+/// The index of a shard, checksum included, and that checksum.
+pub fn encode_index(ranges: &[Option<BrickRange>]) -> (Vec<u8>, u32) {
+    let mut index = Vec::with_capacity(index_bytes(ranges.len()));
+    for range in ranges {
+        let range = range.unwrap_or(BrickRange { offset: EMPTY, length: EMPTY });
+        index.extend_from_slice(&range.offset.to_le_bytes());
+        index.extend_from_slice(&range.length.to_le_bytes());
+    }
+    let crc = crc32c::crc32c(&index);
+    index.extend_from_slice(&crc.to_le_bytes());
+    (index, crc)
+}
+
+/// A shard's index after all checks: every range lies inside the file's data.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ShardIndex {
+    ranges: Box<[Option<BrickRange>]>,
+    crc: u32,
+}
+
+impl ShardIndex {
+    /// Parses the last [`index_bytes`] of a file of `file_bytes`. `cap` is the greatest length of an encoded brick.
+    ///
+    /// # Errors
+    /// If the file is too short, the checksum does not match, or a range leaves the data.
+    pub fn parse(tail: &[u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
+        let expected = index_bytes(bricks) as u64;
+        if file_bytes < expected || (tail.len() as u64) != expected {
+            return Err(ShardError::TooShort { expected, found: file_bytes });
+        }
+        let (body, crc) = tail.split_at(tail.len() - 4);
+        let stored = u32::from_le_bytes(crc.try_into().unwrap_or_default());
+        let computed = crc32c::crc32c(body);
+        if stored != computed {
+            return Err(ShardError::Checksum { stored, computed });
+        }
+        let data = file_bytes - expected;
+        let number = |at: &[u8]| u64::from_le_bytes(at.try_into().unwrap_or_default());
+        let range = |(slot, entry): (usize, &[u8])| {
+            let (offset, length) = (number(&entry[..8]), number(&entry[8..]));
+            if offset == EMPTY && length == EMPTY {
+                return Ok(None);
+            }
+            match offset.checked_add(length) {
+                Some(end) if end <= data && length <= cap => Ok(Some(BrickRange { offset, length })),
+                _ => Err(ShardError::Range { slot, offset, length, data, cap }),
+            }
+        };
+        let ranges = body.chunks_exact(16).enumerate().map(range).collect::<Result<_, _>>()?;
+        Ok(Self { ranges, crc: stored })
+    }
+
+    /// Where the brick of an entry lies; `None` if it is not stored.
+    ///
+    /// # Panics
+    /// If there is no such entry.
+    pub fn range(&self, slot: usize) -> Option<BrickRange> {
+        self.ranges[slot]
+    }
+
+    /// All entries, row-major.
+    pub fn ranges(&self) -> &[Option<BrickRange>] {
+        &self.ranges
+    }
+
+    /// The index's checksum.
+    pub fn crc(&self) -> u32 {
+        self.crc
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAP: u64 = 1000;
+
+    fn parse(index: &[u8], data: u64, bricks: usize) -> Result<ShardIndex, ShardError> {
+        ShardIndex::parse(index, data + index.len() as u64, bricks, CAP)
+    }
+
+    fn one(offset: u64, length: u64) -> Vec<u8> {
+        encode_index(&[Some(BrickRange { offset, length })]).0
+    }
+
+    #[test]
+    fn indices_round_trip() {
+        let ranges = [None, Some(BrickRange { offset: 0, length: 40 }), Some(BrickRange { offset: 40, length: 60 })];
+        let (bytes, crc) = encode_index(&ranges);
+        assert_eq!(bytes.len(), index_bytes(3));
+        assert_eq!(bytes[bytes.len() - 4..], crc.to_le_bytes());
+        let index = parse(&bytes, 100, 3).unwrap();
+        assert_eq!((index.ranges(), index.crc()), (&ranges[..], crc));
+        assert_eq!(index.range(2).unwrap().as_range(), 40..100);
+    }
+
+    #[test]
+    fn any_damaged_byte_is_found() {
+        let (bytes, _) = encode_index(&[Some(BrickRange { offset: 3, length: 40 }), None]);
+        for i in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut bad = bytes.clone();
+                bad[i] ^= 1 << bit;
+                assert!(matches!(parse(&bad, 100, 2), Err(ShardError::Checksum { .. })), "byte {i} bit {bit}");
+            }
+        }
+    }
+
+    /// Checksums that match do not make an entry true.
+    #[test]
+    fn lying_entries_are_refused() {
+        assert!(parse(&one(50, 50), 100, 1).is_ok());
+        for (offset, length) in
+            [(51, 50), (0, 101), (200, 1), (EMPTY, 1), (EMPTY - 1, EMPTY), (1, EMPTY), (0, EMPTY), (u64::MAX - 40, 50)]
+        {
+            let found = parse(&one(offset, length), 100, 1);
+            assert!(matches!(found, Err(ShardError::Range { .. })), "{offset} {length}: {found:?}");
+        }
+        let huge = parse(&one(0, CAP + 1), 1 << 40, 1);
+        assert!(matches!(huge, Err(ShardError::Range { .. })), "longer than any encoded brick");
+    }
+
+    #[test]
+    fn truncated_indices_are_refused() {
+        let bytes = one(0, 1);
+        for n in 0..bytes.len() {
+            let found = ShardIndex::parse(&bytes[..n], n as u64, 1, CAP);
+            assert!(matches!(found, Err(ShardError::TooShort { .. })));
+        }
+    }
+}

@@ -1,0 +1,544 @@
+//! An open store: everything small in memory, shards opened as they are first touched.
+//!
+//! Opening reads the documents and side data (8 bytes and two voxels per brick) and no shard, so it takes milliseconds
+//! however large the store is. A shard is mapped and its index checked when one of its bricks is first read; it stays
+//! mapped. A brick is decoded from the mapped slice straight into the caller's buffer: no copy of the file, no allocation.
+//! Reading never writes. All methods may be called from many threads.
+
+use crate::codec::{BrickCodec, Scratch};
+use crate::error::{OpenError, ReadError};
+use crate::layout::{JOURNAL_NAME, Layout, ShardId, journal_percent};
+use crate::metadata::{StoreInfo, check_array, level_document, parse_geometry, parse_info, parse_layout};
+use crate::shard::BrickRange;
+use crate::shard_file::{IoMode, OpenFiles, ShardFile};
+use crate::side::{SideData, read_json};
+use brickyard_volume::{BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, Pyramid, VoxelBox, VoxelType};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// A finished brick store.
+pub struct Store {
+    path: PathBuf,
+    layout: Layout,
+    geometry: Geometry,
+    info: StoreInfo,
+    codec: BrickCodec,
+    mode: IoMode,
+    levels: Vec<LevelShards>,
+    files: OpenFiles,
+}
+
+struct LevelShards {
+    side: SideData,
+    /// As in the side data.
+    shards: Box<[OnceLock<ShardFile>]>,
+}
+
+impl Store {
+    /// Opens a store, memory-mapped.
+    ///
+    /// # Errors
+    /// If it is no store, unfinished, of an unknown version, or contradicts itself.
+    pub fn open(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
+        Self::open_with(path, IoMode::default())
+    }
+
+    /// Opens a store, to be read as `mode` says.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub fn open_with(path: impl Into<PathBuf>, mode: IoMode) -> Result<Self, OpenError> {
+        let path = path.into();
+        let root_path = path.join("zarr.json");
+        let root = read_root(&path, &root_path)?;
+        let info = parse_info(&root_path, &root)?;
+        if !info.complete {
+            return Err(OpenError::Incomplete { percent: journal_percent(&path).unwrap_or(0), path });
+        }
+        let level_path = |k: usize| path.join(k.to_string()).join("zarr.json");
+        let level_0 = read_json(&level_path(0))?;
+        let layout = parse_layout(&root_path, &root, &level_path(0), &level_0, &info)?;
+        let geometry = parse_geometry(&root_path, &root, &layout)?;
+        let mut levels = Vec::new();
+        for k in 0..layout.pyramid.levels().len() {
+            let level = Level(k as u8);
+            let document = read_json(&level_path(k))?;
+            check_array(&level_path(k), &level_document(&layout, level, &info), &document)?;
+            let side = SideData::read(&path, &layout, level, info.voxel_type)?;
+            let shards = side.shards.iter().map(|_| OnceLock::new()).collect();
+            levels.push(LevelShards { side, shards });
+        }
+        let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
+        Ok(Self { path, layout, geometry, info, codec, mode, levels, files: OpenFiles::default() })
+    }
+
+    /// Where the store is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Settings and statistics.
+    pub fn info(&self) -> &StoreInfo {
+        &self.info
+    }
+
+    /// Which file holds what.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Levels and brick grids.
+    pub fn pyramid(&self) -> &Pyramid {
+        &self.layout.pyramid
+    }
+
+    /// Placement in the world.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// Type of a voxel.
+    pub fn voxel_type(&self) -> VoxelType {
+        self.info.voxel_type
+    }
+
+    /// Number of time steps.
+    pub fn times(&self) -> u32 {
+        self.layout.times
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> u32 {
+        self.layout.channels
+    }
+
+    /// Bytes of a brick's core.
+    pub fn core_bytes(&self) -> usize {
+        self.codec.core_bytes()
+    }
+
+    /// Least and greatest valid value over all channels and time steps; (0, 0) where there is none.
+    pub fn value_range(&self) -> (f64, f64) {
+        let ranges = self.info.channels.iter().filter(|c| c.count > 0).map(|c| (c.range[0], c.range[1]));
+        ranges.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
+    }
+
+    /// Whether some voxel is NaN or infinite.
+    pub fn has_non_finite(&self) -> bool {
+        self.info.channels.iter().any(|c| c.has_non_finite())
+    }
+
+    /// The values shown as black and white unless a transfer function is given.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn default_window(&self, channel: u32) -> (f64, f64) {
+        self.info.channels[channel as usize].window.into()
+    }
+
+    /// How occupancy masks bin values.
+    pub fn occupancy_bins(&self) -> OccupancyBins {
+        self.info.occupancy_bins
+    }
+
+    /// What the brick and its descendants can show, apron included. From memory.
+    ///
+    /// # Panics
+    /// If there is no such brick.
+    pub fn occupancy(&self, id: BrickId) -> Occupancy {
+        self.side(id.level).occupancy[self.layout.brick_place(id)]
+    }
+
+    /// Least and greatest valid value of the brick and its descendants; NaN where there is none. From memory.
+    ///
+    /// # Panics
+    /// If there is no such brick.
+    pub fn minmax(&self, id: BrickId) -> (f64, f64) {
+        self.side(id.level).minmax(self.layout.brick_place(id))
+    }
+
+    /// A level's side data.
+    ///
+    /// # Panics
+    /// If there is no such level.
+    pub fn side(&self, level: Level) -> &SideData {
+        &self.levels[level.index()].side
+    }
+
+    /// Tells the kernel that these bricks are about to be read, so that it reads them ahead and together. Opens their
+    /// shards if need be; what cannot be opened is left for [`Store::read_core`] to report.
+    pub fn advise(&self, ids: &[BrickId]) {
+        if self.mode != IoMode::Mmap {
+            return;
+        }
+        const PAGE_BYTES: usize = 4096;
+        let pages = |&id: &BrickId| {
+            let (shard, slot) = self.layout.shard_of(id);
+            let range = self.shard(shard).ok()??.index.range(slot)?.as_range();
+            Some((shard, range.start / PAGE_BYTES * PAGE_BYTES, range.end))
+        };
+        let mut ranges: Vec<(ShardId, usize, usize)> =
+            ids.iter().filter(|id| self.layout.contains(**id)).filter_map(pages).collect();
+        ranges.sort_unstable();
+        ranges.dedup_by(|next, last| {
+            let joined = next.0 == last.0 && next.1 <= last.2.next_multiple_of(PAGE_BYTES);
+            if joined {
+                last.2 = last.2.max(next.2);
+            }
+            joined
+        });
+        for (id, start, end) in ranges {
+            if let Ok(Some(shard)) = self.shard(id) {
+                shard.advise(start..end);
+            }
+        }
+    }
+
+    /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. A brick that is not stored is all
+    /// zero. Voxels past the level's extent are unspecified.
+    ///
+    /// # Errors
+    /// If the brick's shard is missing, not the one packed or has a damaged index, or the brick itself is damaged.
+    ///
+    /// # Panics
+    /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
+    pub fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        assert_eq!(out.len(), self.core_bytes());
+        let Some((shard, range)) = self.locate(id)? else {
+            out.fill(0);
+            return Ok(());
+        };
+        let path = || self.layout.shard_path(&self.path, self.layout.shard_of(id).0);
+        Scratch::with(|scratch| {
+            let decoded = match shard.mapped(range) {
+                Some(encoded) => self.codec.decode(scratch, encoded, out),
+                None => {
+                    let mut encoded = std::mem::take(&mut scratch.encoded);
+                    let read = self.files.read(&path(), range, &mut encoded);
+                    let decoded = read.map(|()| self.codec.decode(scratch, &encoded, out));
+                    scratch.encoded = encoded;
+                    decoded.map_err(|error| ReadError::Io { path: path(), error })?
+                }
+            };
+            decoded.map_err(|error| ReadError::CorruptBrick { path: path(), id, error })
+        })
+    }
+
+    /// Whether the brick has bytes of its own; one that has not is all zero.
+    ///
+    /// # Errors
+    /// If the brick's shard is missing, not the one packed or has a damaged index.
+    ///
+    /// # Panics
+    /// If there is no such brick.
+    pub fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
+        Ok(self.locate(id)?.is_some())
+    }
+
+    /// Reads the voxels of a box of a level, little-endian, x fastest, into `out`.
+    ///
+    /// # Errors
+    /// At the first brick that cannot be read.
+    ///
+    /// # Panics
+    /// If the box leaves the level or `out` is not exactly the box's bytes.
+    pub fn read_box(
+        &self,
+        time: u32,
+        channel: u32,
+        level: Level,
+        region: VoxelBox,
+        out: &mut [u8],
+    ) -> Result<(), ReadError> {
+        let whole = self.pyramid().level(level).extent.full_box();
+        assert_eq!(region.intersect(whole), region, "box outside the level");
+        assert_eq!(out.len() as u64, region.extent().volume() * self.voxel_type().bytes() as u64);
+        let mut core = vec![0; self.core_bytes()];
+        for index in bricks_of(region, self.info.edge) {
+            let id = BrickId { time, channel, level, index };
+            self.read_core(id, &mut core)?;
+            self.copy_rows(index, &core, region, out);
+        }
+        Ok(())
+    }
+
+    /// Copies what a brick's core and a box share.
+    pub(crate) fn copy_rows(&self, index: BrickIndex, core: &[u8], region: VoxelBox, out: &mut [u8]) {
+        let (edge, voxel_bytes) = (self.info.edge, self.voxel_type().bytes());
+        let corner = index.to_array().map(|i| i * edge);
+        // Saturating: the last brick may reach past the greatest index.
+        let brick = VoxelBox::new(corner, corner.map(|c| c.saturating_add(edge)));
+        let shared = brick.intersect(region);
+        let (min, max) = (shared.min.to_array(), shared.max.to_array());
+        let row_bytes = (max[0] - min[0]) as usize * voxel_bytes;
+        let core_shape = brickyard_volume::Extent::new(edge, edge, edge);
+        let origin = region.min.to_array();
+        for z in min[2]..max[2] {
+            for y in min[1]..max[1] {
+                let at = [min[0], y, z];
+                let from = core_shape.linear(std::array::from_fn(|a| at[a] - corner[a])) as usize * voxel_bytes;
+                let to = region.extent().linear(std::array::from_fn(|a| at[a] - origin[a])) as usize * voxel_bytes;
+                out[to..to + row_bytes].copy_from_slice(&core[from..from + row_bytes]);
+            }
+        }
+    }
+
+    /// The brick's shard and its place there; `None` if it is not stored.
+    fn locate(&self, id: BrickId) -> Result<Option<(&ShardFile, BrickRange)>, ReadError> {
+        assert!(self.layout.contains(id), "no such brick: {id}");
+        let (shard, slot) = self.layout.shard_of(id);
+        let shard = self.shard(shard)?;
+        Ok(shard.and_then(|s| Some((s, s.index.range(slot)?))))
+    }
+
+    /// An open shard; `None` if it has no file. Failures are not kept: a file that comes back is read again.
+    pub(crate) fn shard(&self, id: ShardId) -> Result<Option<&ShardFile>, ReadError> {
+        let level = &self.levels[id.level.index()];
+        let place = self.layout.shard_place(id);
+        let fingerprint = level.side.shards[place];
+        if !fingerprint.has_file() {
+            return Ok(None);
+        }
+        if let Some(shard) = level.shards[place].get() {
+            return Ok(Some(shard));
+        }
+        let bricks = self.layout.shard_bricks(id.level).volume() as usize;
+        let path = self.layout.shard_path(&self.path, id);
+        let shard = ShardFile::open(&path, fingerprint, bricks, self.codec.encoded_cap(), self.mode)?;
+        Ok(Some(level.shards[place].get_or_init(|| shard)))
+    }
+}
+
+/// The bricks that share voxels with a box, in memory order.
+pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = BrickIndex> {
+    let first = region.min.to_array().map(|v| v / edge);
+    let end = region.max.to_array().map(|v| v.div_ceil(edge));
+    let empty = region.is_empty();
+    (first[2]..end[2])
+        .flat_map(move |z| {
+            (first[1]..end[1]).flat_map(move |y| (first[0]..end[0]).map(move |x| BrickIndex::new(x, y, z)))
+        })
+        .filter(move |_| !empty)
+}
+
+/// The root document, or what is there instead.
+fn read_root(store: &Path, root_path: &Path) -> Result<Value, OpenError> {
+    match read_json(root_path) {
+        Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotFound => {}
+        Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotADirectory => {}
+        other => return other,
+    }
+    std::fs::metadata(store).map_err(|error| OpenError::Io { path: store.into(), error })?;
+    if store.join(JOURNAL_NAME).exists() {
+        return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
+    }
+    if store.join(".zgroup").exists() || store.join(".zarray").exists() {
+        let feature =
+            "a Zarr v2 hierarchy (OME-Zarr 0.4 or older); export it to .npy, .raw, NIfTI or TIFF and pack that";
+        return Err(OpenError::Unsupported { path: store.into(), feature: feature.into() });
+    }
+    Err(OpenError::NotAStore { path: store.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::Codec;
+    use crate::test_store::{TestStore, bumps};
+    use brickyard_volume::Extent;
+    use serde_json::json;
+
+    fn written(spec: &TestStore) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        spec.write(dir.path(), bumps);
+        dir
+    }
+
+    /// Every voxel of every level, with every type, codec and way of reading, odd extents, steps and channels.
+    #[test]
+    fn stores_read_back_bit_for_bit() {
+        for voxel_type in VoxelType::ALL {
+            for (codec, times, channels) in [(Codec::default_for(voxel_type), 2, 3), (Codec::None, 1, 1)] {
+                let spec = TestStore { voxel_type, codec, times, channels, ..TestStore::default() };
+                let dir = written(&spec);
+                for mode in [IoMode::Mmap, IoMode::Pread] {
+                    let store = Store::open_with(dir.path(), mode).unwrap();
+                    assert_eq!((store.layout(), store.geometry()), (&spec.layout(), &spec.geometry()));
+                    for (t, c) in (0..times).flat_map(|t| (0..channels).map(move |c| (t, c))) {
+                        for (k, expected) in spec.levels(|v| bumps(t, c, v)).iter().enumerate() {
+                            let expected: Vec<u8> = expected.iter().flat_map(|v| spec.bytes_of(*v)).collect();
+                            let level = Level(k as u8);
+                            let mut found = vec![1; expected.len()];
+                            let whole = store.pyramid().level(level).extent.full_box();
+                            store.read_box(t, c, level, whole, &mut found).unwrap();
+                            assert!(found == expected, "{voxel_type} {codec} t{t} c{c} level {k}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_across_bricks_are_cut_right() {
+        let spec = TestStore::default();
+        let dir = written(&spec);
+        let store = Store::open(dir.path()).unwrap();
+        let region = VoxelBox::new([5, 7, 8], [37, 9, 17]);
+        let expected: Vec<u8> = crate::test_store::voxels(region).flat_map(|v| spec.bytes_of(bumps(0, 0, v))).collect();
+        let mut found = vec![0; expected.len()];
+        store.read_box(0, 0, Level(0), region, &mut found).unwrap();
+        assert!(found == expected);
+        store.read_box(0, 0, Level(0), VoxelBox::new([4, 4, 4], [4, 9, 9]), &mut []).unwrap();
+    }
+
+    #[test]
+    fn empty_bricks_are_not_stored_and_read_as_zero() {
+        let dir = written(&TestStore::default());
+        let store = Store::open(dir.path()).unwrap();
+        let id = |x| BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+        assert_eq!([0, 1, 2].map(|x| store.is_stored(id(x)).unwrap()), [false, false, true]);
+        let mut core = vec![9; store.core_bytes()];
+        store.read_core(id(0), &mut core).unwrap();
+        assert!(core.iter().all(|&b| b == 0));
+        assert_eq!(store.minmax(id(0)), (0.0, 0.0));
+        // Its apron reaches into the next brick over.
+        assert_eq!(store.occupancy(id(0)), store.occupancy_bins().mask(0.0, 0.0));
+        assert_ne!(store.occupancy(id(1)), store.occupancy_bins().mask(0.0, 0.0));
+    }
+
+    #[test]
+    fn advice_about_anything_is_harmless() {
+        let dir = written(&TestStore::default());
+        let store = Store::open(dir.path()).unwrap();
+        let id = |x, level| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 2, 1) };
+        store.advise(&[id(1, 0), id(0, 0), id(4, 0), id(99, 0), id(0, 9), id(1, 0)]);
+        std::fs::remove_dir_all(dir.path().join("0/c")).unwrap();
+        Store::open(dir.path()).unwrap().advise(&[id(0, 0)]);
+    }
+
+    /// Contract: any one damaged byte of a shard makes some read fail, and the message names the file.
+    #[test]
+    fn every_damaged_byte_of_a_shard_is_found() {
+        for (voxel_type, codec) in [(VoxelType::U8, Codec::Zstd(1)), (VoxelType::U16, Codec::ShuffleZstd(1))] {
+            let spec = TestStore { extent: [29, 8, 8], voxel_type, codec, ..TestStore::default() };
+            let dir = written(&spec);
+            let path = dir.path().join("0/c/0/0/1");
+            let sound = std::fs::read(&path).unwrap();
+            for i in 0..sound.len() {
+                let mut bad = sound.clone();
+                bad[i] ^= 0x10;
+                std::fs::write(&path, bad).unwrap();
+                let store = Store::open(dir.path()).unwrap();
+                let mut voxels = vec![0; 29 * 8 * 8 * voxel_type.bytes()];
+                let error = store.read_box(0, 0, Level(0), VoxelBox::new([0; 3], [29, 8, 8]), &mut voxels).unwrap_err();
+                assert!(error.to_string().contains("0/c/0/0/1"), "byte {i}: {error}");
+            }
+            for n in [0, 1, sound.len() / 2, sound.len() - 1] {
+                std::fs::write(&path, &sound[..n]).unwrap();
+                let store = Store::open(dir.path()).unwrap();
+                let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(2, 0, 0) };
+                let error = store.read_core(id, &mut vec![0; store.core_bytes()]).unwrap_err();
+                assert!(matches!(error, ReadError::Rewritten { .. }), "cut to {n}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn missing_and_replaced_shards_are_told_apart() {
+        let dir = written(&TestStore::default());
+        let path = dir.path().join("0/c/1/0/1");
+        let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(2, 0, 2) };
+        let read = || {
+            let store = Store::open(dir.path()).unwrap();
+            store.read_core(id, &mut vec![0; store.core_bytes()]).map_err(|e| e.to_string())
+        };
+        read().unwrap();
+        // A sound shard of the same length, but not this one.
+        let other = std::fs::read(&path).unwrap();
+        let (body, index) = other.split_at(other.len() - crate::shard::index_bytes(8));
+        let mut ranges =
+            crate::shard::ShardIndex::parse(index, other.len() as u64, 8, 1 << 20).unwrap().ranges().to_vec();
+        ranges.reverse();
+        std::fs::write(&path, [body, &crate::shard::encode_index(&ranges).0].concat()).unwrap();
+        assert!(read().unwrap_err().contains("rewritten"));
+        std::fs::remove_file(&path).unwrap();
+        let message = read().unwrap_err();
+        assert!(message.contains("missing shard") && message.contains("0/c/1/0/1"), "{message}");
+    }
+
+    #[test]
+    fn what_is_not_a_finished_store_says_what_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let open = |path: &Path| Store::open(path).err().unwrap();
+        assert!(matches!(open(dir.path()), OpenError::NotAStore { .. }));
+        assert!(matches!(open(&dir.path().join("nowhere")), OpenError::Io { .. }));
+        let file = dir.path().join("file");
+        std::fs::write(&file, "x").unwrap();
+        assert!(matches!(open(&file), OpenError::NotAStore { .. }));
+        std::fs::write(dir.path().join(JOURNAL_NAME), "{\"shards\": 4}\nx\n").unwrap();
+        assert!(matches!(open(dir.path()), OpenError::Incomplete { percent: 25, .. }));
+        std::fs::write(dir.path().join("zarr.json"), "{\"zarr_format\": 3, \"attributes\": {\"ome\": {}}}").unwrap();
+        assert!(matches!(open(dir.path()), OpenError::Unsupported { .. }));
+        std::fs::write(dir.path().join("zarr.json"), "{").unwrap();
+        assert!(matches!(open(dir.path()), OpenError::Invalid { .. }));
+    }
+
+    /// Each contradiction in the metadata is refused by a message that names the field.
+    #[test]
+    fn contradictions_name_their_field() {
+        let dir = written(&TestStore { times: 2, ..TestStore::default() });
+        let cases: [(&str, &str, Value, &str); 18] = [
+            ("zarr.json", "/attributes/brickyard/version", json!(2), "version 2"),
+            ("zarr.json", "/attributes/brickyard/edge", json!(0), "edge"),
+            ("zarr.json", "/attributes/brickyard/edge", json!(16), "datasets"),
+            ("zarr.json", "/attributes/brickyard/shard", json!(0), "shard"),
+            ("zarr.json", "/attributes/brickyard/codec", json!("lzma:3"), "lzma"),
+            ("zarr.json", "/attributes/brickyard/codec", json!("zstd:3"), "codecs"),
+            ("zarr.json", "/attributes/brickyard/voxel_type", json!("u8"), "data_type"),
+            ("zarr.json", "/attributes/brickyard/spacing", json!([1, 1, 0]), "spacing"),
+            ("zarr.json", "/attributes/brickyard/spacing", json!([1, 1, 9]), "datasets"),
+            ("zarr.json", "/attributes/brickyard/channels", json!([]), "channels"),
+            ("zarr.json", "/attributes/brickyard/complete", json!(false), "incomplete"),
+            ("zarr.json", "/attributes/ome/multiscales/0/axes/0/name", json!("q"), "axes"),
+            (
+                "zarr.json",
+                "/attributes/ome/multiscales/0/datasets/1/coordinateTransformations/0/scale/3",
+                json!(7),
+                "datasets[1]",
+            ),
+            ("0/zarr.json", "/shape/3", json!(-4), "shape"),
+            ("0/zarr.json", "/shape", json!([4294967295u32, 4294967295u32, 4294967295u32, 4294967295u32]), "shape"),
+            ("0/zarr.json", "/shape/3", json!(4294967295u32), "datasets"),
+            ("1/zarr.json", "/shape/3", json!(3), "shape"),
+            ("1/.brickyard/occupancy/zarr.json", "/shape/4", json!(5), "shape"),
+        ];
+        for (file, pointer, value, named) in cases {
+            let path = dir.path().join(file);
+            let sound = std::fs::read(&path).unwrap();
+            let mut document: Value = serde_json::from_slice(&sound).unwrap();
+            *document.pointer_mut(pointer).unwrap() = value.clone();
+            std::fs::write(&path, document.to_string()).unwrap();
+            let message = Store::open(dir.path()).err().unwrap().to_string();
+            assert!(message.contains(named) && message.contains("tmp"), "{pointer}: {message}");
+            std::fs::write(&path, sound).unwrap();
+        }
+        let path = dir.path().join("0/.brickyard/minmax/c/0/0/0/0/0/0");
+        let mut side = std::fs::read(&path).unwrap();
+        side[7] ^= 1;
+        std::fs::write(&path, side).unwrap();
+        assert!(Store::open(dir.path()).err().unwrap().to_string().contains("checksum"));
+    }
+
+    #[test]
+    fn keys_of_other_tools_are_left_alone() {
+        let dir = written(&TestStore::default());
+        let path = dir.path().join("zarr.json");
+        let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        document["attributes"]["brickyard"]["later"] = json!(1);
+        document["consolidated_metadata"] = json!(null);
+        std::fs::write(&path, document.to_string()).unwrap();
+        assert_eq!(Store::open(dir.path()).unwrap().pyramid().level(Level(0)).extent, Extent::new(37, 20, 19));
+    }
+}

@@ -1,0 +1,250 @@
+//! For tests: writes small stores plainly from a function of (t, c, x, y, z), through the format modules alone, with
+//! levels and statistics computed voxel by voxel. Nothing here is shared with the packer but the format.
+
+use crate::codec::{BrickCodec, Codec, Scratch};
+use crate::downsample::Downsample;
+use crate::layout::{Layout, ShardId};
+use crate::metadata::{
+    ChannelStatistics, FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document,
+};
+use crate::shard::{BrickRange, Fingerprint, encode_index};
+use crate::side::SideData;
+use crate::stats::{ChannelTotals, Measure, Tally, WordCounter};
+use brickyard_volume::{
+    BrickId, Extent, Geometry, Level, OccupancyBins, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
+};
+use glam::DVec3;
+use std::path::Path;
+
+pub(crate) struct TestStore {
+    pub(crate) extent: [u32; 3],
+    pub(crate) spacing: [f64; 3],
+    pub(crate) times: u32,
+    pub(crate) channels: u32,
+    pub(crate) voxel_type: VoxelType,
+    pub(crate) codec: Codec,
+    pub(crate) edge: u32,
+    pub(crate) shard: u32,
+}
+
+impl Default for TestStore {
+    fn default() -> Self {
+        Self {
+            extent: [37, 20, 19],
+            spacing: [1.0; 3],
+            times: 1,
+            channels: 1,
+            voxel_type: VoxelType::U16,
+            codec: Codec::ShuffleZstd(1),
+            edge: 8,
+            shard: 16,
+        }
+    }
+}
+
+impl TestStore {
+    pub(crate) fn layout(&self) -> Layout {
+        let pyramid = Pyramid::new(Extent::from_array(self.extent), self.spacing, self.edge);
+        Layout::new(pyramid, self.times, self.channels, self.shard)
+    }
+
+    pub(crate) fn geometry(&self) -> Geometry {
+        let spacing = DVec3::from_array(self.spacing);
+        Geometry { spacing, origin: DVec3::new(-3.0, 0.1, 100.0), unit: Some("micrometer".into()) }
+    }
+
+    /// All levels of one volume, rounded to the voxel type; a coarse voxel is the mean of those there are under it.
+    pub(crate) fn levels(&self, value: impl Fn([u32; 3]) -> f64) -> Vec<Vec<f64>> {
+        let layout = self.layout();
+        let round = |v: f64| with_voxel_type!(self.voxel_type, T => T::from_f64_rounded(v).to_f64());
+        let mut levels: Vec<Vec<f64>> = Vec::new();
+        for (k, grid) in layout.pyramid.levels().iter().enumerate() {
+            let voxel = |at: [u32; 3]| {
+                let Some(finer) = levels.last() else { return round(value(at)) };
+                let fine = layout.pyramid.levels()[k - 1];
+                let ratio: [u32; 3] = std::array::from_fn(|a| grid.factor[a] / fine.factor[a]);
+                let n = fine.extent.to_array();
+                let max = std::array::from_fn(|a| ((at[a] + 1) * ratio[a]).min(n[a]));
+                let under = voxels(VoxelBox::new(std::array::from_fn(|a| at[a] * ratio[a]), max));
+                // An odd extent's last voxel counts twice along its axis, which leaves the mean as it is.
+                let (sum, count) = under
+                    .map(|v| finer[fine.extent.linear(v) as usize])
+                    .filter(|v| v.is_finite())
+                    .fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+                round(if count > 0.0 { sum / count } else { f64::NAN })
+            };
+            let level = voxels(grid.extent.full_box()).map(voxel).collect();
+            levels.push(level);
+        }
+        levels
+    }
+
+    /// Writes the store and opens nothing.
+    pub(crate) fn write(&self, store: &Path, value: impl Fn(u32, u32, [u32; 3]) -> f64) {
+        let layout = self.layout();
+        let info = self.info(&value);
+        let bins = info.occupancy_bins;
+        let mut sides: Vec<SideData> = (0..layout.pyramid.levels().len())
+            .map(|k| SideData::new(&layout, Level(k as u8), self.voxel_type))
+            .collect();
+        for (time, channel) in (0..self.times).flat_map(|t| (0..self.channels).map(move |c| (t, c))) {
+            let levels = self.levels(|v| value(time, channel, v));
+            for (k, level) in levels.iter().enumerate() {
+                self.write_statistics(&layout, &mut sides, bins, (time, channel, Level(k as u8)), level);
+                for shard in layout.shards(Level(k as u8)).filter(|s| (s.time, s.channel) == (time, channel)) {
+                    let fingerprint = self.write_shard(store, &layout, shard, level);
+                    sides[k].shards[layout.shard_place(shard)] = fingerprint;
+                }
+            }
+        }
+        for (k, side) in sides.iter().enumerate() {
+            let level = Level(k as u8);
+            for (path, bytes) in side.files(&layout, level) {
+                write_file(&store.join(path), &bytes);
+            }
+            let document = level_document(&layout, level, &info);
+            write_file(&store.join(k.to_string()).join("zarr.json"), &document_bytes(&document));
+        }
+        write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
+    }
+
+    fn info(&self, value: &impl Fn(u32, u32, [u32; 3]) -> f64) -> StoreInfo {
+        let channel = |c: u32| {
+            let volume = |t| self.levels(|v| value(t, c, v)).swap_remove(0);
+            let all: Vec<f64> = (0..self.times).flat_map(volume).collect();
+            with_voxel_type!(self.voxel_type, T => channel_statistics::<T>(&all))
+        };
+        let channels: Vec<_> = (0..self.channels).map(channel).collect();
+        let low = channels.iter().map(|c| c.range[0]).fold(f64::INFINITY, f64::min);
+        let high = channels.iter().map(|c| c.range[1]).fold(f64::NEG_INFINITY, f64::max);
+        StoreInfo {
+            version: FORMAT_VERSION,
+            edge: self.edge,
+            shard: self.shard,
+            voxel_type: self.voxel_type,
+            codec: self.codec,
+            downsample: Downsample::Mean,
+            kind: Kind::Image,
+            spacing: self.spacing,
+            calibrated: true,
+            orientation: None,
+            occupancy_bins: OccupancyBins::over(low, high),
+            channels,
+            source: "test".into(),
+            settings_fingerprint: "test".into(),
+            complete: true,
+        }
+    }
+
+    fn write_statistics(
+        &self,
+        layout: &Layout,
+        sides: &mut [SideData],
+        bins: OccupancyBins,
+        (time, channel, level): (u32, u32, Level),
+        voxels_of_level: &[f64],
+    ) {
+        let grid = *layout.pyramid.level(level);
+        let range = |region: VoxelBox| {
+            voxels(region)
+                .map(|v| voxels_of_level[grid.extent.linear(v) as usize])
+                .filter(|v| v.is_finite())
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+        };
+        for index in voxels(grid.bricks.full_box()).map(brickyard_volume::BrickIndex::from_array) {
+            let id = BrickId { time, channel, level, index };
+            let core = layout.pyramid.brick_box(level, index);
+            let n = grid.extent.to_array();
+            let max = core.max.to_array();
+            let padded = VoxelBox::new(
+                core.min.to_array().map(|v| v.saturating_sub(1)),
+                std::array::from_fn(|a| (max[a] + 1).min(n[a])),
+            );
+            let (mut low, mut high) = range(core);
+            let around = range(padded);
+            let mut mask = if around.0 <= around.1 { bins.mask(around.0, around.1) } else { Default::default() };
+            for child in layout.pyramid.children(level, index) {
+                let finer = &sides[level.index() - 1];
+                let place = layout.brick_place(BrickId { level: Level(level.0 - 1), index: child, ..id });
+                let child = finer.minmax(place);
+                (low, high) = (low.min(child.0), high.max(child.1));
+                mask = mask.union(finer.occupancy[place]);
+            }
+            let side = &mut sides[level.index()];
+            let place = layout.brick_place(id);
+            side.occupancy[place] = mask;
+            let (low, high) = if low <= high { (low, high) } else { (f64::NAN, f64::NAN) };
+            let pair = [self.bytes_of(low), self.bytes_of(high)].concat();
+            side.minmax_bytes_mut(place).copy_from_slice(&pair);
+        }
+    }
+
+    fn write_shard(&self, store: &Path, layout: &Layout, shard: ShardId, level: &[f64]) -> Fingerprint {
+        let codec = BrickCodec::new(self.codec, self.voxel_type, self.edge);
+        let extent = layout.pyramid.level(shard.level).extent;
+        let mut file = Vec::new();
+        let mut scratch = Scratch::default();
+        let range = |slot: usize| {
+            let id = layout.brick_at(shard, slot)?;
+            let region = layout.pyramid.brick_box(shard.level, id.index);
+            let edge = self.edge;
+            let corner = region.min.to_array();
+            let value = |v: [u32; 3]| {
+                // Padding repeats the last voxel.
+                let n = extent.to_array();
+                level[extent.linear(std::array::from_fn(|a| (corner[a] + v[a]).min(n[a] - 1))) as usize]
+            };
+            let core: Vec<u8> =
+                voxels(Extent::new(edge, edge, edge).full_box()).flat_map(|v| self.bytes_of(value(v))).collect();
+            if core.iter().all(|&b| b == 0) {
+                return None;
+            }
+            let offset = file.len() as u64;
+            codec.encode(&mut scratch, &core, &mut file);
+            Some(BrickRange { offset, length: file.len() as u64 - offset })
+        };
+        let ranges: Vec<_> = (0..layout.shard_bricks(shard.level).volume() as usize).map(range).collect();
+        if file.is_empty() {
+            return Fingerprint::default();
+        }
+        let (index, crc) = encode_index(&ranges);
+        file.extend_from_slice(&index);
+        write_file(&layout.shard_path(store, shard), &file);
+        Fingerprint { file_bytes: file.len() as u64, index_crc: crc.into() }
+    }
+
+    /// One voxel, little-endian.
+    pub(crate) fn bytes_of(&self, value: f64) -> Vec<u8> {
+        with_voxel_type!(self.voxel_type, T => bytemuck::bytes_of(&T::from_f64_rounded(value)).to_vec())
+    }
+}
+
+fn channel_statistics<T: Measure>(values: &[f64]) -> ChannelStatistics {
+    let voxels: Vec<T> = values.iter().map(|v| T::from_f64_rounded(*v)).collect();
+    let (mut totals, mut counter, mut tally) = (ChannelTotals::new(T::TYPE), WordCounter::new(), Tally::default());
+    T::count(&voxels, &mut counter);
+    T::tally(&voxels, &mut tally);
+    counter.drain_into(&mut totals);
+    totals.add_tally(&tally);
+    totals.add_range(T::range(&voxels).to_f64());
+    totals.finish()
+}
+
+/// All voxels of a box in memory order, as `[x, y, z]`.
+pub(crate) fn voxels(region: VoxelBox) -> impl Iterator<Item = [u32; 3]> {
+    let (min, max) = (region.min, region.max);
+    (min.z..max.z).flat_map(move |z| (min.y..max.y).flat_map(move |y| (min.x..max.x).map(move |x| [x, y, z])))
+}
+
+/// Structure in every octant, zeros in one corner, nothing symmetric.
+pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
+    if x < 16 && y < 16 && z < 16 {
+        return 0.0;
+    }
+    ((x * 7 + y * 3 + z * 11 + t * 50 + c * 90) % 120) as f64
+}
+
+fn write_file(path: &Path, bytes: &[u8]) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}

@@ -1,0 +1,584 @@
+//! Verification: reads everything and recomputes what a store says of itself.
+//!
+//! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children,
+//! that each level is what the finer one gives, and the statistics in the root document. It goes on after a problem and
+//! reports them all; a brick that cannot be read is reported once, not again by what depends on it.
+//!
+//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around: each brick is decoded about 3.4
+//! times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it. Blocks where nothing is stored are not
+//! looked at voxel by voxel.
+
+use crate::error::{OpenError, ReadError};
+use crate::layout::ShardId;
+use crate::metadata::ChannelStatistics;
+use crate::pack::brick::{Cut, Workspace};
+use crate::stats::{ChannelTotals, Measure, Range, Tally};
+use crate::store::{Store, bricks_of};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Occupancy, VoxelBox, with_voxel_type};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// One thing that is wrong with a store.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VerifyProblem {
+    /// The brick, where it is about one.
+    pub brick: Option<BrickId>,
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong, expected and found.
+    pub what: String,
+}
+
+impl std::fmt::Display for VerifyProblem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: ", self.path.display())?;
+        if let Some(brick) = self.brick {
+            write!(f, "{brick}: ")?;
+        }
+        f.write_str(&self.what)
+    }
+}
+
+/// The outcome of a verification.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct VerifyReport {
+    /// Bricks checked, stored or not.
+    pub bricks: u64,
+    /// Shard files checked.
+    pub shards: u64,
+    /// Bytes of those files.
+    pub bytes: u64,
+    /// Everything that is wrong, shards first, then bricks in the order of the levels.
+    pub problems: Vec<VerifyProblem>,
+}
+
+/// Verifies a store on all threads of the current rayon pool. `progress` is told bricks checked and bricks in all.
+///
+/// # Errors
+/// If the store cannot even be opened; everything else is in the report.
+pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, OpenError> {
+    let store = Store::open(path)?;
+    Ok(with_voxel_type!(store.voxel_type(), T => Verifier::new(&store, &progress).run::<T>()))
+}
+
+struct Verifier<'a> {
+    store: &'a Store,
+    progress: &'a (dyn Fn(u64, u64) + Sync),
+    bricks_done: AtomicU64,
+    /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
+    level_0_unread: AtomicBool,
+    /// Level-0 statistics, per channel.
+    totals: Mutex<Vec<ChannelTotals>>,
+}
+
+/// Some bricks of a level that are read together.
+#[derive(Clone, Copy)]
+struct Block {
+    time: u32,
+    channel: u32,
+    level: Level,
+    /// Their voxels.
+    core: VoxelBox,
+}
+
+/// One thread's memory.
+struct Buffers<T> {
+    workspace: Workspace<T>,
+    /// The block and one voxel around it.
+    fine: Vec<T>,
+    /// The block's part of the next level.
+    coarse: Vec<T>,
+    brick: Vec<u8>,
+}
+
+impl<'a> Verifier<'a> {
+    fn new(store: &'a Store, progress: &'a (dyn Fn(u64, u64) + Sync)) -> Self {
+        let totals = (0..store.channels()).map(|_| ChannelTotals::new(store.voxel_type())).collect();
+        Self { store, progress, bricks_done: 0.into(), level_0_unread: false.into(), totals: Mutex::new(totals) }
+    }
+
+    fn run<T: Measure>(&self) -> VerifyReport {
+        let mut report = VerifyReport { bricks: self.brick_count(), ..VerifyReport::default() };
+        for k in 0..self.store.pyramid().levels().len() {
+            let level = Level(k as u8);
+            let files = self.store.side(level).shards.iter().filter(|f| f.has_file());
+            let (shards, bytes) = files.fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes));
+            report.shards += shards;
+            report.bytes += bytes;
+            let shards: Vec<ShardId> = self.store.layout().shards(level).collect();
+            report.problems.par_extend(shards.into_par_iter().filter_map(|id| self.check_shard(id)));
+        }
+        let buffers = || self.buffers::<T>();
+        let in_blocks = self.blocks().into_par_iter().map_init(buffers, |b, block| self.check_block(b, block));
+        report.problems.par_extend(in_blocks.flatten());
+        if !self.level_0_unread.load(Ordering::Relaxed) {
+            self.check_statistics(&mut report.problems);
+        }
+        report
+    }
+
+    fn brick_count(&self) -> u64 {
+        self.store.pyramid().brick_count() * self.store.times() as u64 * self.store.channels() as u64
+    }
+
+    fn buffers<T: Measure>(&self) -> Buffers<T> {
+        let workspace = Workspace::new(self.store.pyramid().edge() as usize);
+        Buffers { workspace, fine: Vec::new(), coarse: Vec::new(), brick: vec![0; self.store.core_bytes()] }
+    }
+
+    fn blocks(&self) -> Vec<Block> {
+        const BLOCK_EDGE: u32 = 256;
+        let mut blocks = Vec::new();
+        for time in 0..self.store.times() {
+            for channel in 0..self.store.channels() {
+                for (k, grid) in self.store.pyramid().levels().iter().enumerate() {
+                    // Brick edges divide 256, so blocks are whole bricks.
+                    for index in bricks_of(grid.extent.full_box(), BLOCK_EDGE) {
+                        let corner = index.to_array().map(|i| i * BLOCK_EDGE);
+                        let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(BLOCK_EDGE)));
+                        let core = core.intersect(grid.extent.full_box());
+                        blocks.push(Block { time, channel, level: Level(k as u8), core });
+                    }
+                }
+            }
+        }
+        blocks
+    }
+
+    fn check_shard(&self, id: ShardId) -> Option<VerifyProblem> {
+        let path = self.store.layout().shard_path(self.store.path(), id);
+        let what = match self.store.shard(id) {
+            Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
+            Ok(_) => return None,
+            Err(error) => without_path(&error, &path),
+        };
+        Some(VerifyProblem { brick: None, path, what })
+    }
+
+    fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block) -> Vec<VerifyProblem> {
+        let mut problems = Vec::new();
+        if !self.check_empty_block::<T>(buffers, block, &mut problems) {
+            let unread = self.read_block(buffers, block, &mut problems);
+            let mut tally = Tally::default();
+            for index in bricks_of(block.core, self.store.pyramid().edge()) {
+                if !unread.contains(&index) {
+                    self.check_brick(buffers, block, index, &unread, &mut tally, &mut problems);
+                }
+            }
+            if block.level == Level(0) {
+                let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                buffers.workspace.counter.drain_into(&mut totals[block.channel as usize]);
+                totals[block.channel as usize].add_tally(&tally);
+            }
+        }
+        let bricks = bricks_of(block.core, self.store.pyramid().edge()).count() as u64;
+        let done = self.bricks_done.fetch_add(bricks, Ordering::Relaxed) + bricks;
+        (self.progress)(done, self.brick_count());
+        problems
+    }
+
+    /// Checks a block in and around which nothing is stored, without reading; false if it is not one.
+    fn check_empty_block<T: Measure>(
+        &self,
+        buffers: &mut Buffers<T>,
+        block: Block,
+        problems: &mut Vec<VerifyProblem>,
+    ) -> bool {
+        let edge = self.store.pyramid().edge();
+        let empty = |level, region| {
+            bricks_of(region, edge).all(|index| {
+                let id = BrickId { time: block.time, channel: block.channel, level, index };
+                self.store.is_stored(id).is_ok_and(|stored| !stored)
+            })
+        };
+        let coarse = self.coarse_box(block.level, block.core);
+        if !empty(block.level, self.padded(block.level, block.core))
+            || !coarse.is_none_or(|region| empty(Level(block.level.0 + 1), region))
+        {
+            return false;
+        }
+        let zero = T::range(&[T::default()]);
+        for index in bricks_of(block.core, edge) {
+            self.check_entry(block.brick(index), zero, Some(zero), problems);
+        }
+        if block.level == Level(0) {
+            let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            let totals = &mut totals[block.channel as usize];
+            buffers.workspace.counter.constant(T::default(), block.core.extent().volume());
+            buffers.workspace.counter.drain_into(totals);
+            totals.add_range(zero.to_f64());
+        }
+        true
+    }
+
+    /// Fills the buffers with the block's voxels and returns the bricks that could not be read.
+    fn read_block<T: Measure>(
+        &self,
+        buffers: &mut Buffers<T>,
+        block: Block,
+        problems: &mut Vec<VerifyProblem>,
+    ) -> BTreeSet<BrickIndex> {
+        let region = self.padded(block.level, block.core);
+        let edge = self.store.pyramid().edge();
+        let own: BTreeSet<BrickIndex> = bricks_of(block.core, edge).collect();
+        let mut unread = BTreeSet::new();
+        buffers.fine.resize(region.extent().volume() as usize, T::default());
+        for index in bricks_of(region, edge) {
+            let id = block.brick(index);
+            match self.store.read_core(id, &mut buffers.brick) {
+                Ok(()) => {
+                    self.store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine))
+                }
+                Err(error) => {
+                    unread.insert(index);
+                    self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
+                    // What is wrong with a whole shard is reported as such.
+                    if own.contains(&index) && matches!(error, ReadError::CorruptBrick { .. }) {
+                        let path = self.shard_path(id);
+                        let what = without_path(&error, &path);
+                        let what = what.strip_prefix(&format!("{id}: ")).unwrap_or(&what).to_owned();
+                        problems.push(VerifyProblem { brick: Some(id), path, what });
+                    }
+                }
+            }
+        }
+        buffers.coarse.clear();
+        if let Some(region) = self.coarse_box(block.level, block.core) {
+            buffers.coarse.resize(region.extent().volume() as usize, T::default());
+            let bytes = bytemuck::cast_slice_mut(&mut buffers.coarse);
+            if self.store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes).is_err() {
+                // Reported where those bricks are checked.
+                buffers.coarse.clear();
+            }
+        }
+        unread
+    }
+
+    fn check_brick<T: Measure>(
+        &self,
+        buffers: &mut Buffers<T>,
+        block: Block,
+        index: BrickIndex,
+        unread: &BTreeSet<BrickIndex>,
+        tally: &mut Tally,
+        problems: &mut Vec<VerifyProblem>,
+    ) {
+        let id = block.brick(index);
+        let core = self.store.pyramid().brick_box(id.level, index);
+        let padded = self.padded(id.level, core);
+        let fine_box = self.padded(id.level, block.core);
+        copy_box(&buffers.fine, fine_box, padded, &mut buffers.workspace.padded);
+        let coarse = self.coarse_box(id.level, core);
+        let factor = coarse.map(|_| self.factor(id.level).map(|f| f as usize));
+        let cut = Cut::new(padded, core, factor);
+        let summary = buffers.workspace.digest(&cut, self.store.info().downsample, id.level == Level(0));
+        tally.add(&summary.tally);
+        if id.level == Level(0) {
+            let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            totals[id.channel as usize].add_range(summary.core.to_f64());
+        }
+        let neighbours_read = bricks_of(padded, self.store.pyramid().edge()).all(|i| !unread.contains(&i));
+        self.check_entry(id, summary.core, neighbours_read.then_some(summary.reach), problems);
+        if let Some(region) = coarse.filter(|_| !buffers.coarse.is_empty()) {
+            let whole = self.coarse_box(id.level, block.core).unwrap_or(region);
+            let wrong = count_differences(&buffers.workspace.coarse, region, &buffers.coarse, whole);
+            if wrong > 0 {
+                let parent = self.store.pyramid().parent(id.level, index).unwrap_or(index);
+                let parent = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
+                let method = self.store.info().downsample.name();
+                let count = region.extent().volume();
+                let what = format!("{wrong} of {count} voxels are not the {method} of those of brick {id}");
+                problems.push(VerifyProblem { brick: Some(parent), path: self.shard_path(parent), what });
+            }
+        }
+    }
+
+    /// Compares what is stored of a brick with its voxels' and its children's.
+    fn check_entry<T: Measure>(
+        &self,
+        id: BrickId,
+        core: Range<T>,
+        reach: Option<Range<T>>,
+        problems: &mut Vec<VerifyProblem>,
+    ) {
+        let mut range = core.to_f64();
+        let mut children = Occupancy::NONE;
+        for child in self.store.pyramid().children(id.level, id.index) {
+            let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
+            let below = Some(self.store.minmax(child)).filter(|(low, high)| low <= high);
+            range = match (range, below) {
+                (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+                (a, b) => a.or(b),
+            };
+            children = children.union(self.store.occupancy(child));
+        }
+        let mut problem = |array: &str, expected: String, found: String| {
+            let path = crate::layout::side_dir(self.store.path(), id.level).join(array);
+            let what = format!("{array}: expected {expected}, found {found}");
+            problems.push(VerifyProblem { brick: Some(id), path, what });
+        };
+        let stored = Some(self.store.minmax(id)).filter(|(low, high)| low <= high);
+        if stored != range {
+            let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
+            problem("minmax", show(range), show(stored));
+        }
+        if let Some(reach) = reach {
+            let bins = self.store.occupancy_bins();
+            let own = reach.to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
+            let (expected, found) = (own.union(children).0, self.store.occupancy(id).0);
+            // Between what must be set and everything from the first such bin to the last.
+            let most = if expected == 0 { 0 } else { Occupancy::span(expected.trailing_zeros(), expected.ilog2()).0 };
+            if expected & !found != 0 || found & !most != 0 {
+                problem("occupancy", format!("{expected:016x}"), format!("{found:016x}"));
+            }
+        }
+    }
+
+    fn check_statistics(&self, problems: &mut Vec<VerifyProblem>) {
+        let totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        for (c, (totals, stored)) in totals.iter().zip(&self.store.info().channels).enumerate() {
+            let mut computed = totals.finish();
+            // A float's mean depends in its last digits on the order of summation; the window is a choice.
+            let near = (computed.mean - stored.mean).abs() <= 1e-9 * stored.range[0].abs().max(stored.range[1].abs());
+            if near {
+                computed.mean = stored.mean;
+            }
+            computed.window = stored.window;
+            if computed != *stored {
+                let path = self.store.path().join("zarr.json");
+                let what = format!("attributes.brickyard.channels[{c}]: {}", difference(&computed, stored));
+                problems.push(VerifyProblem { brick: None, path, what });
+            }
+        }
+    }
+
+    fn shard_path(&self, id: BrickId) -> PathBuf {
+        self.store.layout().shard_path(self.store.path(), self.store.layout().shard_of(id).0)
+    }
+
+    /// A box with one voxel around it, inside the level.
+    fn padded(&self, level: Level, region: VoxelBox) -> VoxelBox {
+        let grown = VoxelBox::new(
+            region.min.to_array().map(|v| v.saturating_sub(1)),
+            region.max.to_array().map(|v| v.saturating_add(1)),
+        );
+        grown.intersect(self.store.pyramid().level(level).extent.full_box())
+    }
+
+    /// Voxels of a level per voxel of the next.
+    fn factor(&self, level: Level) -> [u32; 3] {
+        let factor = |k: u8| self.store.pyramid().level(Level(k)).factor;
+        let (fine, coarse) = (factor(level.0), factor(level.0 + 1));
+        std::array::from_fn(|a| coarse[a] / fine[a])
+    }
+
+    /// The box of the next level that a box of whole bricks becomes; `None` at the coarsest level.
+    fn coarse_box(&self, level: Level, region: VoxelBox) -> Option<VoxelBox> {
+        (level < self.store.pyramid().coarsest()).then(|| {
+            let factor = self.factor(level);
+            let (min, max) = (region.min.to_array(), region.max.to_array());
+            VoxelBox::new(
+                std::array::from_fn(|a| min[a] / factor[a]),
+                std::array::from_fn(|a| max[a].div_ceil(factor[a])),
+            )
+        })
+    }
+}
+
+impl Block {
+    fn brick(&self, index: BrickIndex) -> BrickId {
+        BrickId { time: self.time, channel: self.channel, level: self.level, index }
+    }
+}
+
+/// A read error's message without the file, which a problem names by itself.
+fn without_path(error: &ReadError, path: &Path) -> String {
+    let message = error.to_string();
+    message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&message).to_owned()
+}
+
+/// Rows of `part` in an array that holds the box `whole`, as ranges.
+fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let extent: Extent = whole.extent();
+    let origin = whole.min.to_array();
+    let nx = part.extent().x as usize;
+    (part.min.z..part.max.z).flat_map(move |z| {
+        (part.min.y..part.max.y).map(move |y| {
+            let start = extent.linear([part.min.x - origin[0], y - origin[1], z - origin[2]]) as usize;
+            start..start + nx
+        })
+    })
+}
+
+/// Copies the box `part` out of an array of the box `whole` to the start of `out`, packed.
+fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]) {
+    let nx = part.extent().x as usize;
+    for (out, row) in out.chunks_exact_mut(nx).zip(rows(part, whole)) {
+        out.copy_from_slice(&array[row]);
+    }
+}
+
+/// Voxels whose bits differ between packed `expected` and the same box of `array`.
+fn count_differences<T: Measure>(expected: &[T], part: VoxelBox, array: &[T], whole: VoxelBox) -> usize {
+    let nx = part.extent().x as usize;
+    let in_row = |(row, range): (&[T], std::ops::Range<usize>)| {
+        let (row, found) = (bytemuck::cast_slice::<T, u8>(row), bytemuck::cast_slice::<T, u8>(&array[range]));
+        let voxels = |bytes| <[u8]>::chunks_exact(bytes, size_of::<T>());
+        if row == found { 0 } else { voxels(row).zip(voxels(found)).filter(|(a, b)| a != b).count() }
+    };
+    expected.chunks_exact(nx).zip(rows(part, whole)).map(in_row).sum()
+}
+
+/// The first field that differs.
+fn difference(expected: &ChannelStatistics, found: &ChannelStatistics) -> String {
+    let fields = |s: &ChannelStatistics| serde_json::to_value(s).unwrap_or_default();
+    let (expected, found) = (fields(expected), fields(found));
+    let differs = expected.as_object().and_then(|e| e.iter().find(|(name, value)| found[name.as_str()] != **value));
+    differs
+        .map_or_else(String::new, |(name, value)| format!("{name}: expected {value}, found {}", found[name.as_str()]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::{BrickCodec, Codec, Scratch};
+    use crate::metadata::document_bytes;
+    use crate::shard::{BrickRange, encode_index, index_bytes};
+    use crate::test_store::{TestStore, bumps};
+    use brickyard_volume::VoxelType;
+
+    fn problems(path: &Path) -> Vec<String> {
+        verify(path, |_, _| {}).unwrap().problems.iter().map(VerifyProblem::to_string).collect()
+    }
+
+    #[test]
+    fn sound_stores_have_no_problem() {
+        for (voxel_type, times, channels) in
+            [(VoxelType::U8, 1, 1), (VoxelType::I16, 2, 3), (VoxelType::U32, 1, 2), (VoxelType::F32, 3, 1)]
+        {
+            let codec = Codec::default_for(voxel_type);
+            let spec = TestStore { voxel_type, codec, times, channels, ..TestStore::default() };
+            let dir = tempfile::tempdir().unwrap();
+            spec.write(dir.path(), bumps);
+            assert_eq!(problems(dir.path()), [""; 0], "{voxel_type}");
+        }
+    }
+
+    #[test]
+    fn anisotropic_and_non_finite_stores_have_no_problem() {
+        let spec = TestStore {
+            extent: [33, 40, 17],
+            spacing: [1.0, 1.0, 2.5],
+            voxel_type: VoxelType::F32,
+            ..TestStore::default()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        spec.write(dir.path(), |t, c, [x, y, z]| match (x * y + z) % 13 {
+            _ if x > 20 && y > 10 => f64::NAN,
+            0 => f64::NAN,
+            1 => f64::INFINITY,
+            2 => f64::NEG_INFINITY,
+            _ => bumps(t, c, [x, y, z]) * 0.37 - 5.0,
+        });
+        assert_eq!(problems(dir.path()), [""; 0]);
+    }
+
+    #[test]
+    fn stores_wider_than_a_block_and_mostly_empty_are_checked_across_blocks() {
+        let spec =
+            TestStore { extent: [530, 9, 9], voxel_type: VoxelType::U8, codec: Codec::Zstd(1), ..TestStore::default() };
+        let dir = tempfile::tempdir().unwrap();
+        spec.write(dir.path(), |_, _, [x, y, _]| if x == 255 && y == 3 { 200.0 } else { 0.0 });
+        let report = verify(dir.path(), |done, total| assert!(done <= total)).unwrap();
+        assert_eq!((report.problems, report.shards), (vec![], 5));
+    }
+
+    #[test]
+    fn damaged_bricks_are_all_named() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore::default().write(dir.path(), bumps);
+        for (file, at) in [("0/c/1/0/1", 20), ("0/c/0/0/2", 9), ("1/c/0/0/0", 40)] {
+            let path = dir.path().join(file);
+            let mut bytes = std::fs::read(&path).unwrap();
+            bytes[at] ^= 1;
+            std::fs::write(&path, bytes).unwrap();
+        }
+        let found = problems(dir.path());
+        assert_eq!(found.len(), 3, "{found:#?}");
+        for (problem, named) in
+            found.iter().zip(["level 0 brick (4,0,0)", "level 0 brick (2,0,2)", "level 1 brick (1,0,0)"])
+        {
+            assert!(problem.contains(named) && problem.contains("checksum"), "{problem}");
+        }
+    }
+
+    #[test]
+    fn damaged_and_missing_shards_are_named_once() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore::default().write(dir.path(), bumps);
+        std::fs::remove_file(dir.path().join("0/c/1/0/1")).unwrap();
+        let path = dir.path().join("0/c/0/1/1");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let last = bytes.len() - 9;
+        bytes[last] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        std::fs::write(dir.path().join("0/c/0/0/0"), "stray").unwrap();
+        let found = problems(dir.path());
+        assert_eq!(found.len(), 3, "{found:#?}");
+        assert!(found[0].contains("0/c/0/0/0: file of a shard that was packed without one"), "{}", found[0]);
+        assert!(found[1].contains("0/c/0/1/1: damaged shard index"), "{}", found[1]);
+        assert!(found[2].contains("0/c/1/0/1: missing shard"), "{}", found[2]);
+    }
+
+    /// A brick replaced by another, with sound checksums and fingerprints: only its meaning is wrong.
+    #[test]
+    fn wrong_voxels_with_right_checksums_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let spec = TestStore { extent: [16, 8, 8], ..TestStore::default() };
+        spec.write(dir.path(), |_, _, [x, y, z]| (1 + x + y + z) as f64);
+        let path = dir.path().join("1/c/0/0/0");
+        let codec = BrickCodec::new(spec.codec, spec.voxel_type, spec.edge);
+        let core: Vec<u8> = (0..512u16).flat_map(|i| (5 + i % 3).to_le_bytes()).collect();
+        let mut file = Vec::new();
+        codec.encode(&mut Scratch::default(), &core, &mut file);
+        let (index, crc) = encode_index(&[Some(BrickRange { offset: 0, length: file.len() as u64 })]);
+        file.extend_from_slice(&index);
+        assert_eq!(index.len(), index_bytes(1));
+        std::fs::write(&path, &file).unwrap();
+        let layout = spec.layout();
+        let mut side = Store::open(dir.path()).unwrap().side(Level(1)).clone();
+        side.shards[0] = crate::shard::Fingerprint { file_bytes: file.len() as u64, index_crc: crc.into() };
+        for (path, bytes) in side.files(&layout, Level(1)) {
+            std::fs::write(dir.path().join(path), bytes).unwrap();
+        }
+        let found = problems(dir.path());
+        assert!(
+            found.iter().any(|p| p.contains("level 1 brick (0,0,0): ") && p.contains("are not the mean")),
+            "{found:#?}"
+        );
+    }
+
+    #[test]
+    fn wrong_statistics_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let spec = TestStore::default();
+        spec.write(dir.path(), bumps);
+        let mut side = Store::open(dir.path()).unwrap().side(Level(0)).clone();
+        side.occupancy[7].0 ^= 1 << 40;
+        side.minmax_bytes_mut(9)[0] ^= 1;
+        for (path, bytes) in side.files(&spec.layout(), Level(0)) {
+            std::fs::write(dir.path().join(path), bytes).unwrap();
+        }
+        let root = dir.path().join("zarr.json");
+        let mut document: serde_json::Value = serde_json::from_slice(&std::fs::read(&root).unwrap()).unwrap();
+        document["attributes"]["brickyard"]["channels"][0]["percentiles"]["95"] = serde_json::json!(3.5);
+        std::fs::write(&root, document_bytes(&document)).unwrap();
+        let found = problems(dir.path()).join("\n");
+        assert!(found.contains("level 0 brick (2,1,0): occupancy: expected"), "{found}");
+        assert!(found.contains("level 0 brick (4,1,0): minmax: expected"), "{found}");
+        assert!(found.contains("channels[0]: percentiles: expected"), "{found}");
+    }
+}
