@@ -1,0 +1,164 @@
+//! The budgets: how a host-memory budget is split, and one meter that everything which holds brick bytes charges.
+//!
+//! All host buffers come in three sizes known at the start (a worker's scratch, a core, a padded brick), so the split is in
+//! whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
+//! in debug builds. GPU memory is `slots * padded bytes`, taken once.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What a pager may use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PagerConfig {
+    /// Slots of the atlas.
+    pub slots: u32,
+    /// Voxels copied from neighbours on each side of a brick: 1 for trilinear samples, 2 for tricubic ones.
+    pub apron: u32,
+    /// Limit for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
+    pub host_bytes: u64,
+    /// Decoding threads; fewer are started where the host budget cannot feed them.
+    pub workers: u32,
+    /// Limit for one frame's uploads, of which there is always at least one; `None` is no limit (rendering offline).
+    pub upload_bytes_per_frame: Option<u64>,
+}
+
+/// Why a pager cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum PagerError {
+    /// The host budget cannot hold one brick on its way.
+    #[error("--host-memory is {given} bytes: at least {least} are needed to decode one brick")]
+    HostMemory {
+        /// The budget.
+        given: u64,
+        /// The least that works.
+        least: u64,
+    },
+    /// There are fewer slots than bricks that must always be resident.
+    #[error("--gpu-memory holds {given} bricks here: at least {least} ({least_bytes} bytes) are needed")]
+    Slots {
+        /// Slots given.
+        given: u32,
+        /// The least that works.
+        least: u64,
+        /// The same in bytes.
+        least_bytes: u64,
+    },
+    /// The apron does not fit the bricks.
+    #[error(
+        "an apron of {apron} voxels does not fit bricks of {edge}: expected 1 or 2, and no more than the brick's edge"
+    )]
+    Apron {
+        /// The apron given.
+        apron: u32,
+        /// The bricks' edge.
+        edge: u32,
+    },
+    /// A worker thread could not be started.
+    #[error("cannot start a worker thread: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// Bytes in use, their peak, and the limit.
+#[derive(Debug)]
+pub(crate) struct Meter {
+    limit: u64,
+    used: AtomicU64,
+    peak: AtomicU64,
+}
+
+impl Meter {
+    pub(crate) fn new(limit: u64) -> Self {
+        Self { limit, used: AtomicU64::new(0), peak: AtomicU64::new(0) }
+    }
+
+    pub(crate) fn charge(&self, bytes: u64) {
+        let used = self.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.peak.fetch_max(used, Ordering::Relaxed);
+        debug_assert!(used <= self.limit, "{used} bytes in use of {}", self.limit);
+    }
+
+    pub(crate) fn release(&self, bytes: u64) {
+        self.used.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    pub(crate) fn used(&self) -> u64 {
+        self.used.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn peak(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+}
+
+/// Sizes of the buffers a budget is split into.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BufferSizes {
+    /// Tables that are there whatever is read.
+    pub(crate) fixed: u64,
+    /// What a worker needs to decode, besides the core's own buffer.
+    pub(crate) scratch: u64,
+    /// Codes of a core.
+    pub(crate) core: u64,
+    /// Codes of a padded brick.
+    pub(crate) padded: u64,
+}
+
+/// A host budget in whole buffers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct HostSplit {
+    pub(crate) workers: u32,
+    /// Padded bricks being assembled, waiting for upload, or in the last frame's hands.
+    pub(crate) staged: usize,
+    /// Cores in the RAM cache, those being decoded included.
+    pub(crate) cores: usize,
+}
+
+/// What the slot table, the cut, the plan and the draw list take for a slot, rounded up: each is linear in the slots.
+pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 512;
+
+/// Padded bricks in flight at most: more only delays what a newer plan wants.
+const MAX_STAGED: u64 = 256;
+
+/// Splits the budget: at most an eighth for padded bricks, the rest for cores. Every worker needs its scratch, a core and a
+/// padded brick at the same time.
+pub(crate) fn split_host(host_bytes: u64, workers: u32, sizes: BufferSizes) -> Result<HostSplit, PagerError> {
+    let BufferSizes { fixed, scratch, core, padded } = sizes;
+    let per_worker = scratch + core + padded;
+    let free = host_bytes.saturating_sub(fixed);
+    let workers = (workers.max(1) as u64).min(free / per_worker);
+    if workers == 0 {
+        return Err(PagerError::HostMemory { given: host_bytes, least: fixed + per_worker });
+    }
+    let free = free - workers * scratch;
+    let staged = (free / 8 / padded).clamp(workers, MAX_STAGED.max(workers));
+    let cores = (free - staged * padded) / core;
+    Ok(HostSplit { workers: workers as u32, staged: staged as usize, cores: cores as usize })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_split_is_within_the_budget_and_feeds_every_worker(
+            host_bytes in 0u64..1 << 24, workers in 0u32..20,
+            fixed in 0u64..1 << 16, scratch in 0u64..1 << 16, core in 1u64..1 << 16, rim in 1u64..1 << 12,
+        ) {
+            let sizes = BufferSizes { fixed, scratch, core, padded: core + rim };
+            match split_host(host_bytes, workers, sizes) {
+                Ok(split) => {
+                    let HostSplit { workers: n, staged, cores } = split;
+                    prop_assert!(n >= 1 && n <= workers.max(1) && staged >= n as usize && cores >= n as usize);
+                    let bytes = fixed + n as u64 * scratch + staged as u64 * sizes.padded + cores as u64 * core;
+                    prop_assert!(bytes <= host_bytes);
+                }
+                Err(PagerError::HostMemory { least, .. }) => {
+                    prop_assert!(host_bytes < least);
+                    prop_assert!(split_host(least, workers, sizes).is_ok());
+                }
+                Err(err) => prop_assert!(false, "{err}"),
+            }
+        }
+    }
+}

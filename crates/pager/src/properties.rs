@@ -1,0 +1,369 @@
+//! Property tests of the whole pager without threads or a GPU: random volumes, cameras, occupancies, budgets, failures and
+//! orders of arrival against what must always hold.
+
+use crate::cut::{Cut, View, cut_capacity, roots};
+use crate::residency::{Arrival, Residency, Step};
+use crate::source::{BrickError, BrickSource};
+use crate::test_source::TestSource;
+use brickyard_volume::{
+    BrickId, BrickIndex, Camera, Extent, Level, LevelPolicy, Occupancy, Projection, Pyramid, Ray, VoxelBox, VoxelType,
+};
+use glam::DVec3;
+use proptest::prelude::*;
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
+
+/// A cheap generator for choices that need no shrinking of their own.
+#[derive(Clone, Debug)]
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        // SplitMix64.
+        self.0 = self.0.wrapping_add(0x9e3779b97f4a7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58476d1ce4e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d049bb133111eb);
+        z ^ z >> 31
+    }
+
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn chance(&mut self, p: f64) -> bool {
+        self.unit() < p
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Volume {
+    extent: [u32; 3],
+    spacing: [f64; 3],
+    edge: u32,
+    /// Coarse levels left out, as in foreign pyramids: then there are several roots.
+    missing_levels: usize,
+    empty_share: f64,
+    failing_share: f64,
+    seed: u64,
+}
+
+impl Volume {
+    fn source(&self) -> TestSource {
+        let whole = Pyramid::new(Extent::from_array(self.extent), self.spacing, self.edge);
+        let levels: Vec<_> = whole.levels().iter().map(|level| (level.extent, level.factor)).collect();
+        let kept = levels.len().saturating_sub(self.missing_levels).max(1);
+        let pyramid = Pyramid::from_levels(&levels[..kept], self.edge);
+        let mut source = TestSource::new(pyramid.clone(), self.spacing, VoxelType::U8);
+        let mut dice = Dice(self.seed);
+        for (l, grid) in pyramid.levels().iter().enumerate() {
+            for index in indices(grid.bricks) {
+                let id = BrickId { time: 0, channel: 0, level: Level(l as u8), index };
+                if dice.chance(self.failing_share) {
+                    source.failing.insert(id);
+                }
+                let child = |index| BrickId { level: Level(id.level.0 - 1), index, ..id };
+                let empty = match l {
+                    0 => dice.chance(self.empty_share),
+                    _ => pyramid.children(id.level, index).all(|index| source.empty.contains(&child(index))),
+                };
+                if empty {
+                    source.empty.insert(id);
+                }
+            }
+        }
+        source
+    }
+}
+
+fn indices(grid: Extent) -> impl Iterator<Item = BrickIndex> {
+    let [x, y, z] = grid.to_array();
+    (0..z).flat_map(move |z| (0..y).flat_map(move |y| (0..x).map(move |x| BrickIndex::new(x, y, z))))
+}
+
+fn volumes() -> impl Strategy<Value = Volume> {
+    (
+        prop::array::uniform3(1u32..70),
+        prop::array::uniform3(0.3f64..3.0),
+        prop::sample::select(vec![4u32, 8]),
+        prop::sample::select(vec![0, 0, 1, 2]),
+        prop::sample::select(vec![0.0, 0.3, 0.9]),
+        prop::sample::select(vec![0.0, 0.0, 0.05, 0.5]),
+        any::<u64>(),
+    )
+        .prop_map(|(extent, spacing, edge, missing_levels, empty_share, failing_share, seed)| Volume {
+            extent,
+            spacing,
+            edge,
+            missing_levels,
+            empty_share,
+            failing_share,
+            seed,
+        })
+}
+
+/// A camera in units of the volume's box, so that shrinking keeps its meaning.
+#[derive(Clone, Debug)]
+struct Shot {
+    eye: [f64; 3],
+    target: [f64; 3],
+    orthographic: bool,
+    opening: f64,
+    level: LevelPolicy,
+    pixel_error: f64,
+    cull_empty: bool,
+}
+
+impl Shot {
+    fn view(&self, source: &TestSource) -> View {
+        let (low, high) = source.geometry().world_box(source.pyramid().levels()[0].extent);
+        let place = |p: [f64; 3]| low + (high - low) * DVec3::from_array(p);
+        let projection = if self.orthographic {
+            Projection::Orthographic { height: (high - low).length() * self.opening }
+        } else {
+            Projection::Perspective { fov_y_deg: 10.0 + 110.0 * self.opening }
+        };
+        let (eye, target) = (place(self.eye), place(self.target));
+        let up = if (target - eye).cross(DVec3::Z).length() > 1e-3 { DVec3::Z } else { DVec3::Y };
+        let camera = Camera { eye, target, up, projection };
+        let fallback = Camera { eye, target: eye + DVec3::X, up: DVec3::Z, projection };
+        let rays = camera.rays(96, 64).or_else(|_| fallback.rays(96, 64)).unwrap();
+        let opaque = self.cull_empty.then_some(Occupancy::ALL);
+        View { rays, opaque, level: self.level, pixel_error: self.pixel_error, time: 0, channel: 0 }
+    }
+}
+
+fn shots() -> impl Strategy<Value = Shot> {
+    // Half the eyes outside or anywhere, half on round places: inside, on brick borders, straight along an axis.
+    let coordinate = || prop_oneof![-1.0f64..2.0, prop::sample::select(vec![-1.0, 0.0, 0.25, 0.5, 1.0, 2.0])];
+    (
+        [coordinate(), coordinate(), coordinate()],
+        prop::array::uniform3(prop_oneof![0.0f64..1.0, Just(0.5)]),
+        any::<bool>(),
+        0.05f64..1.0,
+        prop_oneof![3 => Just(LevelPolicy::Auto), 1 => (0u8..5).prop_map(LevelPolicy::Locked)],
+        0.05f64..4.0,
+        any::<bool>(),
+    )
+        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty)| Shot {
+            eye,
+            target,
+            orthographic,
+            opening,
+            level,
+            pixel_error,
+            cull_empty,
+        })
+}
+
+/// The stretch of a ray inside a box of level-0 voxels, in world distance.
+fn stretch(source: &TestSource, ray: &Ray, region: VoxelBox) -> Option<(f64, f64)> {
+    let corner = |v: [u32; 3]| source.geometry().world_from_voxel(DVec3::from_array(v.map(f64::from)));
+    let (low, high) = (corner(region.min.to_array()), corner(region.max.to_array()));
+    let (mut near, mut far) = (0.0f64, f64::INFINITY);
+    for a in 0..3 {
+        if ray.direction[a] == 0.0 {
+            if ray.origin[a] < low[a] || ray.origin[a] > high[a] {
+                return None;
+            }
+            continue;
+        }
+        let (t0, t1) = ((low[a] - ray.origin[a]) / ray.direction[a], (high[a] - ray.origin[a]) / ray.direction[a]);
+        near = near.max(t0.min(t1));
+        far = far.min(t0.max(t1));
+    }
+    (near < far).then_some((near, far))
+}
+
+fn region(source: &TestSource, id: BrickId) -> VoxelBox {
+    source.pyramid().brick_box_voxel(id.level, id.index)
+}
+
+fn holds(region: VoxelBox, voxel: [u32; 3]) -> bool {
+    let (low, high) = (region.min.to_array(), region.max.to_array());
+    (0..3).all(|a| (low[a]..high[a]).contains(&voxel[a]))
+}
+
+/// The brick itself and everything above it.
+fn lineage(pyramid: &Pyramid, id: BrickId) -> impl Iterator<Item = BrickId> {
+    std::iter::successors(Some(id), |id| {
+        pyramid.parent(id.level, id.index).map(|index| BrickId { level: Level(id.level.0 + 1), index, ..*id })
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1500))]
+
+    /// A cut's cells are disjoint, fit, and hold every visible voxel that is not empty; they come back to front along
+    /// every ray.
+    #[test]
+    fn a_cut_covers_what_is_visible_in_a_valid_order(
+        volume in volumes(), shot in shots(), max_cells in 1usize..400, seed in any::<u64>(),
+    ) {
+        let source = volume.source();
+        let view = shot.view(&source);
+        let cut = Cut::new(&source, &view, max_cells);
+        let cells: Vec<BrickId> = cut.cells().collect();
+        prop_assert!(cells.len() <= max_cells.max(roots(&source, 0, 0).len()));
+        let set: HashSet<BrickId> = cells.iter().copied().collect();
+        for &cell in &cells {
+            let nested = lineage(source.pyramid(), cell).skip(1).find(|above| set.contains(above));
+            prop_assert_eq!(nested, None, "{} is inside another cell", cell);
+        }
+        if !cut.memory_bound() && view.level == LevelPolicy::Auto {
+            prop_assert!(cut.effective_error_px() <= view.pixel_error);
+        }
+        let volume_box = source.pyramid().levels()[0].extent.full_box();
+        let mut dice = Dice(seed);
+        for _ in 0..24 {
+            let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
+            let ray = view.rays.ray(x, y);
+            let Some((near, far)) = stretch(&source, &ray, volume_box) else { continue };
+            for _ in 0..4 {
+                let point = ray.origin + ray.direction * (near + (far - near) * (0.001 + 0.998 * dice.unit()));
+                let voxel = source.geometry().voxel_from_world(point).to_array();
+                let voxel: [u32; 3] = std::array::from_fn(|a| (voxel[a].max(0.0) as u32).min(volume.extent[a] - 1));
+                let index = BrickIndex::from_array(voxel.map(|v| v / volume.edge));
+                let finest = BrickId { time: 0, channel: 0, level: Level(0), index };
+                let count = cells.iter().filter(|&&cell| holds(region(&source, cell), voxel)).count();
+                let empty = shot.cull_empty && source.empty.contains(&finest);
+                prop_assert!(count == 1 || (count == 0 && empty), "voxel {:?} is in {} cells", voxel, count);
+            }
+            let mut before = f64::INFINITY;
+            for &cell in &cells {
+                // Stretches shorter than rounding at these distances (about 1e-13 of 1e3) are touches, not hits.
+                let Some((near, far)) = stretch(&source, &ray, region(&source, cell)) else { continue };
+                if far - near > 1e-9 {
+                    prop_assert!(far <= before + 1e-9, "{} is drawn after what is in front of it", cell);
+                    before = near;
+                }
+            }
+        }
+    }
+}
+
+/// A pager without threads, beside a second one that is fed the same, and a model of the atlas.
+struct Bench<'a> {
+    source: &'a TestSource,
+    twins: [Residency; 2],
+    atlas: HashMap<u32, BrickId>,
+    in_flight: BTreeSet<BrickId>,
+    dice: Dice,
+    slots: u32,
+    upload_bytes: Option<u64>,
+}
+
+/// Bytes of the pretended padded bricks.
+const PADDED: u64 = 10;
+
+impl Bench<'_> {
+    fn frame(&mut self, cut: &Cut, roots: &[BrickId]) -> Step {
+        self.deliver();
+        let pinned: Vec<BrickId> = self.atlas.values().filter(|id| roots.contains(id)).copied().collect();
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(self.source.pyramid(), cut, roots, self.upload_bytes));
+        let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.brick)).collect::<Vec<_>>();
+        assert_eq!((names(&step), &step.draw, &step.requests), (names(&twin), &twin.draw, &twin.requests));
+        let bytes = step.uploads.len() as u64 * PADDED;
+        assert!(step.uploads.len() <= 1 || self.upload_bytes.is_none_or(|limit| bytes <= limit));
+        for upload in &step.uploads {
+            assert!(upload.slot.0 < self.slots);
+            self.atlas.insert(upload.slot.0, upload.brick);
+        }
+        assert_eq!(self.atlas.values().collect::<HashSet<_>>().len(), self.atlas.len(), "a brick has two slots");
+        for pinned in pinned {
+            assert!(self.atlas.values().any(|&id| id == pinned), "{pinned} was pinned");
+        }
+        self.check_draw(cut, &step);
+        step
+    }
+
+    /// Some of what is in flight arrives, in any order.
+    fn deliver(&mut self) {
+        let mut waiting: Vec<BrickId> = self.in_flight.iter().copied().collect();
+        for _ in 0..self.dice.next() % 12 {
+            if waiting.is_empty() {
+                return;
+            }
+            let id = waiting.swap_remove(self.dice.next() as usize % waiting.len());
+            self.in_flight.remove(&id);
+            let failed = BrickError { id, reason: "told to fail".into() };
+            let failing = self.source.failing.contains(&id);
+            let result = if failing { Err(failed) } else { Ok(Arc::from([0; PADDED as usize])) };
+            self.twins.iter_mut().for_each(|r| r.arrive(Arrival { id, result: result.clone() }));
+        }
+    }
+
+    /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick; left out only where there
+    /// is none.
+    fn check_draw(&self, cut: &Cut, step: &Step) {
+        let slot_of: HashMap<BrickId, u32> = self.atlas.iter().map(|(&slot, &id)| (id, slot)).collect();
+        let mut drawn = step.draw.cells.iter();
+        for cell in cut.cells() {
+            let nearest = lineage(self.source.pyramid(), cell).find(|id| slot_of.contains_key(id));
+            let Some(nearest) = nearest else { continue };
+            let entry = drawn.next().expect("a cell with a resident brick is not drawn");
+            assert_eq!((entry.cell, entry.brick, entry.slot.0), (cell, nearest, slot_of[&nearest]));
+            assert_eq!(entry.region, region(self.source, cell));
+        }
+        assert_eq!(drawn.next(), None);
+    }
+
+    /// Runs a view until it settles, and checks that it only refines on the way.
+    fn settle(&mut self, view: &View) {
+        let roots = roots(self.source, 0, 0);
+        let cut = Cut::new(self.source, view, cut_capacity(self.slots, roots.len()));
+        let mut levels: HashMap<BrickId, Level> = HashMap::new();
+        // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
+        let rounds = 100 + 10 * self.source.pyramid().brick_count();
+        for _ in 0..rounds {
+            let staged = self.twins[0].has_staged();
+            let step = self.frame(&cut, &roots);
+            assert!(!self.twins[0].has_staged() || !staged || !step.uploads.is_empty(), "no progress");
+            for entry in &step.draw.cells {
+                let before = levels.insert(entry.cell, entry.brick.level);
+                assert!(before.is_none_or(|level| level >= entry.brick.level), "{} got coarser", entry.cell);
+            }
+            assert!(levels.len() == step.draw.cells.len(), "a cell vanished");
+            if step.settled {
+                return self.check_settled(&cut, &step);
+            }
+            // Only so many requests are ever taken from a plan.
+            let room = 8usize.saturating_sub(self.in_flight.len());
+            let new = step.requests.iter().filter(|id| !self.in_flight.contains(id)).take(room);
+            let new: Vec<BrickId> = new.copied().collect();
+            self.in_flight.extend(new);
+        }
+        panic!("not settled after {rounds} frames");
+    }
+
+    /// Each cell is drawn with its own brick or, where that cannot be read, its nearest readable ancestor.
+    fn check_settled(&self, cut: &Cut, step: &Step) {
+        let mut drawn = step.draw.cells.iter();
+        for cell in cut.cells() {
+            let best = lineage(self.source.pyramid(), cell).find(|id| !self.source.failing.contains(id));
+            if let Some(best) = best {
+                assert_eq!(drawn.next().map(|entry| entry.brick), Some(best));
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(600))]
+
+    /// Whatever arrives in whatever order, under whatever budget: the draw list is right in every frame, pins hold, the
+    /// view only refines, makes progress and settles; a twin that sees the same does the same.
+    #[test]
+    fn paging_is_safe_live_and_deterministic(
+        volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..120,
+        upload_bytes in prop::option::of(0u64..80), seed in any::<u64>(),
+    ) {
+        let source = volume.source();
+        let slots = slots.max(roots(&source, 0, 0).len() as u32);
+        let twins = [(); 2].map(|()| Residency::new(slots));
+        let (atlas, in_flight) = Default::default();
+        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice: Dice(seed), slots, upload_bytes };
+        for shot in &views {
+            bench.settle(&shot.view(&source));
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! A brick store as the pager's source: every question is answered by [`Store`].
+
+use crate::source::{BrickError, BrickSource};
+use brickyard_store::Store;
+use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, Pyramid, VoxelType};
+
+impl BrickSource for Store {
+    fn pyramid(&self) -> &Pyramid {
+        self.pyramid()
+    }
+
+    fn geometry(&self) -> &Geometry {
+        self.geometry()
+    }
+
+    fn voxel_type(&self) -> VoxelType {
+        self.voxel_type()
+    }
+
+    fn value_range(&self) -> (f64, f64) {
+        self.value_range()
+    }
+
+    fn has_non_finite(&self) -> bool {
+        self.has_non_finite()
+    }
+
+    fn times(&self) -> u32 {
+        self.times()
+    }
+
+    fn channels(&self) -> u32 {
+        self.channels()
+    }
+
+    fn occupancy_bins(&self) -> OccupancyBins {
+        self.occupancy_bins()
+    }
+
+    fn occupancy(&self, id: BrickId) -> Occupancy {
+        self.occupancy(id)
+    }
+
+    fn advise(&self, ids: &[BrickId]) {
+        self.advise(ids);
+    }
+
+    fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        self.read_core(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+    }
+}

@@ -1,0 +1,103 @@
+//! A volume made of arithmetic, for the tests: any pyramid, any type, any occupancy, bricks that fail on demand.
+
+use crate::cut::View;
+use crate::source::{BrickError, BrickSource};
+use brickyard_volume::{
+    BrickId, Camera, Extent, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid, VoxelType,
+};
+use glam::DVec3;
+use std::collections::HashSet;
+
+pub(crate) struct TestSource {
+    pyramid: Pyramid,
+    geometry: Geometry,
+    voxel_type: VoxelType,
+    /// Writes the voxel `[x, y, z]` of a brick's level.
+    pub(crate) voxel_at: fn(BrickId, [u32; 3], &mut [u8]),
+    /// Bricks that show nothing; to be closed under descent.
+    pub(crate) empty: HashSet<BrickId>,
+    pub(crate) failing: HashSet<BrickId>,
+    pub(crate) panicking: HashSet<BrickId>,
+}
+
+/// Bytes that differ between neighbouring voxels, levels, channels and times. Floats stay finite: the top byte is small.
+fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
+    let seed = id.time.wrapping_mul(31) ^ id.channel.wrapping_mul(37) ^ (id.level.0 as u32) << 9;
+    let hash = (v[0] ^ v[1].wrapping_mul(1009) ^ v[2].wrapping_mul(9176141) ^ seed).wrapping_mul(2654435761);
+    let mut bytes = (hash ^ hash >> 15).to_le_bytes();
+    if out.len() == 4 {
+        bytes[3] &= 0x3f;
+    }
+    out.copy_from_slice(&bytes[..out.len()]);
+}
+
+impl TestSource {
+    pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
+        let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
+        let (empty, failing, panicking) = Default::default();
+        Self { pyramid, geometry, voxel_type, voxel_at: hashed_voxel, empty, failing, panicking }
+    }
+
+    /// `n`^3 voxels of 8 bits in bricks of 8^3.
+    pub(crate) fn cube(n: u32) -> Self {
+        Self::new(Pyramid::new(Extent::new(n, n, n), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+}
+
+/// A picture of 512 x 512 pixels of the whole volume at one pixel of error.
+pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
+    let world = source.geometry.world_box(source.pyramid.levels()[0].extent);
+    let rays = Camera { projection, ..Camera::looking_at_box(world) }.rays(512, 512).unwrap();
+    View { rays, opaque: None, level: LevelPolicy::Auto, pixel_error: 1.0, time: 0, channel: 0 }
+}
+
+impl BrickSource for TestSource {
+    fn pyramid(&self) -> &Pyramid {
+        &self.pyramid
+    }
+    fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+    fn voxel_type(&self) -> VoxelType {
+        self.voxel_type
+    }
+    fn value_range(&self) -> (f64, f64) {
+        (0.0, 1e6)
+    }
+    fn has_non_finite(&self) -> bool {
+        false
+    }
+    fn times(&self) -> u32 {
+        2
+    }
+    fn channels(&self) -> u32 {
+        2
+    }
+    fn occupancy_bins(&self) -> OccupancyBins {
+        OccupancyBins::over(0.0, 1e6)
+    }
+    fn occupancy(&self, id: BrickId) -> Occupancy {
+        if self.empty.contains(&id) { Occupancy::NONE } else { Occupancy::ALL }
+    }
+    fn advise(&self, _: &[BrickId]) {}
+
+    fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        assert!(!self.panicking.contains(&id), "told to");
+        if self.failing.contains(&id) {
+            return Err(BrickError { id, reason: "told to fail".into() });
+        }
+        let core = self.pyramid.brick_box(id.level, id.index);
+        let (low, high) = (core.min.to_array(), core.max.to_array());
+        let (edge, bytes) = (self.pyramid.edge(), self.voxel_type.bytes());
+        for (i, voxel) in out.chunks_exact_mut(bytes).enumerate() {
+            let i = i as u32;
+            let v = [low[0] + i % edge, low[1] + i / edge % edge, low[2] + i / edge / edge];
+            // Past the level's extent the bytes are unspecified: make them wrong.
+            voxel.fill(0xAA);
+            if (0..3).all(|a| v[a] < high[a]) {
+                (self.voxel_at)(id, v, voxel);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,203 @@
+//! The workers: threads that take bricks from the newest plan, decode and assemble them, and send them to the frame loop.
+//!
+//! A plan replaces the last one at once: what it no longer names is dropped, what is being worked on is not started twice.
+//! Padded buffers are counted: a worker takes a brick only together with a buffer, and buffers come back when the frame loop
+//! gives them back, so the channel is bounded in bytes. Before it decodes, a worker tells the source about the next
+//! batch of bricks, so that the disk works ahead of the decoder.
+
+use crate::assemble::PaddedReader;
+use crate::budget::Meter;
+use crate::ram_cache::{RamCache, zeroed};
+use crate::residency::Arrival;
+use brickyard_volume::BrickId;
+use crossbeam_channel::{Receiver, Select, Sender, bounded};
+use std::collections::HashSet;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
+const ADVISE_BATCH: usize = 16;
+
+pub(crate) struct Workers {
+    shared: Arc<Shared>,
+    /// `None` only while dropping.
+    arrivals: Option<Receiver<Arrival>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+struct Shared {
+    queue: Mutex<Queue>,
+    /// There may be something to take, or it is time to stop.
+    wake: Condvar,
+    padded_bytes: usize,
+    meter: Arc<Meter>,
+}
+
+#[derive(Default)]
+struct Queue {
+    requests: Vec<BrickId>,
+    /// Requests before this one are taken.
+    next: usize,
+    /// Requests before this one have been advised.
+    advised: usize,
+    /// Taken, and not yet received by the frame loop.
+    busy: HashSet<BrickId>,
+    /// Padded bricks that may still be started.
+    permits: usize,
+    /// Buffers to use again; never more than permits.
+    free: Vec<Arc<[u8]>>,
+    stop: bool,
+}
+
+struct Job {
+    id: BrickId,
+    buffer: Arc<[u8]>,
+    advise: Vec<BrickId>,
+}
+
+impl Workers {
+    /// Starts `threads` workers that stage at most `staged` padded bricks.
+    pub(crate) fn start(
+        cache: &Arc<RamCache>,
+        threads: u32,
+        staged: usize,
+        meter: Arc<Meter>,
+    ) -> std::io::Result<Self> {
+        let padded_bytes = cache.layout().padded_bytes();
+        let queue = Mutex::new(Queue { permits: staged, ..Queue::default() });
+        let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter });
+        let (sender, arrivals) = bounded(staged);
+        let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };
+        for i in 0..threads {
+            let (shared, sender) = (workers.shared.clone(), sender.clone());
+            let reader = PaddedReader::new(cache.clone());
+            let source = cache.source().clone();
+            let name = format!("brick-worker-{i}");
+            let work = move || shared.work(reader, &sender, |ids| source.advise(ids));
+            workers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+        }
+        Ok(workers)
+    }
+
+    /// Replaces the plan.
+    pub(crate) fn replace(&self, requests: Vec<BrickId>) {
+        let mut queue = self.shared.lock();
+        queue.requests = requests;
+        (queue.next, queue.advised) = (0, 0);
+        self.shared.wake.notify_all();
+    }
+
+    /// The next finished brick, if there is one.
+    pub(crate) fn try_receive(&self) -> Option<Arrival> {
+        let arrival = self.arrivals.as_ref()?.try_recv().ok()?;
+        self.shared.lock().busy.remove(&arrival.id);
+        Some(arrival)
+    }
+
+    /// Takes padded buffers back. One that somebody else keeps is theirs from here on.
+    pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
+        buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
+    }
+
+    /// Waits until a finished brick can be received; false if time ran out or nothing is on its way.
+    pub(crate) fn wait(&self, timeout: Duration) -> bool {
+        let Some(arrivals) = &self.arrivals else { return false };
+        {
+            let queue = self.shared.lock();
+            if queue.busy.is_empty() && queue.next == queue.requests.len() {
+                return !arrivals.is_empty();
+            }
+        }
+        let mut select = Select::new();
+        select.recv(arrivals);
+        select.ready_timeout(timeout).is_ok()
+    }
+}
+
+impl Drop for Workers {
+    fn drop(&mut self) {
+        self.shared.lock().stop = true;
+        self.shared.wake.notify_all();
+        // A worker that waits for room in the channel gets an error instead.
+        self.arrivals = None;
+        for thread in self.threads.drain(..) {
+            // A worker's own panic has been printed; there is nothing to add while dropping.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Shared {
+    fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
+        while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
+            if !batch.is_empty() {
+                advise(&batch);
+            }
+            // A buffer from `take` has one holder, so the copy never happens.
+            let result = reader.read(id, Arc::make_mut(&mut buffer));
+            let result = match result {
+                Ok(()) => Ok(buffer),
+                Err(err) => {
+                    self.give_back(buffer);
+                    Err(err)
+                }
+            };
+            if sender.send(Arrival { id, result }).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// The next brick of the plan and a buffer for it; `None` to stop.
+    fn take(&self) -> Option<Job> {
+        let mut queue = self.lock();
+        loop {
+            if queue.stop {
+                return None;
+            }
+            while queue.requests.get(queue.next).is_some_and(|id| queue.busy.contains(id)) {
+                queue.next += 1;
+            }
+            match queue.requests.get(queue.next) {
+                Some(&id) if queue.permits > 0 => return Some(self.start(queue, id)),
+                _ => queue = self.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
+            }
+        }
+    }
+
+    fn start(&self, mut queue: MutexGuard<'_, Queue>, id: BrickId) -> Job {
+        let mut advise = Vec::new();
+        if queue.next >= queue.advised {
+            queue.advised = (queue.next + ADVISE_BATCH).min(queue.requests.len());
+            advise.extend_from_slice(&queue.requests[queue.next..queue.advised]);
+        }
+        queue.next += 1;
+        queue.permits -= 1;
+        queue.busy.insert(id);
+        let buffer = queue.free.pop();
+        drop(queue);
+        let buffer = buffer.unwrap_or_else(|| {
+            self.meter.charge(self.padded_bytes as u64);
+            zeroed(self.padded_bytes)
+        });
+        Job { id, buffer, advise }
+    }
+
+    fn give_back(&self, mut buffer: Arc<[u8]>) {
+        let mut queue = self.lock();
+        queue.permits += 1;
+        if Arc::get_mut(&mut buffer).is_some() {
+            queue.free.push(buffer);
+        } else {
+            self.meter.release(self.padded_bytes as u64);
+        }
+        drop(queue);
+        self.wake.notify_one();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        // Nothing that can panic runs under the lock but allocation; the state is whole at every step.
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
