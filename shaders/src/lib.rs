@@ -1,1 +1,120 @@
-//! The WGSL of the renderer, by concern, composed.
+//! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
+//! costs nothing. Bindings of group 0: 0 frame, 1 cells, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture.
+
+mod layout;
+
+pub use layout::{CellInstance, FrameUniform};
+
+/// How a cell's samples become its pixel, and how cells meet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Gather {
+    /// Emission and absorption; cells blend *over* each other.
+    Composite,
+    /// Maximum or minimum; cells blend by max.
+    Project,
+    /// Sums of value and length; cells add.
+    Average,
+}
+
+impl Gather {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::Composite, Self::Project, Self::Average];
+}
+
+const FRAME: &str = include_str!("../wgsl/frame.wgsl");
+const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
+const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
+
+/// The sorted compositor's march: entry points `proxy` and `march`. With `has_invalid`, code 0 is no value and is left
+/// out of interpolation.
+pub fn sorted(gather: Gather, has_invalid: bool) -> String {
+    let sample = match has_invalid {
+        false => include_str!("../wgsl/sample.wgsl"),
+        true => include_str!("../wgsl/sample_valid.wgsl"),
+    };
+    let accumulate = match gather {
+        Gather::Composite => include_str!("../wgsl/composite.wgsl"),
+        Gather::Project => include_str!("../wgsl/project.wgsl"),
+        Gather::Average => include_str!("../wgsl/average.wgsl"),
+    };
+    let ray = include_str!("../wgsl/ray.wgsl");
+    let lattice = include_str!("../wgsl/lattice.wgsl");
+    [FRAME, ray, lattice, sample, CLASSIFY, accumulate, include_str!("../wgsl/sorted.wgsl")].join("\n")
+}
+
+/// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
+pub fn resolve(gather: Gather) -> String {
+    let resolve = match gather {
+        Gather::Composite => include_str!("../wgsl/resolve_composite.wgsl"),
+        Gather::Project => include_str!("../wgsl/resolve_project.wgsl"),
+        Gather::Average => include_str!("../wgsl/resolve_average.wgsl"),
+    };
+    [FRAME, CLASSIFY, FULLSCREEN, resolve].join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::{Module, TypeInner};
+    use std::mem::{offset_of, size_of};
+
+    /// Every shader there is, with a name for messages.
+    fn variants() -> Vec<(String, String)> {
+        let mut all = Vec::new();
+        for gather in Gather::ALL {
+            for has_invalid in [false, true] {
+                all.push((format!("sorted {gather:?} invalid {has_invalid}"), sorted(gather, has_invalid)));
+            }
+            all.push((format!("resolve {gather:?}"), resolve(gather)));
+        }
+        all
+    }
+
+    fn parse(name: &str, source: &str) -> Module {
+        naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)))
+    }
+
+    #[test]
+    fn every_variant_is_valid() {
+        use naga::valid::{Capabilities, ValidationFlags, Validator};
+        for (name, source) in variants() {
+            let module = parse(&name, &source);
+            let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+            assert!(checked.is_ok(), "{name}: {:?}", checked.err());
+            assert_eq!(module.entry_points.len(), 2, "{name}");
+        }
+    }
+
+    /// Members as (name, offset), and the span, of a struct.
+    fn layout(module: &Module, name: &str) -> (Vec<(String, usize)>, usize) {
+        for (_, ty) in module.types.iter() {
+            if let (Some(n), TypeInner::Struct { members, span }) = (&ty.name, &ty.inner)
+                && n == name
+            {
+                let member = |m: &naga::StructMember| (m.name.clone().unwrap_or_default(), m.offset as usize);
+                return (members.iter().map(member).collect(), *span as usize);
+            }
+        }
+        panic!("no struct {name}");
+    }
+
+    macro_rules! offsets {
+        ($t:ty: $($field:ident)*) => { vec![$((stringify!($field).to_string(), offset_of!($t, $field))),*] };
+    }
+
+    #[test]
+    fn structs_have_the_layout_of_their_twins() {
+        for (name, source) in variants() {
+            let module = parse(&name, &source);
+            let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
+                pixel_share clip_w per_unit_distance extent last_entry spacing orthographic texel invert background spare
+                size_px spare_2 zone_starts);
+            assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
+            if name.starts_with("sorted") {
+                let expected = offsets!(CellInstance: region_min spare region_max spare_2 texel_scale spare_3
+                    texel_offset spare_4);
+                assert_eq!(layout(&module, "Cell"), (expected, size_of::<CellInstance>()), "{name}");
+            }
+        }
+    }
+}

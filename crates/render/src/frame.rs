@@ -1,0 +1,83 @@
+//! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
+
+use crate::atlas::AtlasPlan;
+use brickyard_pager::DrawCell;
+use brickyard_shaders::{CellInstance, FrameUniform};
+use brickyard_volume::{FrameSettings, Mode, Pyramid};
+use glam::DVec3;
+
+/// The uniform of a frame of a volume in this atlas.
+pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &AtlasPlan) -> FrameUniform {
+    let rays = &frame.rays;
+    let spacing = frame.geometry.spacing;
+    let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
+    let eye = frame.geometry.voxel_from_world(rays.eye);
+    let single = |v: DVec3| v.as_vec3().to_array();
+    FrameUniform {
+        eye: single(eye),
+        step: frame.lattice.step as f32,
+        forward: single(rays.forward / spacing),
+        // A point is a sum of two products: a few units in the last place (2^-24) of its largest term.
+        slack: (8e-7 * (eye.abs().max_element() + extent.max_element())) as f32,
+        right: single(rays.right / spacing),
+        half_width: rays.right.length() as f32,
+        up: single(rays.up / spacing),
+        half_height: rays.up.length() as f32,
+        clip_x: single(rays.right * spacing / rays.right.length_squared()),
+        near: (1e-3 * frame.lattice.step) as f32,
+        clip_y: single(rays.up * spacing / rays.up.length_squared()),
+        pixel_share: (rays.pixel_size(1.0) / 8.0) as f32,
+        clip_w: single(rays.forward * spacing),
+        per_unit_distance: 1.0 / frame.table.unit_distance,
+        extent: single(extent),
+        last_entry: (frame.table.entries.len() - 1) as f32,
+        spacing: single(spacing),
+        orthographic: rays.orthographic as u32,
+        texel: atlas.size().map(|n| (1.0 / n as f64) as f32),
+        invert: (frame.mode == Mode::MinIp) as u32 as f32,
+        background: frame.background,
+        size_px: [rays.width as f32, rays.height as f32],
+        zone_starts: frame.lattice.zone_starts,
+        ..Default::default()
+    }
+}
+
+/// A cell drawn from its brick's slot. Exact in f32 for volumes up to 2^24 voxels along an axis.
+pub(crate) fn cell_instance(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellInstance {
+    let factor = pyramid.level(cell.brick.level).factor;
+    let index = cell.brick.index.to_array();
+    let origin = atlas.origin(cell.slot);
+    let offset = |a: usize| (origin[a] + apron) as i64 - index[a] as i64 * pyramid.edge() as i64;
+    CellInstance {
+        region_min: cell.region.min.to_array().map(|v| v as f32),
+        region_max: cell.region.max.to_array().map(|v| v as f32),
+        texel_scale: factor.map(|f| 1.0 / f as f32),
+        texel_offset: std::array::from_fn(|a| offset(a) as f32),
+        ..Default::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_pager::Slot;
+    use brickyard_volume::{BrickId, BrickIndex, Extent, Level, VoxelBox};
+
+    #[test]
+    fn a_voxel_centre_meets_its_texel_centre() {
+        let pyramid = Pyramid::new(Extent::new(300, 200, 100), [1.0; 3], 32);
+        let atlas = AtlasPlan::new(34, 2, 40 * 34 * 34 * 34 * 2, 256, u32::MAX).unwrap();
+        let id = |level, x, y, z| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, y, z) };
+        let brick = id(1, 4, 2, 1);
+        let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);
+        let cell = DrawCell { cell: brick, region, brick, slot: Slot(17) };
+        let instance = cell_instance(&cell, &pyramid, &atlas, 1);
+        // Voxel (5, 0, 31) of the brick, level 1: its centre in level-0 voxels.
+        let voxel = [4 * 32 + 5, 2 * 32, 32 + 31].map(|v| (v as f32 + 0.5) * 2.0);
+        let origin = atlas.origin(Slot(17));
+        for (a, inner) in [5, 0, 31].into_iter().enumerate() {
+            let texel = voxel[a] * instance.texel_scale[a] + instance.texel_offset[a];
+            assert_eq!(texel, (origin[a] + 1 + inner) as f32 + 0.5);
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Pipelines: for each way to gather samples, the march over cells and the pass that makes display colours of it. Made when
+//! first used.
+
+use crate::adapter::{Gpu, GpuFormats};
+use brickyard_shaders::{Gather, resolve, sorted};
+use brickyard_volume::Mode;
+use wgpu::{
+    BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
+};
+
+/// Format of the finished picture. Colours are display-referred as they are: no sRGB conversion.
+pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
+
+/// How a mode gathers.
+pub(crate) fn gather_of(mode: Mode) -> Gather {
+    match mode {
+        Mode::Dvr => Gather::Composite,
+        Mode::Mip | Mode::MinIp => Gather::Project,
+        Mode::Average => Gather::Average,
+    }
+}
+
+/// The format that a gathering needs.
+pub(crate) fn gather_format(gather: Gather, formats: &GpuFormats) -> TextureFormat {
+    match gather {
+        Gather::Composite => formats.composite,
+        Gather::Project | Gather::Average => formats.project,
+    }
+}
+
+/// The bind group layouts that all variants share.
+#[derive(Debug)]
+pub(crate) struct Layouts {
+    pub(crate) sorted: wgpu::BindGroupLayout,
+    pub(crate) resolve: wgpu::BindGroupLayout,
+}
+
+/// The two pipelines of one way to gather.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    pub(crate) sorted: wgpu::RenderPipeline,
+    pub(crate) resolve: wgpu::RenderPipeline,
+}
+
+fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
+    BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
+}
+
+fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingType {
+    let sample_type = wgpu::TextureSampleType::Float { filterable };
+    BindingType::Texture { sample_type, view_dimension, multisampled: false }
+}
+
+impl Layouts {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let uniform = buffer(wgpu::BufferBindingType::Uniform);
+        let storage = buffer(wgpu::BufferBindingType::Storage { read_only: true });
+        let make =
+            |label, entries: &[(u32, ShaderStages, BindingType)]| {
+                let entry = |&(binding, visibility, ty): &(u32, ShaderStages, BindingType)| {
+                    wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
+                };
+                let entries: Vec<_> = entries.iter().map(entry).collect();
+                let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+                gpu.device.create_bind_group_layout(&descriptor)
+            };
+        let fragment = ShaderStages::FRAGMENT;
+        Self {
+            sorted: make(
+                "sorted",
+                &[
+                    (0, ShaderStages::VERTEX_FRAGMENT, uniform),
+                    (1, ShaderStages::VERTEX, storage),
+                    (2, fragment, texture(TextureViewDimension::D3, true)),
+                    (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+                    (4, fragment, storage),
+                ],
+            ),
+            resolve: make(
+                "resolve",
+                &[
+                    (0, fragment, uniform),
+                    (4, fragment, storage),
+                    (5, fragment, texture(TextureViewDimension::D2, false)),
+                ],
+            ),
+        }
+    }
+}
+
+/// How cells meet: *over* from back to front, the greater, or the sum.
+fn blend(gather: Gather) -> wgpu::BlendState {
+    let (dst_factor, operation) = match gather {
+        Gather::Composite => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
+        Gather::Project => (BlendFactor::One, BlendOperation::Max),
+        Gather::Average => (BlendFactor::One, BlendOperation::Add),
+    };
+    let component = BlendComponent { src_factor: BlendFactor::One, dst_factor, operation };
+    wgpu::BlendState { color: component, alpha: component }
+}
+
+impl Pipelines {
+    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, gather: Gather, has_invalid: bool) -> Self {
+        let format = gather_format(gather, &gpu.report.formats);
+        let boxes = wgpu::PrimitiveState {
+            topology: wgpu::PrimitiveTopology::TriangleStrip,
+            cull_mode: Some(wgpu::Face::Front),
+            ..Default::default()
+        };
+        let full = wgpu::PrimitiveState::default();
+        let march = wgpu::ColorTargetState { format, blend: Some(blend(gather)), write_mask: wgpu::ColorWrites::ALL };
+        Self {
+            sorted: pipeline(gpu, &sorted(gather, has_invalid), &layouts.sorted, ["proxy", "march"], boxes, march),
+            resolve: pipeline(
+                gpu,
+                &resolve(gather),
+                &layouts.resolve,
+                ["fullscreen", "resolve"],
+                full,
+                DISPLAY_FORMAT.into(),
+            ),
+        }
+    }
+}
+
+fn pipeline(
+    gpu: &Gpu,
+    source: &str,
+    bindings: &wgpu::BindGroupLayout,
+    [vertex, fragment]: [&str; 2],
+    primitive: wgpu::PrimitiveState,
+    target: wgpu::ColorTargetState,
+) -> wgpu::RenderPipeline {
+    let device = &gpu.device;
+    let descriptor =
+        wgpu::ShaderModuleDescriptor { label: Some(fragment), source: wgpu::ShaderSource::Wgsl(source.into()) };
+    let module = device.create_shader_module(descriptor);
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(fragment),
+        bind_group_layouts: &[Some(bindings)],
+        immediate_size: 0,
+    });
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(fragment),
+        layout: Some(&layout),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some(vertex),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive,
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(target)],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

@@ -1,0 +1,95 @@
+//! What a picture of one size is drawn into and read back from.
+
+use crate::adapter::Gpu;
+use crate::error::GpuError;
+use crate::memory::{TIMESTAMP_BYTES, read_back_row_bytes};
+use crate::pipelines::{DISPLAY_FORMAT, gather_format};
+use brickyard_shaders::Gather;
+use brickyard_volume::Picture;
+use wgpu::{Extent3d, TextureFormat, TextureUsages};
+
+/// The gathered samples, the display picture, and the buffer that brings it to the CPU.
+#[derive(Debug)]
+pub(crate) struct Targets {
+    pub(crate) gather: Gather,
+    pub(crate) width_px: u32,
+    pub(crate) height_px: u32,
+    pub(crate) gathered: wgpu::TextureView,
+    pub(crate) display_view: wgpu::TextureView,
+    display: wgpu::Texture,
+    /// Padded rows of RGBA, then two timestamps.
+    pub(crate) read_back: wgpu::Buffer,
+}
+
+impl Targets {
+    pub(crate) fn new(gpu: &Gpu, gather: Gather, width_px: u32, height_px: u32) -> Result<Self, GpuError> {
+        let size = Extent3d { width: width_px, height: height_px, depth_or_array_layers: 1 };
+        let texture = |device: &wgpu::Device, format: TextureFormat, usage| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("target"),
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: TextureUsages::RENDER_ATTACHMENT | usage,
+                view_formats: &[],
+            })
+        };
+        let pixels = width_px as u64 * height_px as u64;
+        let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
+        gpu.allocate("the picture's targets", pixels * 20 + rows_bytes, |device| {
+            let format = gather_format(gather, &gpu.report.formats);
+            let gathered = texture(device, format, TextureUsages::TEXTURE_BINDING).create_view(&Default::default());
+            let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC);
+            let display_view = display.create_view(&Default::default());
+            let read_back = device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("read-back"),
+                size: rows_bytes + TIMESTAMP_BYTES,
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            });
+            Self { gather, width_px, height_px, gathered, display_view, display, read_back }
+        })
+    }
+
+    /// Where the timestamps lie in the read-back buffer.
+    pub(crate) fn timestamps_offset(&self) -> u64 {
+        read_back_row_bytes(self.width_px) * self.height_px as u64
+    }
+
+    /// Queues the copy of the display picture into the read-back buffer.
+    pub(crate) fn copy_back(&self, encoder: &mut wgpu::CommandEncoder) {
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(read_back_row_bytes(self.width_px) as u32),
+            rows_per_image: None,
+        };
+        let size = Extent3d { width: self.width_px, height: self.height_px, depth_or_array_layers: 1 };
+        let destination = wgpu::TexelCopyBufferInfo { buffer: &self.read_back, layout };
+        encoder.copy_texture_to_buffer(self.display.as_image_copy(), destination, size);
+    }
+
+    /// Waits for the submission that copied, and takes the picture and the two timestamps.
+    pub(crate) fn read(&self, gpu: &Gpu, copied: wgpu::SubmissionIndex) -> Result<(Picture, [u64; 2]), GpuError> {
+        let (send, receive) = std::sync::mpsc::channel();
+        self.read_back.map_async(wgpu::MapMode::Read, .., move |mapped| {
+            // The receiver lives until the end of this function; if it is gone, no one waits for the answer.
+            let _ = send.send(mapped);
+        });
+        gpu.wait(copied)?;
+        let refused = |e: &dyn std::fmt::Display| GpuError::Refused(format!("reading the picture back: {e}"));
+        receive.try_recv().map_err(|e| refused(&e))?.map_err(|e| refused(&e))?;
+        let bytes = self.read_back.get_mapped_range(..).map_err(|e| refused(&e))?;
+        let (rows, timestamps) = bytes.split_at(self.timestamps_offset() as usize);
+        let rgb = rows
+            .chunks_exact(read_back_row_bytes(self.width_px) as usize)
+            .flat_map(|row| row[..self.width_px as usize * 4].chunks_exact(4).map(|p| [p[0], p[1], p[2]]))
+            .collect();
+        let tick = |i: usize| bytemuck::pod_read_unaligned(&timestamps[i * 8..i * 8 + 8]);
+        let ticks = [tick(0), tick(1)];
+        drop(bytes);
+        self.read_back.unmap();
+        Ok((Picture { width: self.width_px, height: self.height_px, rgb }, ticks))
+    }
+}

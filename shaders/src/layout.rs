@@ -1,0 +1,82 @@
+//! The Rust twins of the WGSL structs. A test compares names, offsets and sizes with what naga reflects.
+
+use bytemuck::{Pod, Zeroable};
+
+/// What is the same for every cell of a frame; `Frame` in WGSL. Directions and positions are in voxel space: one world
+/// unit along a direction is `1 / spacing` voxels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameUniform {
+    /// The eye, voxel space.
+    pub eye: [f32; 3],
+    /// Finest lattice step, world units.
+    pub step: f32,
+    /// View direction, voxels per world unit.
+    pub forward: [f32; 3],
+    /// How far f32 rounding can move a point, voxels.
+    pub slack: f32,
+    /// From the picture's centre to its right edge (at world distance 1 in perspective), voxels.
+    pub right: [f32; 3],
+    /// World length of `right`.
+    pub half_width: f32,
+    /// From the picture's centre to its top edge, likewise.
+    pub up: [f32; 3],
+    /// World length of `up`.
+    pub half_height: f32,
+    /// Clip x of a voxel-space offset from the eye.
+    pub clip_x: [f32; 3],
+    /// Clip distance before the eye, world units; far below half a step.
+    pub near: f32,
+    /// Clip y of such an offset.
+    pub clip_y: [f32; 3],
+    /// An eighth of a pixel in world units: at distance 1 in perspective.
+    pub pixel_share: f32,
+    /// World distance along the view direction of such an offset.
+    pub clip_w: [f32; 3],
+    /// One over the table's unit distance, per world unit.
+    pub per_unit_distance: f32,
+    /// Level-0 voxels of the volume.
+    pub extent: [f32; 3],
+    /// Index of the table's last entry.
+    pub last_entry: f32,
+    /// World units per voxel.
+    pub spacing: [f32; 3],
+    /// 1 if rays are parallel.
+    pub orthographic: u32,
+    /// One over the atlas's size in texels.
+    pub texel: [f32; 3],
+    /// 1 for minimum intensity, else 0.
+    pub invert: f32,
+    /// Colour behind the volume.
+    pub background: [f32; 3],
+    /// Padding.
+    pub spare: f32,
+    /// Picture width and height, pixels.
+    pub size_px: [f32; 2],
+    /// Padding.
+    pub spare_2: [f32; 2],
+    /// First tick of each zone.
+    pub zone_starts: [u32; 16],
+}
+
+/// One cell of the draw list; `Cell` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct CellInstance {
+    /// Low corner of the cell's half-open box, level-0 voxels.
+    pub region_min: [f32; 3],
+    /// Padding.
+    pub spare: f32,
+    /// High corner, exclusive.
+    pub region_max: [f32; 3],
+    /// Padding.
+    pub spare_2: f32,
+    /// Atlas texels per level-0 voxel: one over the brick's level's factor.
+    pub texel_scale: [f32; 3],
+    /// Padding.
+    pub spare_3: f32,
+    /// Atlas texel of voxel-space zero.
+    pub texel_offset: [f32; 3],
+    /// Padding.
+    pub spare_4: f32,
+}

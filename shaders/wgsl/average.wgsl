@@ -1,0 +1,21 @@
+// The length-weighted sum of the values inside one cell and the sum of lengths; cells add up by blending.
+struct Pixel {
+    sum: f32,
+    length: f32,
+}
+
+fn pixel_start() -> Pixel {
+    return Pixel(0.0, 0.0);
+}
+
+fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
+    return Pixel(pixel.sum + value * length, pixel.length + length);
+}
+
+fn is_opaque(pixel: Pixel) -> bool {
+    return false;
+}
+
+fn pixel_end(pixel: Pixel) -> vec4f {
+    return vec4f(pixel.sum, pixel.length, 0.0, 0.0);
+}

@@ -1,0 +1,25 @@
+// Direct volume rendering inside one cell: emission and absorption, front to back; premultiplied.
+struct Pixel {
+    color: vec3f,
+    transmittance: f32,
+}
+
+fn pixel_start() -> Pixel {
+    return Pixel(vec3f(0.0), 1.0);
+}
+
+fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
+    let entry = classify(value);
+    let left = transmittance(entry.a, length);
+    let weight = pixel.transmittance * (1.0 - left);
+    return Pixel(pixel.color + weight * entry.rgb, pixel.transmittance * left);
+}
+
+// Whatever lies behind adds less than a sixteenth of an 8-bit code.
+fn is_opaque(pixel: Pixel) -> bool {
+    return pixel.transmittance < 1.0 / 4096.0;
+}
+
+fn pixel_end(pixel: Pixel) -> vec4f {
+    return vec4f(pixel.color, 1.0 - pixel.transmittance);
+}

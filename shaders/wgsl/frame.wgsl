@@ -1,0 +1,30 @@
+// What is the same for every cell of a frame. Twin of `FrameUniform` in layout.rs, where each field's unit is given.
+struct Frame {
+    eye: vec3f,
+    step: f32,
+    forward: vec3f,
+    slack: f32,
+    right: vec3f,
+    half_width: f32,
+    up: vec3f,
+    half_height: f32,
+    clip_x: vec3f,
+    near: f32,
+    clip_y: vec3f,
+    pixel_share: f32,
+    clip_w: vec3f,
+    per_unit_distance: f32,
+    extent: vec3f,
+    last_entry: f32,
+    spacing: vec3f,
+    orthographic: u32,
+    texel: vec3f,
+    invert: f32,
+    background: vec3f,
+    spare: f32,
+    size_px: vec2f,
+    spare_2: vec2f,
+    zone_starts: array<vec4u, 4>,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;

@@ -1,0 +1,22 @@
+// Maximum and minimum intensity inside one cell, as (value, 1) where something was sampled, else (0, 0). The minimum is
+// the maximum of 1 - value (`frame.invert` 1), so both blend by max over a target cleared to zero.
+struct Pixel {
+    value: f32,
+    sampled: f32,
+}
+
+fn pixel_start() -> Pixel {
+    return Pixel(0.0, 0.0);
+}
+
+fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
+    return Pixel(max(pixel.value, abs(frame.invert - value)), 1.0);
+}
+
+fn is_opaque(pixel: Pixel) -> bool {
+    return false;
+}
+
+fn pixel_end(pixel: Pixel) -> vec4f {
+    return vec4f(pixel.value, pixel.sampled, 0.0, 0.0);
+}

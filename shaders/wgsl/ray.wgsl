@@ -1,0 +1,35 @@
+// The ray of a pixel, in voxel space, with t in world units: `origin + t * direction`. It depends on nothing but the
+// pixel's coordinates, so that every cell's fragment at a pixel sees bit for bit the same ray.
+struct Ray {
+    origin: vec3f,
+    direction: vec3f,
+}
+
+// `pixel` is in pixels, centres at halves, row 0 on top.
+fn pixel_ray(pixel: vec2f) -> Ray {
+    let u = (2.0 * pixel.x - frame.size_px.x) / frame.size_px.x;
+    let v = (frame.size_px.y - 2.0 * pixel.y) / frame.size_px.y;
+    let offset = frame.right * u + frame.up * v;
+    if (frame.orthographic != 0u) {
+        return Ray(frame.eye + offset, parallel_safe(frame.forward));
+    }
+    // Forward, right and up are orthogonal in the world, so the world length needs their lengths alone.
+    let across = vec2f(u * frame.half_width, v * frame.half_height);
+    let length = sqrt(1.0 + dot(across, across));
+    return Ray(frame.eye, parallel_safe((frame.forward + offset) / length));
+}
+
+// No component is zero afterwards: a ray along a box's face gets slabs of (-huge, huge) or an empty one, never 0 * inf.
+// At 1e-30 voxels per world unit the ray still does not move along that axis in f32.
+fn parallel_safe(direction: vec3f) -> vec3f {
+    return select(direction, vec3f(1e-30), abs(direction) < vec3f(1e-30));
+}
+
+// The stretch (from, to) of the ray inside a box; empty if from >= to.
+fn clip(ray: Ray, low: vec3f, high: vec3f) -> vec2f {
+    let a = (low - ray.origin) / ray.direction;
+    let b = (high - ray.origin) / ray.direction;
+    let near = min(a, b);
+    let far = max(a, b);
+    return vec2f(max(max(near.x, near.y), near.z), min(min(far.x, far.y), far.z));
+}

@@ -1,0 +1,7 @@
+// The mean value through the table's colours; opaque where something was sampled.
+@fragment
+fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let sums = textureLoad(gathered, vec2i(position.xy), 0).xy;
+    let color = classify(sums.x / max(sums.y, 1e-30)).rgb;
+    return vec4f(select(frame.background, color, sums.y > 0.0), 1.0);
+}

@@ -1,0 +1,7 @@
+// The greatest or least value through the table's colours; opaque where something was sampled.
+@fragment
+fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let extreme = textureLoad(gathered, vec2i(position.xy), 0).xy;
+    let color = classify(abs(frame.invert - extreme.x)).rgb;
+    return vec4f(select(frame.background, color, extreme.y > 0.0), 1.0);
+}

@@ -1,0 +1,90 @@
+// The sorted compositor: one box per cell, back to front; the back faces start a march through the cell.
+//
+// Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples whose
+// points lie in its cell's half-open box: cells share no sample and leave none out, whatever the rasteriser does at edges.
+
+// Twin of `CellInstance` in layout.rs.
+struct Cell {
+    region_min: vec3f,
+    spare: f32,
+    region_max: vec3f,
+    spare_2: f32,
+    // texel = voxel * texel_scale + texel_offset
+    texel_scale: vec3f,
+    spare_3: f32,
+    texel_offset: vec3f,
+    spare_4: f32,
+}
+
+@group(0) @binding(1) var<storage, read> cells: array<Cell>;
+
+struct Proxy {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat) region_min: vec3f,
+    @location(1) @interpolate(flat) region_max: vec3f,
+    @location(2) @interpolate(flat) texel_scale: vec3f,
+    @location(3) @interpolate(flat) texel_offset: vec3f,
+}
+
+// Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
+@vertex
+fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) -> Proxy {
+    let cell = cells[instance];
+    let bits = vec3u(0x287au, 0x02afu, 0x31e3u) >> vec3u(i);
+    let corner = select(cell.region_min, cell.region_max, (bits & vec3u(1u)) == vec3u(1u));
+
+    // Outward by an eighth of a pixel at the box's far side, so that snapping to the raster loses no pixel. The same for
+    // all corners: the box stays a convex box, and a pixel gets one back face.
+    let half_size = (cell.region_max - cell.region_min) * 0.5;
+    let centre = cell.region_min + half_size - frame.eye;
+    let distance = length(centre * frame.spacing) + length(half_size * frame.spacing);
+    let grow = frame.pixel_share * select(distance, 1.0, frame.orthographic != 0u) / frame.spacing + frame.slack;
+    let from_eye = corner - frame.eye + select(-grow, grow, corner == cell.region_max);
+
+    var out: Proxy;
+    let x = dot(from_eye, frame.clip_x);
+    let y = dot(from_eye, frame.clip_y);
+    let w = dot(from_eye, frame.clip_w);
+    // Nothing is clipped but what is behind the eye: there is no depth buffer.
+    out.position = select(vec4f(x, y, w - frame.near, w), vec4f(x, y, 0.5, 1.0), frame.orthographic != 0u);
+    out.region_min = cell.region_min;
+    out.region_max = cell.region_max;
+    out.texel_scale = cell.texel_scale;
+    out.texel_offset = cell.texel_offset;
+    return out;
+}
+
+@fragment
+fn march(in: Proxy) -> @location(0) vec4f {
+    let ray = pixel_ray(in.position.xy);
+    let whole = clip(ray, vec3f(0.0), frame.extent);
+    let t_in = max(whole.x, 0.0);
+    let t_out = whole.y;
+    // Where samples of this cell can be: its box, widened by what rounding moves a point.
+    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
+    let first = max(own.x, t_in);
+    let last = min(own.y, t_out);
+
+    // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
+    let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
+    let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
+
+    var pixel = pixel_start();
+    if (first < last) {
+        var walk = walk_from(first);
+        loop {
+            let part = segment(walk, t_in, t_out);
+            let middle = 0.5 * (part.x + part.y);
+            if (middle > last || is_opaque(pixel)) {
+                break;
+            }
+            let point = ray.origin + ray.direction * middle;
+            let value = sample_atlas(point * in.texel_scale + in.texel_offset);
+            if (all(point >= low) && all(point < high) && part.y > part.x && value >= 0.0) {
+                pixel = accumulate(pixel, value, part.y - part.x);
+            }
+            walk = walk_on(walk);
+        }
+    }
+    return pixel_end(pixel);
+}
