@@ -1,0 +1,137 @@
+//! CPU milliseconds and samples a CPU-second of a 512x512 picture of 256^3 voxels in bricks of 64^3, for several modes, and
+//! the best wall time of a frame with one and with two threads; the pictures go into a folder (Linux):
+//! `cargo run --release -p brickyard-software --example speed -- FOLDER
+//! [ONLY]`, `ONLY` being part of a case's name.
+
+#[path = "../tests/bricks/mod.rs"]
+#[allow(dead_code, reason = "the oracle is for tests")]
+mod bricks;
+
+use bricks::Volume;
+use brickyard_volume::*;
+use glam::DVec3;
+use std::time::Instant;
+
+const SIZE_PX: u32 = 512;
+const FRAMES: u32 = 8;
+
+fn main() -> std::io::Result<()> {
+    let folder = std::path::PathBuf::from(std::env::args().nth(1).unwrap_or(".".to_string()));
+    for voxel_type in [VoxelType::U8, VoxelType::U16] {
+        let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+        let volume = Volume::new(Extent::new(256, 256, 256), DVec3::ONE, 64, encoding, |p| encoding.value(shells(p)));
+        for (name, mode, opacity) in [
+            ("opaque", Mode::Dvr, vec![[0.35, 0.0], [0.45, 0.7], [1.0, 0.9]]),
+            ("fog", Mode::Dvr, vec![[0.0, 0.0005], [1.0, 0.01]]),
+            ("mip", Mode::Mip, vec![[0.0, 1.0]]),
+            ("average", Mode::Average, vec![[0.0, 1.0]]),
+        ] {
+            if !std::env::args().nth(2).is_none_or(|only| format!("{voxel_type} {name}").contains(&only)) {
+                continue;
+            }
+            let frame = frame(&volume, mode, opacity);
+            let samples = samples(&volume, &frame);
+            for threads in [1, 2] {
+                let (wall_ms, cpu_ms, picture) = measure(&volume, &frame, threads);
+                println!(
+                    "{voxel_type} {name}, {threads} threads: {:.1} M samples, wall {wall_ms:.0} ms, CPU {cpu_ms:.0} ms: {:.0} M/s",
+                    samples as f64 / 1e6,
+                    samples as f64 / cpu_ms / 1e3
+                );
+                write_png(&folder.join(format!("{voxel_type}-{name}.png")), &picture)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A ball of shells around an off-centre core, between 0 and 1.
+fn shells(p: DVec3) -> f64 {
+    let r = (p - DVec3::new(120.0, 130.0, 125.0)).length() / 128.0;
+    let ripple = 0.5 + 0.25 * (r * 25.0).cos() + 0.25 * (p.x * 0.11).sin() * (p.y * 0.13).sin() * (p.z * 0.09).sin();
+    (ripple * (1.3 - r)).clamp(0.0, 1.0)
+}
+
+/// The whole volume in view, with samples a voxel apart.
+fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
+    let value = |t: f64| volume.encoding.value(t);
+    let colors = [[0.0, 0.1, 0.1, 0.4], [0.5, 0.9, 0.4, 0.2], [1.0, 1.0, 1.0, 0.8]];
+    let transfer = TransferFunction {
+        color: colors.map(|[t, r, g, b]| [value(t), r, g, b]).to_vec(),
+        opacity: opacity.into_iter().map(|[t, a]| [value(t), a]).collect(),
+        unit_distance: 1.25,
+    };
+    let geometry = Geometry::default();
+    let camera = Camera::looking_at_box(geometry.world_box(Extent::new(256, 256, 256)));
+    let projection = Projection::Perspective { fov_y_deg: 24.0 };
+    FrameSettings {
+        rays: Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).unwrap(),
+        lattice: Lattice::uniform(1.0, 0),
+        geometry,
+        encoding: volume.encoding,
+        table: TransferTable::new(&transfer, &volume.encoding),
+        mode,
+        background: [0.0; 3],
+    }
+}
+
+/// The best wall and the best CPU time of some frames, and the picture.
+fn measure(volume: &Volume, frame: &FrameSettings, threads: usize) -> (f64, f64, Picture) {
+    let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
+    let (mut renderer, list) = volume.load(&cut, &frame.rays, threads);
+    let mut picture = renderer.render(frame, &volume.pyramid, &list);
+    let (mut wall, mut cpu) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..FRAMES {
+        let (start, cpu_start) = (Instant::now(), cpu_ms());
+        picture = renderer.render(frame, &volume.pyramid, &list);
+        wall = wall.min(start.elapsed().as_secs_f64() * 1e3);
+        cpu = cpu.min(cpu_ms() - cpu_start);
+    }
+    (wall, cpu, picture)
+}
+
+/// CPU time of all threads of this process so far, from `/proc`.
+fn cpu_ms() -> f64 {
+    let threads = std::fs::read_dir("/proc/self/task").expect("Linux");
+    let run_ns = threads.map(|thread| {
+        let path = thread.expect("a thread").path().join("schedstat");
+        let text = std::fs::read_to_string(path).expect("scheduler statistics");
+        text.split_whitespace().next().and_then(|n| n.parse::<u64>().ok()).expect("a number")
+    });
+    run_ns.sum::<u64>() as f64 / 1e6
+}
+
+/// The samples that a frame takes: all of a ray's, up to where early termination ends it.
+fn samples(volume: &Volume, frame: &FrameSettings) -> u64 {
+    let mut count = 0;
+    for (x, y) in (0..SIZE_PX).flat_map(|y| (0..SIZE_PX).map(move |x| (x, y))) {
+        let ray = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+        let (low, high) = frame.geometry.world_box(volume.pyramid.levels()[0].extent);
+        let (a, b) = ((low - ray.origin) / ray.direction, (high - ray.origin) / ray.direction);
+        let (t_in, t_out) = (a.min(b).max_element(), a.max(b).min_element());
+        let mut passed = 1.0;
+        for s in frame.lattice.segments(t_in, t_out) {
+            count += 1;
+            if frame.mode == Mode::Dvr {
+                let voxel = frame.geometry.voxel_from_world(ray.origin + ray.direction * s.middle());
+                let nearest = voxel.to_array().map(|v| v as u32);
+                let value = volume.levels[0].values[volume.levels[0].extent.linear(nearest) as usize];
+                let unorm = (value - volume.encoding.low) / (volume.encoding.high - volume.encoding.low);
+                let alpha = frame.table.lookup(unorm as f32)[3];
+                passed *= (1.0 - alpha as f64).powf(s.length() / frame.table.unit_distance as f64);
+                if passed < 1.0 / 4096.0 {
+                    break;
+                }
+            }
+        }
+    }
+    count
+}
+
+fn write_png(path: &std::path::Path, picture: &Picture) -> std::io::Result<()> {
+    let mut encoder = png::Encoder::new(std::fs::File::create(path)?, picture.width, picture.height);
+    encoder.set_color(png::ColorType::Rgb);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(picture.rgb.as_flattened())?;
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
+//! lattice, and what the transfer table can show.
+
+use crate::ray::Ticks;
+use crate::sample::{LANES, Packet};
+use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_volume::{FrameSettings, Geometry, Pyramid, ViewRays, VoxelBox};
+use glam::DVec3;
+
+/// A frame in the making.
+pub(crate) struct Frame<'a> {
+    pub(crate) settings: &'a FrameSettings,
+    pub(crate) ticks: Ticks,
+    /// Level-0 voxels along each axis: the volume's box in voxel space is `[0, extent)`.
+    pub(crate) extent: [f64; 3],
+    /// Front to back.
+    pub(crate) cells: Vec<Cell<'a>>,
+    /// Voxels along a padded brick's edge.
+    pub(crate) padded: u32,
+    /// Table positions from one code to the next.
+    pub(crate) positions_per_code: f32,
+    /// Opacity is zero at table positions outside these two.
+    pub(crate) visible: [f32; 2],
+}
+
+/// One cell of the draw list.
+pub(crate) struct Cell<'a> {
+    /// The half-open box in voxel space, without bound where it ends at the volume's faces: rays are clipped there
+    /// already, and a sample that rounding has put a hair outside still belongs to a cell.
+    pub(crate) low: [f64; 3],
+    pub(crate) high: [f64; 3],
+    /// Slot coordinate (voxel centres at whole numbers) = `offset + voxel * scale`.
+    pub(crate) scale: [f64; 3],
+    pub(crate) offset: [f64; 3],
+    /// The padded brick.
+    pub(crate) codes: &'a [u8],
+    /// The pixels that may see the cell.
+    pub(crate) rect: PixelRect,
+}
+
+/// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PixelRect {
+    pub(crate) x0: u32,
+    pub(crate) x1: u32,
+    pub(crate) y0: u32,
+    pub(crate) y1: u32,
+}
+
+impl<'a> Frame<'a> {
+    pub(crate) fn new(
+        settings: &'a FrameSettings,
+        pyramid: &Pyramid,
+        list: &DrawList,
+        apron: u32,
+        codes: impl Fn(Slot) -> &'a [u8],
+    ) -> Self {
+        let entries = &settings.table.entries;
+        assert!(entries.len() >= 2, "a transfer table has at least two entries");
+        let extent = pyramid.levels()[0].extent.to_array().map(f64::from);
+        let near_first = list.cells.iter().rev();
+        let cells = near_first.filter_map(|c| Cell::new(settings, pyramid, c, apron, codes(c.slot))).collect();
+        let first = entries.iter().position(|e| e[3] > 0.0);
+        let last = entries.iter().rposition(|e| e[3] > 0.0);
+        let visible = match (first, last) {
+            (Some(first), Some(last)) => [first as f32 - 1.0, last as f32 + 1.0],
+            _ => [f32::MAX, f32::MIN],
+        };
+        Self {
+            settings,
+            ticks: Ticks::new(&settings.lattice),
+            extent,
+            cells,
+            padded: pyramid.edge() + 2 * apron,
+            positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
+            visible,
+        }
+    }
+}
+
+impl Frame<'_> {
+    /// Whether any of a packet's table positions may have opacity.
+    #[inline(always)]
+    pub(crate) fn shows(&self, position: &Packet) -> bool {
+        let [low, high] = self.visible;
+        let mut inside = *position;
+        for i in 0..LANES {
+            let (a, b) = (position[i] - low, high - position[i]);
+            inside[i] = if a < b { a } else { b };
+        }
+        let mut half = LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                inside[i] = if inside[i + half] > inside[i] { inside[i + half] } else { inside[i] };
+            }
+            half /= 2;
+        }
+        inside[0] > 0.0
+    }
+}
+
+impl<'a> Cell<'a> {
+    /// `None` if no pixel can see it.
+    fn new(settings: &FrameSettings, pyramid: &Pyramid, cell: &DrawCell, apron: u32, codes: &'a [u8]) -> Option<Self> {
+        let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
+        let factor = pyramid.level(cell.brick.level).factor;
+        let index = cell.brick.index.to_array();
+        let (min, max) = (cell.region.min.to_array(), cell.region.max.to_array());
+        let extent = pyramid.levels()[0].extent.to_array();
+        let core = |a: usize| index[a] as f64 * pyramid.edge() as f64;
+        Some(Self {
+            low: std::array::from_fn(|a| if min[a] == 0 { f64::NEG_INFINITY } else { min[a] as f64 }),
+            high: std::array::from_fn(|a| if max[a] == extent[a] { f64::INFINITY } else { max[a] as f64 }),
+            scale: factor.map(|f| 1.0 / f as f64),
+            offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
+            codes,
+            rect,
+        })
+    }
+}
+
+/// The pixels whose rays may meet the box, a pixel to spare on each side; `None` if there are none.
+fn pixel_rect(rays: &ViewRays, geometry: &Geometry, region: VoxelBox) -> Option<PixelRect> {
+    if region.is_empty() {
+        return None;
+    }
+    let (min, max) = (region.min.to_array(), region.max.to_array());
+    let corners: [DVec3; 8] = std::array::from_fn(|i| {
+        let corner = std::array::from_fn(|a| if i >> a & 1 == 0 { min[a] } else { max[a] } as f64);
+        geometry.world_from_voxel(DVec3::from_array(corner)) - rays.eye
+    });
+    let depths = corners.map(|c| c.dot(rays.forward));
+    if depths.iter().all(|&d| d < 0.0) {
+        return None;
+    }
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for (corner, depth) in corners.iter().zip(depths) {
+        if !rays.orthographic && depth <= 0.0 {
+            // Partly behind the eye: its outline has no bounds.
+            return Some(PixelRect { x0: 0, x1: rays.width, y0: 0, y1: rays.height });
+        }
+        let scale = if rays.orthographic { 1.0 } else { depth };
+        let u = corner.dot(rays.right) / (rays.right.length_squared() * scale);
+        let v = corner.dot(rays.up) / (rays.up.length_squared() * scale);
+        let px = [(1.0 + u) * 0.5 * rays.width as f64, (1.0 - v) * 0.5 * rays.height as f64];
+        for k in 0..2 {
+            low[k] = low[k].min(px[k]);
+            high[k] = high[k].max(px[k]);
+        }
+    }
+    // Casts saturate: far outside becomes the picture's edge.
+    let first = |k: usize| (low[k] - 1.0).floor() as u32;
+    let past = |k: usize, n: u32| ((high[k] + 1.0).ceil() as u32).min(n);
+    let rect = PixelRect { x0: first(0), x1: past(0, rays.width), y0: first(1), y1: past(1, rays.height) };
+    (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::{Camera, Projection};
+
+    #[test]
+    fn rects_hold_every_pixel_that_sees_the_box() {
+        let region = VoxelBox::new([10, 20, 5], [18, 28, 13]);
+        let (low, high) = (DVec3::new(10.0, 20.0, 5.0), DVec3::new(18.0, 28.0, 13.0));
+        let geometry = Geometry { spacing: DVec3::new(1.0, 0.5, 2.0), ..Geometry::default() };
+        let mut narrow = 0;
+        for (i, projection) in [Projection::Perspective { fov_y_deg: 60.0 }, Projection::Orthographic { height: 30.0 }]
+            .into_iter()
+            .enumerate()
+        {
+            for eye in [DVec3::new(-30.0, 3.0, 8.0), DVec3::new(12.0, 11.0, 18.0), DVec3::new(13.0, 9.0, 60.0)] {
+                let target = geometry.world_from_voxel((low + high) * 0.5) + DVec3::new(3.0, 1.0, 0.0) * i as f64;
+                let rays = Camera { eye, target, up: DVec3::Y, projection }.rays(40, 30).unwrap();
+                let rect = pixel_rect(&rays, &geometry, region).expect("in view");
+                narrow += (rect.x1 - rect.x0 < 40) as u32;
+                for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
+                    let ray = rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+                    let (o, d) = (geometry.voxel_from_world(ray.origin), ray.direction / geometry.spacing);
+                    let (a, b) = ((low - o) / d, (high - o) / d);
+                    let meets = a.max(b).min_element() > a.min(b).max_element().max(0.0);
+                    let holds = (rect.x0..rect.x1).contains(&x) && (rect.y0..rect.y1).contains(&y);
+                    assert!(holds || !meets, "{projection:?} {eye} {x} {y} {rect:?}");
+                }
+            }
+        }
+        assert!(narrow >= 3, "rects that are always the whole picture prove nothing");
+    }
+}

@@ -1,0 +1,204 @@
+//! Rays in voxel space, and which of their segments belong to a cell.
+//!
+//! A segment belongs to the cell whose half-open box holds its midpoint. That is decided along the ray: the distance at which
+//! it crosses a plane is computed in one way for all cells, and grows with the plane, so on each axis the cells' stretches
+//! follow one another without gap or overlap, and cells have every segment exactly once between them, whatever is rounded.
+
+use crate::frame::{Cell, Frame};
+use brickyard_volume::Lattice;
+use brickyard_volume::lattice::MAX_ZONES;
+use glam::Vec4;
+
+/// The lattice with what per-ray work needs at hand.
+pub(crate) struct Ticks {
+    /// World length of a tick.
+    pub(crate) step: f64,
+    per_world: f64,
+    /// One past the last zone is [`Lattice::NEVER`].
+    starts: [u32; MAX_ZONES + 1],
+    /// Zones that rays can reach.
+    zones: usize,
+}
+
+impl Ticks {
+    pub(crate) fn new(lattice: &Lattice) -> Self {
+        let mut starts = [Lattice::NEVER; MAX_ZONES + 1];
+        starts[..MAX_ZONES].copy_from_slice(&lattice.zone_starts);
+        let zones = (1..MAX_ZONES).take_while(|&z| starts[z] < Lattice::NEVER).count() + 1;
+        Self { step: lattice.step, per_world: 1.0 / lattice.step, starts, zones }
+    }
+
+    #[inline(always)]
+    pub(crate) fn zone(&self, tick: u32) -> usize {
+        if self.zones == 1 { 0 } else { self.search_zone(tick) }
+    }
+
+    /// Not inlined: the compiler would compare all zones ahead of every loop that asks.
+    #[inline(never)]
+    fn search_zone(&self, tick: u32) -> usize {
+        let mut zone = 0;
+        while zone + 1 < self.zones && self.starts[zone + 1] <= tick {
+            zone += 1;
+        }
+        zone
+    }
+
+    /// The first tick past the zone.
+    #[inline(always)]
+    pub(crate) fn zone_end(&self, zone: usize) -> u32 {
+        self.starts[zone + 1]
+    }
+
+    #[inline(always)]
+    fn next(&self, tick: u32) -> u32 {
+        tick + (1 << self.zone(tick))
+    }
+
+    #[inline(always)]
+    fn aligned(&self, tick: u32) -> u32 {
+        let zone = self.zone(tick);
+        tick >> zone << zone
+    }
+
+    /// The segment about `t`, give or take rounding.
+    #[inline(always)]
+    fn about(&self, t: f64) -> u32 {
+        let tick = t * self.per_world;
+        let tick = if tick < Lattice::NEVER as f64 { tick } else { Lattice::NEVER as f64 };
+        let tick = if tick > 0.0 { tick } else { 0.0 };
+        // SAFETY: 0 <= tick <= 2^30, even if t is NaN.
+        let tick = unsafe { tick.to_int_unchecked::<i32>() as u32 };
+        self.aligned(tick)
+    }
+}
+
+/// A ray on its way through the cells.
+#[derive(Clone, Copy)]
+pub(crate) struct Ray {
+    /// Voxel space.
+    pub(crate) origin: [f64; 3],
+    /// Voxels per world unit.
+    pub(crate) direction: [f64; 3],
+    /// World units per voxel.
+    inverse: [f64; 3],
+    /// The stretch inside the volume's box.
+    t_in: f64,
+    t_out: f64,
+    /// The first segment, and one past the last.
+    pub(crate) first: u32,
+    pub(crate) end: u32,
+    /// One past the last segment taken so far; `end` when nothing more is wanted.
+    pub(crate) cursor: u32,
+    /// What the samples add up to; the blend mode knows its meaning.
+    pub(crate) sum: Vec4,
+}
+
+impl Ray {
+    /// A ray that never meets the volume.
+    pub(crate) const EMPTY: Self = Self {
+        origin: [0.0; 3],
+        direction: [0.0; 3],
+        inverse: [0.0; 3],
+        t_in: 0.0,
+        t_out: 0.0,
+        first: 0,
+        end: 0,
+        cursor: 0,
+        sum: Vec4::ZERO,
+    };
+
+    /// The ray through a pixel's centre; one without segments if it misses the volume.
+    pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4) -> Self {
+        let settings = frame.settings;
+        let world = settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+        let origin = settings.geometry.voxel_from_world(world.origin).to_array();
+        let direction = (world.direction / settings.geometry.spacing).to_array();
+        let mut ray = Self { origin, direction, sum, ..Self::EMPTY };
+        let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
+        for a in 0..3 {
+            ray.inverse[a] = inverse_or_huge(direction[a]);
+            let (enter, leave) = if direction[a] < 0.0 { (frame.extent[a], 0.0) } else { (0.0, frame.extent[a]) };
+            t_in = t_in.max((enter - origin[a]) * ray.inverse[a]);
+            t_out = t_out.min((leave - origin[a]) * ray.inverse[a]);
+            if direction[a] == 0.0 && !(0.0 <= origin[a] && origin[a] < frame.extent[a]) {
+                t_out = 0.0;
+            }
+        }
+        if t_in < t_out {
+            let ticks = &frame.ticks;
+            (ray.t_in, ray.t_out) = (t_in, t_out);
+            ray.first = ticks.about(t_in);
+            ray.end = ticks.about(t_out);
+            while ray.end < Lattice::NEVER && ray.end as f64 * ticks.step < t_out {
+                ray.end = ticks.next(ray.end);
+            }
+            ray.cursor = ray.first;
+        }
+        ray
+    }
+
+    /// The segment's midpoint and length; the first and last are cut where the ray enters and leaves the volume.
+    #[inline(always)]
+    pub(crate) fn segment(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
+        let (start, end) = (tick as i32 as f64 * ticks.step, ticks.next(tick) as i32 as f64 * ticks.step);
+        let start = if start > self.t_in { start } else { self.t_in };
+        let end = if end < self.t_out { end } else { self.t_out };
+        (0.5 * (start + end), end - start)
+    }
+
+    /// Takes the run of segments that belong to the cell, as first tick and one past the last.
+    #[inline(always)]
+    pub(crate) fn take_run(&mut self, ticks: &Ticks, cell: &Cell<'_>) -> Option<(u32, u32)> {
+        // Midpoints in [near, far) are inside.
+        let (mut near, mut far) = (self.t_in, self.t_out);
+        for a in 0..3 {
+            let down = self.direction[a] < 0.0;
+            let (enter, leave) = if down { (cell.high[a], cell.low[a]) } else { (cell.low[a], cell.high[a]) };
+            let n = self.crossing(a, enter, down);
+            let f = self.crossing(a, leave, down);
+            near = if n > near { n } else { near };
+            far = if f < far { f } else { far };
+        }
+        if near >= far {
+            return None;
+        }
+        // Cells follow one another: mostly the next segment is the first.
+        let mut first = self.cursor;
+        if self.segment(ticks, first).0 < near {
+            let about = ticks.about(near);
+            first = if about > first { about } else { first };
+            first = if self.segment(ticks, first).0 < near { ticks.next(first) } else { first };
+        }
+        let about = ticks.about(far);
+        let mut last = if about > first { about } else { first };
+        last = if self.segment(ticks, last).0 < far { ticks.next(last) } else { last };
+        last = if last < self.end { last } else { self.end };
+        if first >= last {
+            return None;
+        }
+        self.cursor = last;
+        Some((first, last))
+    }
+
+    /// The least distance at which the ray has passed the plane. Boxes hold their lower planes but not their upper ones, so
+    /// downwards that is the next number after the crossing (for infinite planes NaN, which no comparison picks, and for
+    /// crossings behind the eye no matter).
+    #[inline(always)]
+    fn crossing(&self, axis: usize, plane: f64, down: bool) -> f64 {
+        let t = (plane - self.origin[axis]) * self.inverse[axis];
+        f64::from_bits(t.to_bits() + down as u64)
+    }
+}
+
+/// `1 / d`, or where that has no use a number so large that a plane is crossed either at once or never; finite, so that no
+/// product with a distance of zero is NaN.
+fn inverse_or_huge(d: f64) -> f64 {
+    const HUGE: f64 = 1e300;
+    if d.abs() > 1.0 / HUGE {
+        1.0 / d
+    } else if d < 0.0 {
+        -HUGE
+    } else {
+        HUGE
+    }
+}

@@ -1,0 +1,191 @@
+//! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
+
+use crate::frame::{Cell, Frame};
+use crate::tile::{self, TILE_PX, Tile, TilePixels};
+use brickyard_pager::{DrawList, Slot};
+use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// What a renderer is made for; fixed for its life.
+#[derive(Clone, Copy, Debug)]
+pub struct SoftwareOptions {
+    /// What slot codes mean.
+    pub encoding: SlotEncoding,
+    /// Voxels along a brick's core edge, as in the pyramid.
+    pub edge: u32,
+    /// Voxels around the core, copied from the neighbours; at least 1.
+    pub apron: u32,
+    /// The most that slots and everything else of the renderer may take.
+    pub memory_bytes: u64,
+    /// Width and height of the largest picture.
+    pub max_picture_px: [u32; 2],
+    /// Threads that draw; at least 1.
+    pub threads: usize,
+}
+
+/// Why a renderer cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum SoftwareError {
+    /// Not one slot fits.
+    #[error(
+        "{given_bytes} bytes of --gpu-memory hold no brick: the CPU renderer needs at least {least_bytes} bytes here"
+    )]
+    Budget {
+        /// What was given.
+        given_bytes: u64,
+        /// The least that works: one slot.
+        least_bytes: u64,
+    },
+    /// Bricks whose voxels cannot be indexed.
+    #[error("bricks of {edge} voxels an edge cannot be drawn: expected 1 to {}", SoftwareRenderer::MAX_EDGE)]
+    Edge {
+        /// The edge asked for.
+        edge: u32,
+    },
+    /// The operating system gives no threads.
+    #[error("cannot start {threads} drawing threads: {source}")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What the system said.
+        source: rayon::ThreadPoolBuildError,
+    },
+}
+
+/// Slots in RAM and threads that draw from them.
+#[derive(Debug)]
+pub struct SoftwareRenderer {
+    options: SoftwareOptions,
+    slots: Vec<Option<Arc<[u8]>>>,
+    fixed_bytes: u64,
+    pool: rayon::ThreadPool,
+}
+
+impl SoftwareRenderer {
+    /// The longest core edge: padded bricks then stay below 2^31 voxels.
+    pub const MAX_EDGE: u32 = 1024;
+
+    /// Makes as many slots as the budget allows; a slot takes memory once it holds a brick.
+    ///
+    /// # Errors
+    /// If the budget holds not one slot, the bricks are too large, or the threads do not start.
+    ///
+    /// # Panics
+    /// If there is no apron: bricks would show their seams.
+    pub fn new(options: SoftwareOptions) -> Result<Self, SoftwareError> {
+        let SoftwareOptions { edge, apron, memory_bytes, threads, .. } = options;
+        assert!(apron >= 1, "trilinear samples need an apron");
+        if !(1..=Self::MAX_EDGE).contains(&edge) {
+            return Err(SoftwareError::Edge { edge });
+        }
+        let fixed_bytes = fixed_bytes(&options);
+        let each = bytes_per_slot(&options);
+        let count = memory_bytes.saturating_sub(fixed_bytes) / each;
+        if count == 0 {
+            return Err(SoftwareError::Budget { given_bytes: memory_bytes, least_bytes: fixed_bytes + each });
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("draw-{i}"));
+        let pool = pool.build().map_err(|source| SoftwareError::Threads { threads, source })?;
+        let mut slots = Vec::new();
+        slots.resize_with(count.min(u32::MAX as u64) as usize, || None);
+        Ok(Self { options, slots, fixed_bytes, pool })
+    }
+
+    /// How many bricks it holds at once.
+    pub fn slots(&self) -> u32 {
+        self.slots.len() as u32
+    }
+
+    /// What it takes when every slot is full, drawing included; at most the budget.
+    pub fn bytes(&self) -> u64 {
+        self.fixed_bytes + self.slots.len() as u64 * bytes_per_slot(&self.options)
+    }
+
+    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest. Nothing is copied.
+    ///
+    /// # Panics
+    /// If there is no such slot or the length is not a padded brick's.
+    pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
+        assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
+        self.slots[slot.0 as usize] = Some(codes);
+    }
+
+    /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
+    /// [`SoftwareRenderer::slots`] for the byte account to hold.
+    ///
+    /// # Panics
+    /// If the list names a slot that was never uploaded, or settings, pyramid and options do not belong together.
+    pub fn render(&mut self, settings: &FrameSettings, pyramid: &Pyramid, list: &DrawList) -> Picture {
+        let SoftwareOptions { encoding, edge, apron, max_picture_px, .. } = self.options;
+        let (width, height) = (settings.rays.width, settings.rays.height);
+        assert!(width <= max_picture_px[0] && height <= max_picture_px[1], "the picture is larger than was agreed");
+        assert_eq!(edge, pyramid.edge(), "other bricks");
+        assert_eq!(encoding, settings.encoding, "other codes");
+        let frame = Frame::new(settings, pyramid, list, apron, |slot| {
+            self.slots[slot.0 as usize].as_deref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
+        });
+        let draw = tile::for_frame(&frame);
+        let tiles: Vec<Tile> = tile::tiles(width, height).collect();
+        let drawn: Vec<TilePixels> = self.pool.install(|| tiles.par_iter().map(|t| draw(&frame, t)).collect());
+        let mut rgb = vec![[0; 3]; width as usize * height as usize];
+        for (tile, pixels) in tiles.iter().zip(&drawn) {
+            for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
+                let start = y as usize * width as usize + tile.x0 as usize;
+                let n = (tile.x1 - tile.x0) as usize;
+                rgb[start..start + n].copy_from_slice(&row[..n]);
+            }
+        }
+        Picture { width, height, rgb }
+    }
+}
+
+fn slot_bytes(options: &SoftwareOptions) -> u64 {
+    (options.edge as u64 + 2 * options.apron as u64).pow(3) * options.encoding.format.bytes() as u64
+}
+
+/// A slot's voxels, the handle to them, and the cell that draws them.
+fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
+    slot_bytes(options) + (size_of::<Option<Arc<[u8]>>>() + size_of::<Cell<'_>>()) as u64
+}
+
+/// The picture as tiles and as rows, and every thread's rays.
+fn fixed_bytes(options: &SoftwareOptions) -> u64 {
+    let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
+    let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
+    let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
+    tiles * tile + picture + options.threads.max(1) as u64 * tile::BYTES_PER_THREAD
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::VoxelType;
+
+    fn options(memory_bytes: u64) -> SoftwareOptions {
+        let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
+        SoftwareOptions { encoding, edge: 32, apron: 1, memory_bytes, max_picture_px: [640, 481], threads: 2 }
+    }
+
+    #[test]
+    fn the_budget_holds_and_its_least_is_enough() {
+        let Err(SoftwareError::Budget { given_bytes: 1000, least_bytes }) = SoftwareRenderer::new(options(1000)) else {
+            panic!("1000 bytes cannot be enough");
+        };
+        assert!(SoftwareRenderer::new(options(least_bytes - 1)).is_err());
+        assert_eq!(SoftwareRenderer::new(options(least_bytes)).unwrap().slots(), 1);
+        for budget in [least_bytes, 10 << 20, 64 << 20] {
+            let renderer = SoftwareRenderer::new(options(budget)).unwrap();
+            assert!(renderer.bytes() <= budget);
+            assert!(renderer.bytes() + bytes_per_slot(&renderer.options) > budget, "a slot was left unused");
+        }
+    }
+
+    #[test]
+    fn impossible_bricks_are_refused() {
+        for edge in [0, 1025] {
+            let refused = SoftwareRenderer::new(SoftwareOptions { edge, ..options(1 << 40) });
+            assert!(matches!(refused, Err(SoftwareError::Edge { edge: e }) if e == edge));
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Trilinear samples of a padded brick, many at a time.
+//!
+//! Samples go in packets of 8, one vector, and packets in chunks of 4: each step is done for the whole chunk before the next
+//! one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
+//!
+//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`); invalid ones are 0, so
+//! they drop out of the weighted sum by themselves and only the sum of weights has to know of them.
+//!
+//! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function
+//! that it ends up in.
+
+use glam::Vec4;
+
+/// Samples in a packet.
+pub(crate) const LANES: usize = 8;
+
+/// Packets in a chunk.
+pub(crate) const PACKETS: usize = 4;
+
+/// Samples in a chunk.
+pub(crate) const CHUNK: usize = LANES * PACKETS;
+
+/// One number for each sample of a packet.
+pub(crate) type Packet = [f32; LANES];
+
+/// A stretch of samples along a ray, near to far, and the room to work on it (kept, as clearing it takes time).
+pub(crate) struct Chunk {
+    /// Packets in use.
+    pub(crate) packets: usize,
+    /// Where each sample is, in steps from the run's first.
+    pub(crate) along: [Packet; PACKETS],
+    /// What each sample weighs: its length in unit distances; 0 if it is none.
+    pub(crate) weight: [Packet; PACKETS],
+    /// The codes there.
+    pub(crate) code: [Packet; PACKETS],
+    /// The voxel below each sample, and the fractions towards the next along each axis.
+    voxel: [[i32; LANES]; PACKETS],
+    fraction: [[Packet; 3]; PACKETS],
+    /// The transfer table's colour and opacity.
+    pub(crate) entry: [[Vec4; LANES]; PACKETS],
+    pub(crate) alpha: [Packet; PACKETS],
+    /// The share of light that passes each sample.
+    pub(crate) passed: [Packet; PACKETS],
+}
+
+impl Chunk {
+    pub(crate) const EMPTY: Self = Self {
+        packets: 0,
+        along: [[0.0; LANES]; PACKETS],
+        weight: [[0.0; LANES]; PACKETS],
+        code: [[0.0; LANES]; PACKETS],
+        voxel: [[0; LANES]; PACKETS],
+        fraction: [[[0.0; LANES]; 3]; PACKETS],
+        entry: [[Vec4::ZERO; LANES]; PACKETS],
+        alpha: [[0.0; LANES]; PACKETS],
+        passed: [[0.0; LANES]; PACKETS],
+    };
+}
+
+/// How a code lies in memory.
+pub(crate) trait Code {
+    /// Bytes of a code.
+    const BYTES: usize;
+    /// The greatest code, which is also the mask of the first of a pair.
+    const MAX: u32;
+
+    /// Two neighbouring codes, the first in the low bits.
+    ///
+    /// # Safety
+    /// `2 * BYTES` bytes can be read at `at`.
+    unsafe fn pair(at: *const u8) -> u32;
+}
+
+/// 8-bit codes.
+pub(crate) struct Code8;
+
+/// 16-bit codes.
+pub(crate) struct Code16;
+
+impl Code for Code8 {
+    const BYTES: usize = 1;
+    const MAX: u32 = 0xff;
+
+    #[inline(always)]
+    unsafe fn pair(at: *const u8) -> u32 {
+        // SAFETY: the caller promises two bytes; no alignment is needed.
+        u16::from_le(unsafe { at.cast::<u16>().read_unaligned() }) as u32
+    }
+}
+
+impl Code for Code16 {
+    const BYTES: usize = 2;
+    const MAX: u32 = 0xffff;
+
+    #[inline(always)]
+    unsafe fn pair(at: *const u8) -> u32 {
+        // SAFETY: the caller promises four bytes; no alignment is needed.
+        u32::from_le(unsafe { at.cast::<u32>().read_unaligned() })
+    }
+}
+
+/// A padded brick ready to be sampled.
+#[derive(Clone, Copy)]
+pub(crate) struct Brick<'a> {
+    codes: &'a [u8],
+    padded: usize,
+    /// The greatest coordinate: the last cell of eight voxels, just short of its far corner.
+    limit: f32,
+}
+
+impl<'a> Brick<'a> {
+    #[inline(always)]
+    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32) -> Self {
+        let n = padded as usize;
+        assert!(n >= 2 && codes.len() == n * n * n * C::BYTES, "not a padded brick");
+        Self { codes, padded: n, limit: (padded as f32 - 1.0).next_down() }
+    }
+
+    /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
+    /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
+    #[inline(always)]
+    pub(crate) fn sample<C: Code, const INVALID: bool>(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut Chunk) {
+        let packets = chunk.packets.min(PACKETS);
+        for p in 0..packets {
+            let mut voxel = [0i32; LANES];
+            for a in [2, 1, 0] {
+                for i in 0..LANES {
+                    let v = origin[a] + chunk.along[p][i] * step[a];
+                    // Written so that NaN, too, ends up inside.
+                    let v = if v > 0.0 { v } else { 0.0 };
+                    let v = if v < self.limit { v } else { self.limit };
+                    // SAFETY: 0 <= v <= limit < 2^31.
+                    let whole = unsafe { v.to_int_unchecked::<i32>() };
+                    chunk.fraction[p][a][i] = v - whole as f32;
+                    voxel[i] = voxel[i] * self.padded as i32 + whole;
+                }
+            }
+            chunk.voxel[p] = voxel;
+        }
+        for p in 0..packets {
+            // SAFETY: every coordinate's whole part is at most padded - 2.
+            let code =
+                unsafe { self.interpolate::<C, INVALID>(&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]) };
+            chunk.code[p] = code;
+        }
+    }
+
+    /// The codes at the given voxels and fractions towards their upper neighbours.
+    ///
+    /// # Safety
+    /// Every index is that of a voxel with an upper neighbour along each axis.
+    #[inline(always)]
+    unsafe fn interpolate<C: Code, const INVALID: bool>(
+        &self,
+        index: &[i32; LANES],
+        t: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        let row = self.padded;
+        let mut plane = [[0.0f32; LANES]; 2];
+        let mut plane_valid = [[0.0f32; LANES]; 2];
+        for z in 0..2 {
+            let mut line = [[0.0f32; LANES]; 2];
+            let mut line_valid = [[0.0f32; LANES]; 2];
+            for y in 0..2 {
+                let mut pair = [0u32; LANES];
+                for i in 0..LANES {
+                    let voxel = index[i] as usize + (z * row + y) * row;
+                    // SAFETY: by the caller's promise voxel and its neighbour along x are inside the brick, whose length
+                    // was checked when it was made.
+                    pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
+                }
+                for i in 0..LANES {
+                    let near = (pair[i] & C::MAX) as i32;
+                    let far = (pair[i] >> (8 * C::BYTES)) as i32;
+                    line[y][i] = mix(near as f32, far as f32, t[0][i]);
+                    if INVALID {
+                        line_valid[y][i] = mix((near != 0) as u8 as f32, (far != 0) as u8 as f32, t[0][i]);
+                    }
+                }
+            }
+            plane[z] = mix_packets(&line[0], &line[1], &t[1]);
+            if INVALID {
+                plane_valid[z] = mix_packets(&line_valid[0], &line_valid[1], &t[1]);
+            }
+        }
+        let mut code = mix_packets(&plane[0], &plane[1], &t[2]);
+        if INVALID {
+            let valid = mix_packets(&plane_valid[0], &plane_valid[1], &t[2]);
+            for i in 0..LANES {
+                let enough = valid[i] >= 0.5;
+                // Rounding may carry the quotient a hair past the greatest code.
+                let mean = code[i] / if enough { valid[i] } else { 1.0 };
+                code[i] = if mean < C::MAX as f32 { mean } else { C::MAX as f32 };
+                weight[i] = if enough { weight[i] } else { 0.0 };
+            }
+        }
+        code
+    }
+}
+
+#[inline(always)]
+fn mix(a: f32, b: f32, t: f32) -> f32 {
+    a + t * (b - a)
+}
+
+#[inline(always)]
+fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = mix(a[i], b[i], t[i]);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Samples at eight places along x, at one y and z.
+    fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
+        let packet = [x; PACKETS];
+        let mut chunk = Chunk { packets: PACKETS, along: packet, weight: [[2.0; LANES]; PACKETS], ..Chunk::EMPTY };
+        brick.sample::<C, INVALID>([0.0, y, z], [1.0, 0.0, 0.0], &mut chunk);
+        assert!(chunk.code.iter().all(|c| *c == chunk.code[0]), "packets must not differ");
+        (chunk.code[0], chunk.weight[0])
+    }
+
+    #[test]
+    fn a_trilinear_function_is_sampled_exactly_and_clamped_outside() {
+        let n = 5;
+        let value = |i: usize| ((i % n) * 100 + (i / n % n) * 1000 + (i / n / n) * 7000) as u16;
+        let codes: Vec<u8> = (0..n * n * n).flat_map(|i| value(i).to_le_bytes()).collect();
+        let brick = Brick::new::<Code16>(&codes, n as u32);
+        let x = [0.0, 0.5, 3.25, 4.0, -9.0, 1e9, f32::NAN, 2.0];
+        let clamp = |v: f32| if v > 0.0 { v.min(4.0) } else { 0.0 };
+        for (y, z) in [(0.0, 2.5), (1.5, 4.0), (3.99, 0.01), (-1e9, 1e9), (f32::INFINITY, f32::NEG_INFINITY)] {
+            let (code, weight) = sample::<Code16, false>(&brick, x, y, z);
+            assert_eq!(weight, [2.0; LANES]);
+            for i in 0..LANES {
+                // A distance that is not a number spoils all three coordinates, but reads no memory outside.
+                let inside = clamp(x[i]) * 100.0 + clamp(y) * 1000.0 + clamp(z) * 7000.0;
+                let expected = if x[i].is_nan() { 0.0 } else { inside };
+                // The limit is short of the far corner by 2^-22.
+                assert!((code[i] - expected).abs() < 0.02, "{i} {y} {z}: {} {expected}", code[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn invalid_corners_are_left_out() {
+        // x = 0 is invalid, x = 1 holds 200.
+        let codes = [0, 200, 0, 200, 0, 200, 0, 200];
+        let brick = Brick::new::<Code8>(&codes, 2);
+        let x = [0.0, 0.25, 0.49, 0.51, 0.75, 0.9, 0.95, 1.0];
+        let (code, weight) = sample::<Code8, true>(&brick, x, 0.3, 0.6);
+        assert_eq!(weight, [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
+        assert!(code[3..].iter().all(|c| (c - 200.0).abs() < 1e-3), "{code:?}");
+    }
+}

@@ -1,0 +1,241 @@
+//! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
+
+use crate::blend::{Average, Blend, Dvr, MinIp, Mip};
+use crate::frame::{Cell, Frame, PixelRect};
+use crate::ray::Ray;
+use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS};
+use brickyard_volume::{Mode, Picture, SlotFormat};
+
+/// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
+pub(crate) const TILE_PX: u32 = 16;
+
+const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
+
+/// What a thread needs besides the frame.
+pub(crate) const BYTES_PER_THREAD: u64 =
+    (size_of::<[Ray; PIXELS]>() + size_of::<TilePixels>() + size_of::<Chunk>()) as u64;
+
+/// A tile's place on the picture.
+pub(crate) type Tile = PixelRect;
+
+/// A tile's pixels in rows of [`TILE_PX`], also where the picture ends earlier.
+pub(crate) type TilePixels = [[u8; 3]; PIXELS];
+
+/// Draws a tile.
+pub(crate) type DrawTile = fn(&Frame<'_>, &Tile) -> TilePixels;
+
+/// The picture's tiles, row by row.
+pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
+    let starts = |n: u32| (0..n).step_by(TILE_PX as usize);
+    starts(height).flat_map(move |y0| {
+        let y1 = height.min(y0 + TILE_PX);
+        starts(width).map(move |x0| Tile { x0, x1: width.min(x0 + TILE_PX), y0, y1 })
+    })
+}
+
+/// The function for this frame on this machine.
+pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
+    fn with_code<C: Code, const INVALID: bool>(mode: Mode) -> DrawTile {
+        match mode {
+            Mode::Dvr => for_machine::<C, Dvr, INVALID>(),
+            Mode::Mip => for_machine::<C, Mip, INVALID>(),
+            Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
+            Mode::Average => for_machine::<C, Average, INVALID>(),
+        }
+    }
+    let settings = frame.settings;
+    match (settings.encoding.format, settings.encoding.has_invalid) {
+        (SlotFormat::U8, false) => with_code::<Code8, false>(settings.mode),
+        (SlotFormat::U8, true) => with_code::<Code8, true>(settings.mode),
+        (SlotFormat::U16, false) => with_code::<Code16, false>(settings.mode),
+        (SlotFormat::U16, true) => with_code::<Code16, true>(settings.mode),
+    }
+}
+
+fn for_machine<C: Code, B: Blend, const INVALID: bool>() -> DrawTile {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |frame, tile| unsafe { draw_avx2::<C, B, INVALID>(frame, tile) };
+    }
+    draw::<C, B, INVALID>
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn draw_avx2<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
+    draw::<C, B, INVALID>(frame, tile)
+}
+
+#[inline(always)]
+fn draw<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
+    let mut rays = [Ray::EMPTY; PIXELS];
+    let mut chunk = Chunk::EMPTY;
+    let mut waiting = 0;
+    for y in tile.y0..tile.y1 {
+        for x in tile.x0..tile.x1 {
+            let ray = Ray::new(frame, x, y, B::START);
+            waiting += (ray.cursor < ray.end) as u32;
+            rays[place(tile, x, y)] = ray;
+        }
+    }
+    for cell in &frame.cells {
+        if waiting == 0 {
+            break;
+        }
+        let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
+        let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
+        for y in y0..y1 {
+            for x in x0..x1 {
+                let ray = &mut rays[place(tile, x, y)];
+                if ray.cursor >= ray.end {
+                    continue;
+                }
+                if let Some((first, last)) = ray.take_run(&frame.ticks, cell) {
+                    march::<C, B, INVALID>(frame, cell, ray, &mut chunk, first, last);
+                    waiting -= (ray.cursor >= ray.end) as u32;
+                }
+            }
+        }
+    }
+    let mut pixels = [[0; 3]; PIXELS];
+    for y in tile.y0..tile.y1 {
+        for x in tile.x0..tile.x1 {
+            let i = place(tile, x, y);
+            pixels[i] = Picture::quantise(B::color::<C>(frame, rays[i].sum));
+        }
+    }
+    pixels
+}
+
+#[inline(always)]
+fn place(tile: &Tile, x: u32, y: u32) -> usize {
+    ((y - tile.y0) * TILE_PX + x - tile.x0) as usize
+}
+
+/// Adds the samples of a run of segments, zone by zone: within a zone they are equally spaced and, but for the ray's first
+/// and last, equally long.
+#[inline(always)]
+fn march<C: Code, B: Blend, const INVALID: bool>(
+    frame: &Frame<'_>,
+    cell: &Cell<'_>,
+    ray: &mut Ray,
+    chunk: &mut Chunk,
+    first: u32,
+    last: u32,
+) {
+    let ticks = &frame.ticks;
+    let brick = Brick::new::<C>(cell.codes, frame.padded);
+    let per_unit = 1.0 / frame.settings.table.unit_distance as f64;
+    let mut sum = ray.sum;
+    let mut start = first;
+    'run: while start < last {
+        let zone = ticks.zone(start);
+        let end = last.min(ticks.zone_end(zone));
+        let count = ((end - start) >> zone) as i32;
+        let length = ticks.step * (1i32 << zone) as f64;
+        let middle = start as i32 as f64 * ticks.step + 0.5 * length;
+        // Positions count from the run's first sample, so that f32 is fine to a ten-thousandth of a voxel.
+        let (mut origin, mut step) = ([0.0f32; 3], [0.0f32; 3]);
+        for a in 0..3 {
+            let voxel = ray.origin[a] + ray.direction[a] * middle;
+            origin[a] = (cell.offset[a] + cell.scale[a] * voxel) as f32;
+            step[a] = (cell.scale[a] * ray.direction[a] * length) as f32;
+        }
+        let full = (length * per_unit) as f32;
+        let mut done = 0;
+        while done < count {
+            let left = count - done;
+            chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
+            for p in 0..chunk.packets.min(PACKETS) {
+                for i in 0..LANES {
+                    let lane = (p * LANES + i) as i32;
+                    chunk.along[p][i] = (done + lane) as f32;
+                    chunk.weight[p][i] = if lane < left { full } else { 0.0 };
+                }
+            }
+            let cut_first = start == ray.first && done == 0;
+            let cut_last = end == ray.end && left <= CHUNK as i32;
+            for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
+                if is_cut {
+                    let (cut_middle, cut_length) = ray.segment(ticks, start + (((done + lane) as u32) << zone));
+                    let (p, i) = (lane as usize / LANES, lane as usize % LANES);
+                    chunk.along[p][i] = ((cut_middle - middle) / length) as f32;
+                    chunk.weight[p][i] = (cut_length.max(0.0) * per_unit) as f32;
+                }
+            }
+            brick.sample::<C, INVALID>(origin, step, chunk);
+            sum = B::add::<C>(frame, sum, chunk);
+            if B::is_final::<C>(sum) {
+                ray.cursor = ray.end;
+                break 'run;
+            }
+            done += CHUNK as i32;
+        }
+        start = end;
+    }
+    ray.sum = sum;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_pager::{DrawCell, DrawList, Slot};
+    use brickyard_volume::*;
+    use glam::DVec3;
+
+    #[test]
+    fn tiles_cover_the_picture_once() {
+        let mut seen = vec![0; 50 * 17];
+        for tile in tiles(50, 17) {
+            for (x, y) in (tile.y0..tile.y1).flat_map(|y| (tile.x0..tile.x1).map(move |x| (x, y))) {
+                seen[(y * 50 + x) as usize] += 1;
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    /// The vector unit must not show in the picture.
+    fn same_on_all_units<C: Code, B: Blend, const INVALID: bool>(mode: Mode) {
+        let voxel_type = if C::BYTES == 1 { VoxelType::U8 } else { VoxelType::U16 };
+        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+        encoding.has_invalid = INVALID;
+        let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
+        let projection = Projection::Perspective { fov_y_deg: 40.0 };
+        let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
+        let settings = FrameSettings {
+            rays: camera.rays(TILE_PX, TILE_PX).unwrap(),
+            lattice: Lattice::uniform(0.37, 0),
+            geometry: Geometry::default(),
+            encoding,
+            table: TransferTable::new(&transfer, &encoding),
+            mode,
+            background: [0.1, 0.2, 0.3],
+        };
+        let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 16);
+        // A linear congruential generator's high bytes; a fifth of them 0.
+        let mut state = 1u32;
+        let noise = |_| {
+            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+            if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
+        };
+        let codes: Vec<u8> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
+        let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
+        let cell =
+            DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
+        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, 1, |_| &codes);
+        let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
+        let picture = draw::<C, B, INVALID>(&frame, &tile);
+        assert!(picture.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
+        assert_eq!(picture, for_frame(&frame)(&frame, &tile), "{mode:?}");
+    }
+
+    #[test]
+    fn all_vector_units_draw_the_same() {
+        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr);
+        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr);
+        same_on_all_units::<Code8, Mip, true>(Mode::Mip);
+        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp);
+        same_on_all_units::<Code16, Average, false>(Mode::Average);
+    }
+}

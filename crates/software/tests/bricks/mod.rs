@@ -1,0 +1,192 @@
+//! A volume given by a function, cut into padded bricks on every level, and draw lists over it: what store and pager do,
+//! in memory.
+
+use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_reference::{Array, ReferenceVolume};
+use brickyard_software::{SoftwareOptions, SoftwareRenderer};
+use brickyard_volume::*;
+use glam::DVec3;
+use std::sync::Arc;
+
+pub(crate) const APRON: u32 = 1;
+
+/// A volume on all levels: as arrays of values for the oracle, and the same values as codes.
+pub(crate) struct Volume {
+    pub(crate) pyramid: Pyramid,
+    pub(crate) encoding: SlotEncoding,
+    pub(crate) levels: Vec<Array>,
+    codes: Vec<Vec<u32>>,
+}
+
+/// A cell of a cut, and the level whose brick stands for it.
+#[derive(Clone, Copy)]
+pub(crate) struct CutCell {
+    pub(crate) level: Level,
+    pub(crate) index: BrickIndex,
+    pub(crate) drawn: Level,
+}
+
+impl Volume {
+    /// Samples `value`, given in voxel space, at the voxel centres of every level; NaN is invalid.
+    pub(crate) fn new(
+        extent: Extent,
+        spacing: DVec3,
+        edge: u32,
+        encoding: SlotEncoding,
+        value: impl Fn(DVec3) -> f64,
+    ) -> Self {
+        let pyramid = Pyramid::new(extent, spacing.to_array(), edge);
+        let max = encoding.format.max_code() as f64;
+        let code = |v: f64| {
+            let first = encoding.has_invalid as u32 as f64;
+            let scaled = (v - encoding.low) / (encoding.high - encoding.low) * max;
+            if v.is_nan() { 0 } else { scaled.round().clamp(first, max) as u32 }
+        };
+        let decode = |c: u32| if encoding.has_invalid && c == 0 { f64::NAN } else { encoding.value(c as f64 / max) };
+        let mut codes = Vec::new();
+        let mut levels = Vec::new();
+        for grid in pyramid.levels() {
+            let factor = DVec3::from_array(grid.factor.map(f64::from));
+            let centre = |i: [u32; 3]| (DVec3::from_array(i.map(f64::from)) + 0.5) * factor;
+            let level = Array::from_fn(grid, |i| code(value(centre(i))) as f64);
+            let level_codes: Vec<u32> = level.values.iter().map(|&c| c as u32).collect();
+            levels.push(Array { values: level_codes.iter().map(|&c| decode(c)).collect(), ..level });
+            codes.push(level_codes);
+        }
+        Self { pyramid, encoding, levels, codes }
+    }
+
+    /// A brick with its apron, the volume's faces replicated.
+    fn padded(&self, level: Level, index: BrickIndex) -> Arc<[u8]> {
+        let (edge, extent) = (self.pyramid.edge() as i64, self.pyramid.level(level).extent);
+        let n = extent.to_array();
+        let index = index.to_array();
+        let along = |a: usize| {
+            let start = index[a] as i64 * edge - APRON as i64;
+            (start..start + edge + 2 * APRON as i64).map(move |i| i.clamp(0, n[a] as i64 - 1) as u32)
+        };
+        let mut bytes = Vec::new();
+        for z in along(2) {
+            for y in along(1) {
+                for x in along(0) {
+                    let code = self.codes[level.index()][extent.linear([x, y, z]) as usize];
+                    bytes.extend_from_slice(&code.to_le_bytes()[..self.encoding.format.bytes()]);
+                }
+            }
+        }
+        bytes.into()
+    }
+
+    /// The cells left when `split` has been asked from the coarsest brick on, back to front as `rays` see them; each is
+    /// drawn with its own brick.
+    pub(crate) fn cut(
+        &self,
+        rays: &ViewRays,
+        geometry: &Geometry,
+        split: &dyn Fn(Level, BrickIndex) -> bool,
+    ) -> Vec<CutCell> {
+        let mut cells = Vec::new();
+        let view = View { eye: geometry.voxel_from_world(rays.eye), rays, geometry };
+        self.descend(&view, self.pyramid.coarsest(), BrickIndex::default(), split, &mut cells);
+        cells
+    }
+
+    fn descend(
+        &self,
+        view: &View<'_>,
+        level: Level,
+        index: BrickIndex,
+        split: &dyn Fn(Level, BrickIndex) -> bool,
+        cells: &mut Vec<CutCell>,
+    ) {
+        if level.0 == 0 || !split(level, index) {
+            return cells.push(CutCell { level, index, drawn: level });
+        }
+        let finer = Level(level.0 - 1);
+        let mut children: Vec<BrickIndex> = self.pyramid.children(level, index).collect();
+        let near = self.pyramid.brick_box_voxel(finer, children[0]).max.to_array();
+        // A child comes after those that lie on the far side of more of the planes that part the children.
+        children.sort_by_key(|child| {
+            let low = self.pyramid.brick_box_voxel(finer, *child).min.to_array();
+            let far = |a: usize| view.sees_high_side_first(a, near[a] as f64) != (low[a] >= near[a]);
+            std::cmp::Reverse((0..3).filter(|&a| far(a)).count())
+        });
+        for child in children {
+            self.descend(view, finer, child, split, cells);
+        }
+    }
+
+    /// A renderer that holds the bricks of the cut, and its draw list.
+    pub(crate) fn load(&self, cut: &[CutCell], rays: &ViewRays, threads: usize) -> (SoftwareRenderer, DrawList) {
+        let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
+        bricks.sort();
+        bricks.dedup();
+        let mut renderer = SoftwareRenderer::new(SoftwareOptions {
+            encoding: self.encoding,
+            edge: self.pyramid.edge(),
+            apron: APRON,
+            memory_bytes: 1 << 30,
+            max_picture_px: [rays.width, rays.height],
+            threads,
+        })
+        .unwrap();
+        for (slot, id) in bricks.iter().enumerate() {
+            renderer.upload(Slot(slot as u32), self.padded(id.level, id.index));
+        }
+        let draw = |c: &CutCell| {
+            let brick = self.brick(c);
+            DrawCell {
+                cell: BrickId { level: c.level, index: c.index, ..brick },
+                region: self.pyramid.brick_box_voxel(c.level, c.index),
+                brick,
+                slot: Slot(bricks.binary_search(&brick).unwrap() as u32),
+            }
+        };
+        (renderer, DrawList { cells: cut.iter().map(draw).collect() })
+    }
+
+    fn brick(&self, c: &CutCell) -> BrickId {
+        let index = self.pyramid.ancestor(c.level, c.index, c.drawn);
+        BrickId { time: 0, channel: 0, level: c.drawn, index }
+    }
+
+    /// The picture of the cut.
+    pub(crate) fn render(&self, frame: &FrameSettings, cut: &[CutCell], threads: usize) -> Picture {
+        let (mut renderer, list) = self.load(cut, &frame.rays, threads);
+        renderer.render(frame, &self.pyramid, &list)
+    }
+
+    /// The oracle's picture of the cut.
+    pub(crate) fn reference(&self, frame: &FrameSettings, cut: &[CutCell], transfer: &TransferFunction) -> Picture {
+        let boxes: Vec<(VoxelBox, usize)> =
+            cut.iter().map(|c| (self.pyramid.brick_box_voxel(c.level, c.index), c.drawn.index())).collect();
+        let extent = self.pyramid.levels()[0].extent.to_array();
+        let level_at = |p: DVec3| {
+            // Rounding may put the last sample of a ray a hair outside.
+            let voxel: [u32; 3] = std::array::from_fn(|a| (p[a].max(0.0) as u32).min(extent[a] - 1));
+            let holds = |b: &VoxelBox| {
+                let (min, max) = (b.min.to_array(), b.max.to_array());
+                (0..3).all(|a| min[a] <= voxel[a] && voxel[a] < max[a])
+            };
+            boxes.iter().find(|(b, _)| holds(b)).expect("a cut covers the volume").1
+        };
+        brickyard_reference::render(frame, &ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer })
+    }
+}
+
+struct View<'a> {
+    eye: DVec3,
+    rays: &'a ViewRays,
+    geometry: &'a Geometry,
+}
+
+impl View<'_> {
+    /// Whether rays that cross the plane at `at` come from its high side.
+    fn sees_high_side_first(&self, axis: usize, at: f64) -> bool {
+        if self.rays.orthographic {
+            (self.rays.forward / self.geometry.spacing)[axis] < 0.0
+        } else {
+            self.eye[axis] >= at
+        }
+    }
+}
