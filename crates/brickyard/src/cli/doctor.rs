@@ -1,0 +1,197 @@
+//! `brickyard doctor`: what this machine offers, and a small volume packed and rendered by every backend to prove it.
+
+use super::failure::Failure;
+use super::{print_json, print_line, store_errors, values};
+use brickyard::backend::BackendChoice;
+use brickyard::import::{SynthKind, SynthSource};
+use brickyard::offline::render_settled;
+use brickyard::oracle::render_reference;
+use brickyard::render::adapters;
+use brickyard::session::{Session, SessionOptions, resolve};
+use brickyard::stats::RenderStats;
+use brickyard::store::{PackOptions, Store, pack};
+use brickyard::volume::{Extent, Picture, Scene, VoxelType};
+use clap::Args;
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// `brickyard doctor`
+#[derive(Args)]
+pub(crate) struct DoctorArguments {
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    version: &'static str,
+    processors: usize,
+    avx2: bool,
+    memory_bytes: Option<u64>,
+    adapters: Vec<Adapter>,
+    trials: Vec<Trial>,
+}
+
+#[derive(Serialize)]
+struct Adapter {
+    name: String,
+    kind: &'static str,
+    api: String,
+    driver: String,
+    max_texture_3d: u32,
+    max_buffer_bytes: u64,
+    atlas_u8: String,
+    atlas_u16: String,
+}
+
+/// One backend's attempt at the test picture.
+#[derive(Serialize)]
+struct Trial {
+    backend: &'static str,
+    ok: bool,
+    /// The adapter, or why it did not work.
+    detail: String,
+    frame_ms: f64,
+}
+
+/// Runs `doctor`.
+///
+/// # Errors
+/// If no backend renders the test picture right, or the test volume cannot be packed.
+pub(crate) fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
+    let report = Report {
+        version: env!("CARGO_PKG_VERSION"),
+        processors: processors(),
+        avx2: has_avx2(),
+        memory_bytes: memory_bytes(),
+        adapters: adapters().into_iter().map(adapter).collect(),
+        trials: trials()?,
+    };
+    if arguments.json {
+        print_json(&report)?;
+    } else {
+        print_line(&text(&report))?;
+    }
+    match report.trials.iter().any(|t| t.ok) {
+        true => Ok(()),
+        false => Err(Failure::failed("no backend rendered the test picture")),
+    }
+}
+
+fn adapter(report: brickyard::render::AdapterReport) -> Adapter {
+    Adapter {
+        atlas_u8: format!("{:?}", report.formats.atlas_u8),
+        atlas_u16: format!("{:?}", report.formats.atlas_u16),
+        name: report.name,
+        kind: report.kind,
+        api: report.backend,
+        driver: report.driver,
+        max_texture_3d: report.max_texture_3d,
+        max_buffer_bytes: report.max_buffer_bytes,
+    }
+}
+
+const SIZE: (u32, u32) = (128, 128);
+
+/// Packs a small volume and renders it by each backend, compared with the reference.
+fn trials() -> Result<Vec<Trial>, Failure> {
+    let folder = std::env::temp_dir().join(format!("brickyard-doctor-{}", std::process::id()));
+    let result = trials_in(&folder.join("test.zarr"));
+    let _ = std::fs::remove_dir_all(&folder);
+    result
+}
+
+fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
+    let extent = Extent::new(96, 96, 96);
+    let source = SynthSource::new(SynthKind::Spheres, extent, VoxelType::U8, 1, 1).map_err(Failure::failed)?;
+    let options = PackOptions { edge: 32, ..PackOptions::new(VoxelType::U8) };
+    pack(&source, path, &options, &()).map_err(store_errors::pack_failure)?;
+    let store = Arc::new(store_errors::open(path)?);
+    let scene = Scene::default();
+    let window = store.default_window(0);
+    let resolved = resolve(&*store, window, &scene, SIZE).map_err(Failure::failed)?;
+    let expected = render_reference(&store, &resolved, 1 << 30).map_err(Failure::failed)?;
+    let backends = [("gpu", BackendChoice::Gpu), ("cpu", BackendChoice::Cpu)];
+    Ok(backends.into_iter().map(|(name, choice)| trial(name, choice, &store, &scene, &expected)).collect())
+}
+
+fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: &Scene, expected: &Picture) -> Trial {
+    let options = SessionOptions {
+        backend,
+        gpu_memory_bytes: 64 << 20,
+        host_memory_bytes: 64 << 20,
+        threads: processors(),
+        max_size_px: SIZE,
+    };
+    let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
+    let mut session = match Session::new(store.clone(), store.default_window(0), &options) {
+        Ok(session) => session,
+        Err(error) => return failed(error.to_string()),
+    };
+    let resolved = match session.resolve(scene, SIZE) {
+        Ok(resolved) => resolved,
+        Err(error) => return failed(error.to_string()),
+    };
+    let (mut stats, mut frame_ms) = (RenderStats::default(), Vec::new());
+    let wait = Duration::from_secs(20);
+    match render_settled(&mut session, &resolved, wait, Instant::now(), &mut stats, &mut frame_ms) {
+        Err(error) => failed(error.to_string()),
+        Ok(picture) => {
+            let difference = picture.difference(expected);
+            let same = difference.max <= 1 || difference.psnr_db >= 50.0;
+            let verdict = if same { "matches the reference" } else { "does NOT match the reference" };
+            let detail = format!("{}: {verdict} (greatest difference {}/255)", session.backend_line(), difference.max);
+            Trial { backend: name, ok: same, detail, frame_ms: frame_ms[0] }
+        }
+    }
+}
+
+fn text(report: &Report) -> String {
+    let memory = report.memory_bytes.map_or("unknown".into(), values::human_bytes);
+    let avx2 = if report.avx2 { ", AVX2" } else { "" };
+    let mut lines = vec![
+        format!("brickyard {}", report.version),
+        format!("machine: {} processors{avx2}, {memory} of memory", report.processors),
+    ];
+    if report.adapters.is_empty() {
+        lines.push("adapters: none; for a software one install a Vulkan driver (Debian: mesa-vulkan-drivers)".into());
+    }
+    for a in &report.adapters {
+        lines.push(format!(
+            "adapter: {} ({}, {}, {}): 3D textures to {}, buffers to {}, 8-bit bricks as {}, 16-bit as {}",
+            a.name,
+            a.kind,
+            a.api,
+            a.driver,
+            a.max_texture_3d,
+            values::human_bytes(a.max_buffer_bytes),
+            a.atlas_u8,
+            a.atlas_u16
+        ));
+    }
+    for t in &report.trials {
+        let mark = if t.ok { "ok" } else { "FAILED" };
+        let time = if t.ok { format!(", {:.1} ms", t.frame_ms) } else { String::new() };
+        lines.push(format!("{} test picture: {mark}: {}{time}", t.backend, t.detail));
+    }
+    lines.join("\n")
+}
+
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn has_avx2() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx2");
+    #[cfg(not(target_arch = "x86_64"))]
+    return false;
+}
+
+fn memory_bytes() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
+}

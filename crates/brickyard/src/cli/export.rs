@@ -1,0 +1,64 @@
+//! `brickyard export`: a level, or a box of it, to a plain file.
+
+use super::failure::Failure;
+use super::progress::{Progress, ProgressStyleArgument};
+use super::{store_errors, values};
+use brickyard::store::{self, ExportRequest};
+use brickyard::volume::{Level, VoxelBox};
+use clap::Args;
+use std::path::PathBuf;
+
+/// `brickyard export STORE OUT --level N`
+#[derive(Args)]
+pub(crate) struct ExportArguments {
+    /// The store
+    store: PathBuf,
+    /// The output: .raw (little-endian, x fastest) or .npy
+    output: PathBuf,
+    /// Level; 0 is the finest
+    #[arg(long, default_value_t = 0)]
+    level: u8,
+    /// Box in voxels of that level, ends excluded [default: the whole level]
+    #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
+    roi: Option<VoxelBox>,
+    /// Time step
+    #[arg(long, default_value_t = 0)]
+    time: u32,
+    /// Channel
+    #[arg(long, default_value_t = 0)]
+    channel: u32,
+    /// Replace an existing file
+    #[arg(long)]
+    overwrite: bool,
+    /// How to show progress
+    #[arg(long, value_enum, default_value_t)]
+    progress: ProgressStyleArgument,
+}
+
+/// Runs `export`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
+    let store = store_errors::open(&arguments.store)?;
+    let request = ExportRequest {
+        time: arguments.time,
+        channel: arguments.channel,
+        level: Level(arguments.level),
+        region: arguments.roi,
+        overwrite: arguments.overwrite,
+    };
+    let progress = Progress::new(arguments.progress, "export");
+    let exported = store::export(&store, &arguments.output, &request, |done, total| progress.set(done, total));
+    progress.finish();
+    let extent = exported.map_err(store_errors::export_failure)?;
+    eprintln!(
+        "{}: {} x {} x {} {}, x fastest, little-endian",
+        arguments.output.display(),
+        extent.x,
+        extent.y,
+        extent.z,
+        store.voxel_type()
+    );
+    Ok(())
+}

@@ -1,0 +1,48 @@
+//! What ends the command: a message and an exit code.
+
+/// The documented exit codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum ExitKind {
+    /// The work could not be done.
+    Failed = 1,
+    /// The command line cannot be understood.
+    Usage = 2,
+    /// The input is not what it should be.
+    BadInput = 3,
+    /// The output is incomplete, and running again with `--resume` goes on.
+    Incomplete = 4,
+    /// A store does not match its checksums or statistics.
+    VerificationFailed = 5,
+}
+
+/// An error on its way to the user.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    /// Becomes the process's exit code.
+    pub kind: ExitKind,
+    /// What, where, why, and what to do.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure of some kind.
+    pub(crate) fn new(kind: ExitKind, message: impl std::fmt::Display) -> Self {
+        Self { kind, message: message.to_string() }
+    }
+
+    /// The work could not be done.
+    pub(crate) fn failed(message: impl std::fmt::Display) -> Self {
+        Self::new(ExitKind::Failed, message)
+    }
+
+    /// The flags contradict each other or the data.
+    pub(crate) fn usage(message: impl std::fmt::Display) -> Self {
+        Self::new(ExitKind::Usage, message)
+    }
+
+    /// The input is not what it should be.
+    pub(crate) fn bad_input(message: impl std::fmt::Display) -> Self {
+        Self::new(ExitKind::BadInput, message)
+    }
+}

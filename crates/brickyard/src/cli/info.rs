@@ -1,0 +1,120 @@
+//! `brickyard info`: what a store holds.
+
+use super::failure::Failure;
+use super::{print_json, print_line, store_errors, values};
+use brickyard::store::Store;
+use brickyard::volume::Level;
+use clap::Args;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// `brickyard info STORE`
+#[derive(Args)]
+pub(crate) struct InfoArguments {
+    /// The store
+    store: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What `info --json` prints.
+#[derive(Serialize)]
+struct Info<'a> {
+    path: &'a std::path::Path,
+    axes: String,
+    times: u32,
+    channels: u32,
+    voxel_type: &'a str,
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    unit: Option<&'a str>,
+    calibrated: bool,
+    levels: Vec<LevelInfo>,
+    store: &'a brickyard::store::StoreInfo,
+}
+
+#[derive(Serialize)]
+struct LevelInfo {
+    /// `[x, y, z]` voxels.
+    extent: [u32; 3],
+    /// World distance of voxel centres.
+    spacing: [f64; 3],
+    /// World position of the first voxel's centre.
+    origin: [f64; 3],
+    /// Bricks of one time step and channel.
+    bricks: u64,
+}
+
+/// Runs `info`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: &InfoArguments) -> Result<(), Failure> {
+    let store = store_errors::open(&arguments.store)?;
+    let info = describe(&arguments.store, &store);
+    if arguments.json {
+        return print_json(&info);
+    }
+    print_line(&text(&info, &store))
+}
+
+fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
+    let geometry = store.geometry();
+    let level = |l: &brickyard::volume::LevelGrid| {
+        let (spacing, origin) = geometry.level_placement(l.factor);
+        LevelInfo {
+            extent: l.extent.to_array(),
+            spacing: spacing.to_array(),
+            origin: origin.to_array(),
+            bricks: l.bricks.volume(),
+        }
+    };
+    Info {
+        path,
+        axes: store.layout().axes().concat(),
+        times: store.times(),
+        channels: store.channels(),
+        voxel_type: store.voxel_type().name(),
+        spacing: geometry.spacing.to_array(),
+        origin: geometry.origin.to_array(),
+        unit: geometry.unit.as_deref(),
+        calibrated: store.info().calibrated,
+        levels: store.pyramid().levels().iter().map(level).collect(),
+        store: store.info(),
+    }
+}
+
+fn text(info: &Info<'_>, store: &Store) -> String {
+    let triple = |v: [f64; 3]| format!("{:.6} x {:.6} x {:.6}", v[0], v[1], v[2]).replace(".000000", "");
+    let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
+    let mut lines = vec![
+        format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
+        format!("  {} time steps, {} channels", info.times, info.channels),
+        format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
+        format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
+    ];
+    for (c, channel) in info.store.channels.iter().enumerate() {
+        let window = store.default_window(c as u32);
+        lines.push(format!(
+            "  channel {c}: values {} to {}, mean {:.4}, window {} to {}, {} not finite",
+            channel.range[0],
+            channel.range[1],
+            channel.mean,
+            window.0,
+            window.1,
+            channel.nan + channel.pos_inf + channel.neg_inf
+        ));
+    }
+    for (l, level) in info.levels.iter().enumerate() {
+        let [x, y, z] = level.extent;
+        let bytes = store.pyramid().level(Level(l as u8)).extent.volume() * store.voxel_type().bytes() as u64;
+        lines.push(format!(
+            "  level {l}: {x} x {y} x {z} voxels, {} bricks, {} raw, spacing {}",
+            level.bricks,
+            values::human_bytes(bytes),
+            triple(level.spacing)
+        ));
+    }
+    lines.join("\n")
+}

@@ -1,0 +1,106 @@
+//! The command line: `brickyard COMMAND`, the same flags everywhere.
+
+mod doctor;
+mod export;
+mod failure;
+mod info;
+mod pack;
+mod pack_settings;
+mod progress;
+mod render;
+mod scene_args;
+mod store_errors;
+mod synth;
+mod values;
+mod verify;
+
+use clap::{Parser, Subcommand};
+pub(crate) use failure::Failure;
+
+/// Packs volumes into brick stores and renders them in any size under fixed budgets.
+#[derive(Parser)]
+#[command(name = "brickyard", version, propagate_version = true)]
+pub(crate) struct Arguments {
+    /// Say more; twice for everything
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Say nothing but errors
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The subcommands.
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Turn scans and simulations into a brick store
+    Pack(Box<pack::PackArguments>),
+    /// Say what a store holds
+    Info(info::InfoArguments),
+    /// Check every checksum and statistic of a store
+    Verify(verify::VerifyArguments),
+    /// Write a level, or a box of it, to .raw or .npy
+    Export(export::ExportArguments),
+    /// Render a store to PNG
+    Render(Box<render::RenderArguments>),
+    /// Make a synthetic volume, as .raw or straight into a store (.zarr)
+    Synth(synth::SynthArguments),
+    /// Say what this machine can do, and try it
+    Doctor(doctor::DoctorArguments),
+}
+
+/// Runs a subcommand.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Pack(arguments) => pack::run(*arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Render(arguments) => render::run(*arguments),
+        Command::Synth(arguments) => synth::run(arguments),
+        Command::Doctor(arguments) => doctor::run(&arguments),
+    }
+}
+
+/// Sends log lines to standard error: warnings, or more or less as asked; `RUST_LOG` overrides.
+pub(crate) fn set_up_log(verbose: u8, quiet: bool) {
+    let level = match (quiet, verbose) {
+        (true, _) => "error",
+        (_, 0) => "warn,wgpu_hal=error,wgpu_core=error",
+        (_, 1) => "info,wgpu_hal=warn,wgpu_core=warn",
+        _ => "debug",
+    };
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+}
+
+/// Prints a value as indented JSON on standard output.
+fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
+    print_line(&text)
+}
+
+/// Prints a line on standard output; a closed pipe is not an error worth a panic.
+fn print_line(text: &str) -> Result<(), Failure> {
+    use std::io::Write;
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_flags_of_all_commands_are_consistent() {
+        Arguments::command().debug_assert();
+    }
+}

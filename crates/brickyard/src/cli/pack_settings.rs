@@ -1,0 +1,178 @@
+//! The flags that decide how a store is packed, shared by `pack` and `synth`.
+
+use super::failure::Failure;
+use super::progress::{Progress, ProgressStyleArgument};
+use super::{store_errors, values};
+use brickyard::import::Source;
+use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan};
+use brickyard::volume::VoxelType;
+use clap::{Args, ValueEnum};
+use std::path::Path;
+use std::time::Instant;
+
+/// How to pack.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct PackSettings {
+    /// What the voxels mean; labels are never averaged
+    #[arg(long, value_enum, default_value_t = KindArgument::Image)]
+    kind: KindArgument,
+    /// Voxels along a brick's edge; a power of two
+    #[arg(long, default_value_t = 64)]
+    brick: u32,
+    /// Voxels along a shard file's edge
+    #[arg(long, default_value_t = 512)]
+    shard: u32,
+    /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
+    #[arg(long)]
+    codec: Option<Codec>,
+    /// How a level follows from the finer one [default: mean for images, mode for labels]
+    #[arg(long, value_enum)]
+    downsample: Option<DownsampleArgument>,
+    /// Limit of the process's own memory
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    memory: u64,
+    /// Threads [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<usize>,
+    /// Go on with an interrupted pack of the same input and settings
+    #[arg(long, conflicts_with = "overwrite")]
+    resume: bool,
+    /// Replace an existing store
+    #[arg(long)]
+    overwrite: bool,
+    /// How to show progress
+    #[arg(long, value_enum, default_value_t)]
+    progress: ProgressStyleArgument,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum KindArgument {
+    Image,
+    Labels,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DownsampleArgument {
+    Mean,
+    Max,
+    Min,
+    Mode,
+    Nearest,
+}
+
+impl PackSettings {
+    /// Whether an existing unfinished store is to be finished.
+    pub(crate) fn overwrite(&self) -> bool {
+        self.overwrite
+    }
+
+    /// How to show progress.
+    pub(crate) fn progress(&self) -> ProgressStyleArgument {
+        self.progress
+    }
+
+    fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
+        let kind = match self.kind {
+            KindArgument::Image => Kind::Image,
+            KindArgument::Labels => Kind::Labels,
+        };
+        let downsample = match (self.downsample, kind) {
+            (Some(DownsampleArgument::Mean), _) | (None, Kind::Image) => Downsample::Mean,
+            (Some(DownsampleArgument::Mode), _) | (None, Kind::Labels) => Downsample::Mode,
+            (Some(DownsampleArgument::Max), _) => Downsample::Max,
+            (Some(DownsampleArgument::Min), _) => Downsample::Min,
+            (Some(DownsampleArgument::Nearest), _) => Downsample::Nearest,
+        };
+        let exists = match (self.resume, self.overwrite) {
+            (true, _) => Exists::Resume,
+            (_, true) => Exists::Overwrite,
+            _ => Exists::Refuse,
+        };
+        let defaults = PackOptions::new(voxel_type);
+        Ok(PackOptions {
+            edge: self.brick,
+            shard_edge: self.shard,
+            codec: self.codec.unwrap_or(defaults.codec),
+            downsample,
+            kind,
+            memory_bytes: self.memory,
+            threads: self.threads.unwrap_or(defaults.threads),
+            exists,
+        })
+    }
+
+    /// Packs a source into a store, saying the plan first and the result last.
+    ///
+    /// # Errors
+    /// With the exit code for what went wrong: 2 settings, 3 the input, 4 resumable.
+    pub(crate) fn pack(&self, source: &dyn Source, path: &Path) -> Result<(), Failure> {
+        let info = source.info();
+        let options = self.options(info.voxel_type)?;
+        if !info.calibrated {
+            eprintln!(
+                "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
+            );
+        }
+        let watcher = Watcher { source, progress: Progress::new(self.progress, "pack") };
+        let started = Instant::now();
+        let packed = store::pack(source, path, &options, &watcher);
+        watcher.progress.finish();
+        let report = packed.map_err(store_errors::pack_failure)?;
+        if report.was_complete {
+            eprintln!("{} is complete already", path.display());
+            return Ok(());
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        let input_bytes = input_bytes(source);
+        eprintln!(
+            "packed {} in {seconds:.1} s ({:.0} MB/s); wrote {}",
+            values::human_bytes(input_bytes),
+            input_bytes as f64 / 1e6 / seconds.max(1e-9),
+            values::human_bytes(report.written_bytes),
+        );
+        if report.non_finite > 0 {
+            eprintln!("note: {} voxels are NaN or infinite: they are not drawn and not counted", report.non_finite);
+        }
+        Ok(())
+    }
+}
+
+fn input_bytes(source: &dyn Source) -> u64 {
+    let info = source.info();
+    let volumes = info.times as u64 * info.channels as u64;
+    volumes * info.extent.volume() * info.voxel_type.bytes() as u64
+}
+
+/// Shows a pack's plan, warnings and progress.
+struct Watcher<'a> {
+    source: &'a dyn Source,
+    progress: Progress,
+}
+
+impl store::Progress for Watcher<'_> {
+    fn planned(&self, plan: &PackPlan) {
+        let info = self.source.info();
+        let extent = info.extent;
+        eprintln!(
+            "packing {} x {} x {} {} voxels, {} steps, {} channels: at most {} of memory, {} of scratch, {} of output",
+            extent.x,
+            extent.y,
+            extent.z,
+            info.voxel_type,
+            info.times,
+            info.channels,
+            values::human_bytes(plan.memory_bytes),
+            values::human_bytes(plan.scratch_bytes),
+            values::human_bytes(plan.output_bytes_at_most),
+        );
+    }
+
+    fn warn(&self, message: &str) {
+        eprintln!("warning: {message}");
+    }
+
+    fn advanced(&self, done: u64, total: u64) {
+        let bytes = self.source.info().voxel_type.bytes() as u64;
+        self.progress.set(done * bytes, total * bytes);
+    }
+}

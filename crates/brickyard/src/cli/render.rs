@@ -1,0 +1,283 @@
+//! `brickyard render`: settled pictures of a store, as PNG, under fixed budgets.
+
+use super::failure::Failure;
+use super::scene_args::SceneArguments;
+use super::{store_errors, values};
+use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::offline::{OfflineError, render_settled};
+use brickyard::oracle::{OracleError, render_reference};
+use brickyard::picture_file::write_png;
+use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, resolve};
+use brickyard::stats::{Percentiles, RenderStats};
+use brickyard::store::Store;
+use brickyard::volume::{Camera, Picture, Scene};
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// `brickyard render STORE -o out.png`
+#[derive(Args)]
+pub(crate) struct RenderArguments {
+    /// The store
+    store: PathBuf,
+    /// Output PNG; several pictures are numbered: out_000.png, ...
+    #[arg(short, long, value_name = "out.png")]
+    output: PathBuf,
+    /// Picture size in pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    size: (u32, u32),
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Turn the camera once around its target in N pictures
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    orbit: Option<u32>,
+    /// Cameras of several pictures (JSON list)
+    #[arg(long, value_name = "path.json")]
+    path: Option<PathBuf>,
+    /// Where to render; auto takes a hardware GPU if there is one, else the CPU
+    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    backend: BackendArgument,
+    /// How to render: sorted composites bricks back to front; reference holds whole levels in memory, in f64
+    #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
+    compositor: CompositorArgument,
+    /// Hard limit of brick slots, tables, targets and staging
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    gpu_memory: u64,
+    /// Hard limit of decoded bricks and scratch
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    host_memory: u64,
+    /// Threads for decoding and for the CPU backend [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<usize>,
+    /// Give up on a picture that has not settled after S seconds
+    #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
+    max_wait: f64,
+    /// Write statistics (JSON)
+    #[arg(long, value_name = "stats.json")]
+    stats: Option<PathBuf>,
+    /// Replace existing pictures
+    #[arg(long)]
+    overwrite: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BackendArgument {
+    Auto,
+    Gpu,
+    Cpu,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum CompositorArgument {
+    Auto,
+    Sorted,
+    Reference,
+}
+
+/// Runs `render`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
+    let started = Instant::now();
+    let store = Arc::new(store_errors::open(&arguments.store)?);
+    let scene = arguments.scene.scene(&store)?;
+    let scenes = scenes(&arguments, scene, &store)?;
+    let outputs: Vec<PathBuf> = (0..scenes.len()).map(|i| numbered(&arguments.output, i, scenes.len())).collect();
+    if !arguments.overwrite {
+        for path in outputs.iter().chain(&arguments.stats) {
+            refuse_existing(path)?;
+        }
+    }
+    let mut stats = RenderStats::default();
+    if arguments.compositor == CompositorArgument::Reference {
+        run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?;
+    } else {
+        run_streaming(&arguments, &store, &scenes, &outputs, started, &mut stats)?;
+    }
+    match &arguments.stats {
+        Some(path) => write_stats(path, &stats),
+        None => Ok(()),
+    }
+}
+
+fn run_streaming(
+    arguments: &RenderArguments,
+    store: &Arc<Store>,
+    scenes: &[Scene],
+    outputs: &[PathBuf],
+    started: Instant,
+    stats: &mut RenderStats,
+) -> Result<(), Failure> {
+    let threads = arguments.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let backend = match arguments.backend {
+        BackendArgument::Auto => BackendChoice::Auto,
+        BackendArgument::Gpu => BackendChoice::Gpu,
+        BackendArgument::Cpu => BackendChoice::Cpu,
+    };
+    let options = SessionOptions {
+        backend,
+        gpu_memory_bytes: arguments.gpu_memory,
+        host_memory_bytes: arguments.host_memory,
+        threads: threads.max(1),
+        max_size_px: arguments.size,
+    };
+    let window = store.default_window(scenes[0].channel);
+    let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
+    stats.adapter = session.backend_line().to_string();
+    stats.backend = session.backend().name();
+    stats.compositor = "sorted";
+    eprintln!("backend: {} (sorted), {} slots", session.backend_line(), session.backend().slots());
+    let mut frame_ms = Vec::new();
+    for (scene, output) in scenes.iter().zip(outputs) {
+        let resolved = session.resolve(scene, arguments.size).map_err(session_failure)?;
+        let wait = Duration::from_secs_f64(arguments.max_wait.min(1e9));
+        let picture = render_settled(&mut session, &resolved, wait, started, stats, &mut frame_ms);
+        let picture = picture.map_err(|error| match error {
+            OfflineError::Session(error) => session_failure(error),
+            other => Failure::failed(other),
+        })?;
+        write(output, &picture, scene, &resolved, stats)?;
+    }
+    stats.frame_ms = Percentiles::of(&frame_ms);
+    stats.level_cells = level_cells(&session, store);
+    report(stats);
+    Ok(())
+}
+
+fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
+    let mut counts = vec![0; store.pyramid().levels().len()];
+    for cell in &session.draw_list().cells {
+        counts[cell.brick.level.index()] += 1;
+    }
+    counts
+}
+
+fn report(stats: &RenderStats) {
+    if stats.memory_bound {
+        eprintln!(
+            "memory bound: {:.1} px of {:.1} px; the picture is complete but coarser than asked for: raise --gpu-memory",
+            stats.effective_pixel_error, stats.pixel_error
+        );
+    }
+    if stats.bricks.failed > 0 {
+        eprintln!(
+            "{} bricks could not be read and are drawn from coarser levels; run `brickyard verify` for their names",
+            stats.bricks.failed
+        );
+    }
+}
+
+fn run_reference(
+    arguments: &RenderArguments,
+    store: &Arc<Store>,
+    scenes: &[Scene],
+    outputs: &[PathBuf],
+    started: Instant,
+    stats: &mut RenderStats,
+) -> Result<(), Failure> {
+    (stats.adapter, stats.backend, stats.compositor) = ("cpu, f64".into(), "cpu", "reference");
+    stats.completeness = 1.0;
+    let mut frame_ms = Vec::new();
+    for (scene, output) in scenes.iter().zip(outputs) {
+        let window = store.default_window(scene.channel);
+        let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
+        let drawing = Instant::now();
+        let picture = render_reference(store, &resolved, arguments.host_memory).map_err(|error| match error {
+            OracleError::TooLarge { .. } => Failure::failed(error),
+            OracleError::Read(error) => store_errors::read_failure(&error),
+        })?;
+        frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
+        stats.frames += 1;
+        write(output, &picture, scene, &resolved, stats)?;
+    }
+    stats.settled_ms = started.elapsed().as_secs_f64() * 1e3;
+    stats.first_image_ms = stats.settled_ms;
+    stats.frame_ms = Percentiles::of(&frame_ms);
+    Ok(())
+}
+
+fn write(
+    path: &Path,
+    picture: &Picture,
+    scene: &Scene,
+    resolved: &ResolvedScene,
+    stats: &RenderStats,
+) -> Result<(), Failure> {
+    let shown = Scene { camera: Some(resolved.camera), transfer: Some(resolved.transfer.clone()), ..scene.clone() };
+    let notes = [
+        ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
+        ("Scene", serde_json::to_string(&shown).map_err(Failure::failed)?),
+        (
+            "Bricks",
+            format!("{} of {} wanted, {} failed", stats.bricks.resident, stats.bricks.wanted, stats.bricks.failed),
+        ),
+    ];
+    write_png(path, picture, &notes).map_err(Failure::failed)
+}
+
+/// The scenes of all pictures: one, an orbit, or a path's cameras.
+fn scenes(arguments: &RenderArguments, scene: Scene, store: &Store) -> Result<Vec<Scene>, Failure> {
+    let with_camera = |camera: Camera| Scene { camera: Some(camera), ..scene.clone() };
+    if let Some(count) = arguments.orbit {
+        if count == 0 {
+            return Err(Failure::usage("--orbit 0: expected at least one picture"));
+        }
+        let extent = store.pyramid().levels()[0].extent;
+        let start = scene.camera.unwrap_or_else(|| Camera::looking_at_box(store.geometry().world_box(extent)));
+        return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
+    }
+    let Some(path) = &arguments.path else { return Ok(vec![scene]) };
+    let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+    let cameras: Vec<Camera> =
+        serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
+    if cameras.is_empty() {
+        return Err(bad("the list of cameras is empty".into()));
+    }
+    Ok(cameras.into_iter().map(with_camera).collect())
+}
+
+fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
+    if count == 1 {
+        return path.to_path_buf();
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or("png".as_ref()).to_string_lossy();
+    path.with_file_name(format!("{stem}_{index:03}.{extension}"))
+}
+
+fn refuse_existing(path: &Path) -> Result<(), Failure> {
+    if path.exists() {
+        return Err(Failure::usage(format!("{} exists; give --overwrite to replace it", path.display())));
+    }
+    Ok(())
+}
+
+fn write_stats(path: &Path, stats: &RenderStats) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
+    std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+}
+
+fn session_failure(error: SessionError) -> Failure {
+    match error {
+        SessionError::Camera(_) | SessionError::Scene(_) => Failure::usage(error),
+        SessionError::Unreadable(_) => Failure::bad_input(error),
+        SessionError::Pager(_) | SessionError::Backend(BackendError::Gpu(_) | BackendError::Cpu(_)) => {
+            Failure::failed(error)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_pictures_are_numbered() {
+        assert_eq!(numbered(Path::new("a/b.png"), 0, 1), Path::new("a/b.png"));
+        assert_eq!(numbered(Path::new("a/b.png"), 7, 20), Path::new("a/b_007.png"));
+        assert_eq!(numbered(Path::new("b"), 1, 2), Path::new("b_001.png"));
+    }
+}

@@ -1,0 +1,154 @@
+//! The flags that describe a picture, shared by every command that shows something.
+
+use super::failure::Failure;
+use super::values;
+use brickyard::pager::BrickSource;
+use brickyard::session::preset_unit_distance;
+use brickyard::store::Store;
+use brickyard::volume::{Camera, Extent, LevelPolicy, Mode, Projection, Scene, TransferFunction};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+
+/// Flags that describe a picture. They override the scene file.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct SceneArguments {
+    /// Scene file (JSON); flags override it
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// Where the camera stands, world units
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    eye: Option<DVec3>,
+    /// What it looks at [default: the volume's centre]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    target: Option<DVec3>,
+    /// The picture's up direction [default: 0,0,1]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    up: Option<DVec3>,
+    /// Vertical opening angle, degrees [default: 30]
+    #[arg(long, value_name = "DEG", conflicts_with = "ortho")]
+    fov: Option<f64>,
+    /// Orthographic view of this world height
+    #[arg(long, value_name = "HEIGHT")]
+    ortho: Option<f64>,
+    /// How samples become a pixel
+    #[arg(long, value_enum)]
+    mode: Option<ModeArgument>,
+    /// Transfer function: a JSON file, or gray, viridis, fire, ct-skin, ct-bone
+    #[arg(long, value_name = "FILE|PRESET")]
+    transfer: Option<String>,
+    /// Sampling step in units of the finest voxel size [default: 1]
+    #[arg(long, value_parser = values::positive)]
+    step: Option<f64>,
+    /// Colour behind the volume, each 0..1 [default: 0,0,0]
+    #[arg(long, value_name = "R,G,B", value_parser = values::color)]
+    background: Option<[f64; 3]>,
+    /// Level: auto, or a number (0 is the finest)
+    #[arg(long, value_parser = level)]
+    level: Option<LevelPolicy>,
+    /// Pixels that a voxel may cover before a finer level is wanted [default: 1]
+    #[arg(long, value_parser = values::positive)]
+    pixel_error: Option<f64>,
+    /// Time step
+    #[arg(long)]
+    time: Option<u32>,
+    /// Channel
+    #[arg(long)]
+    channel: Option<u32>,
+}
+
+/// [`Mode`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ModeArgument {
+    /// Direct volume rendering
+    Dvr,
+    /// Maximum intensity projection
+    Mip,
+    /// Minimum intensity projection
+    Minip,
+    /// Mean along the ray
+    Average,
+}
+
+impl From<ModeArgument> for Mode {
+    fn from(mode: ModeArgument) -> Self {
+        match mode {
+            ModeArgument::Dvr => Self::Dvr,
+            ModeArgument::Mip => Self::Mip,
+            ModeArgument::Minip => Self::MinIp,
+            ModeArgument::Average => Self::Average,
+        }
+    }
+}
+
+fn level(text: &str) -> Result<LevelPolicy, String> {
+    match text {
+        "auto" => Ok(LevelPolicy::Auto),
+        _ => text.parse().map(LevelPolicy::Locked).map_err(|_| format!("'{text}': expected auto or a level number")),
+    }
+}
+
+impl SceneArguments {
+    /// The scene: the file's, overridden by the flags, for a volume of this store.
+    ///
+    /// # Errors
+    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel.
+    pub(crate) fn scene(&self, store: &Store) -> Result<Scene, Failure> {
+        let mut scene = match &self.scene {
+            Some(path) => serde_json::from_str(&read_text(path)?)
+                .map_err(|error| Failure::bad_input(format!("{}: not a scene: {error}", path.display())))?,
+            None => Scene::default(),
+        };
+        let channel = self.channel.unwrap_or(scene.channel);
+        if channel >= store.channels() {
+            let count = store.channels();
+            return Err(Failure::usage(format!(
+                "channel {channel} does not exist: the store has {count}, numbered from 0"
+            )));
+        }
+        if let Some(name) = &self.transfer {
+            scene.transfer = Some(transfer(name, store, channel)?);
+        }
+        scene.camera = self.camera(scene.camera, store);
+        scene.mode = self.mode.map_or(scene.mode, Mode::from);
+        scene.step = self.step.unwrap_or(scene.step);
+        scene.background = self.background.unwrap_or(scene.background);
+        scene.level = self.level.unwrap_or(scene.level);
+        scene.pixel_error = self.pixel_error.unwrap_or(scene.pixel_error);
+        scene.time = self.time.unwrap_or(scene.time);
+        scene.channel = channel;
+        Ok(scene)
+    }
+
+    fn camera(&self, from_file: Option<Camera>, store: &Store) -> Option<Camera> {
+        let world_box = store.geometry().world_box(extent(store));
+        let mut camera = from_file.unwrap_or_else(|| Camera::looking_at_box(world_box));
+        camera.eye = self.eye.unwrap_or(camera.eye);
+        camera.target = self.target.unwrap_or(camera.target);
+        camera.up = self.up.unwrap_or(camera.up);
+        camera.projection = match (self.fov, self.ortho) {
+            (Some(fov_y_deg), _) => Projection::Perspective { fov_y_deg },
+            (_, Some(height)) => Projection::Orthographic { height },
+            _ => camera.projection,
+        };
+        Some(camera)
+    }
+}
+
+fn extent(store: &Store) -> Extent {
+    BrickSource::pyramid(store).levels()[0].extent
+}
+
+fn transfer(name: &str, store: &Store, channel: u32) -> Result<TransferFunction, Failure> {
+    let path = Path::new(name);
+    if path.is_file() {
+        let parsed = TransferFunction::from_json(&read_text(path)?);
+        return parsed.map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())));
+    }
+    let unit_distance = preset_unit_distance(store.geometry(), extent(store));
+    TransferFunction::preset(name, store.default_window(channel), unit_distance).map_err(Failure::usage)
+}
+
+fn read_text(path: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(path).map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))
+}

@@ -1,0 +1,147 @@
+//! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
+
+use brickyard_volume::{Extent, VoxelBox};
+use glam::DVec3;
+
+/// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let scale = match unit.to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "kib" | "k" => 1024.0,
+        "mib" | "m" => 1024.0 * 1024.0,
+        "gib" | "g" => 1024.0 * 1024.0 * 1024.0,
+        "tib" | "t" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "tb" => 1e12,
+        _ => return Err(format!("unknown unit '{unit}': expected KiB, MiB, GiB or TiB, as in 512MiB")),
+    };
+    let number: f64 = number.trim().parse().map_err(|_| format!("'{text}' is not a size: expected e.g. 512MiB"))?;
+    let total = number * scale;
+    if total >= 1.0 && total < u64::MAX as f64 {
+        Ok(total as u64)
+    } else {
+        Err(format!("'{text}' is not a usable size"))
+    }
+}
+
+fn list<T: std::str::FromStr, const N: usize>(text: &str, separator: char, form: &str) -> Result<[T; N], String> {
+    let parts: Result<Vec<T>, _> = text.split(separator).map(|p| p.trim().parse::<T>()).collect();
+    let parts = parts.map_err(|_| format!("'{text}': expected {form}"))?;
+    parts.try_into().map_err(|_| format!("'{text}': expected {form}"))
+}
+
+/// `X,Y,Z` as finite numbers.
+pub(crate) fn vec3(text: &str) -> Result<DVec3, String> {
+    let v = DVec3::from_array(list(text, ',', "three numbers X,Y,Z")?);
+    if v.is_finite() { Ok(v) } else { Err(format!("'{text}': expected finite numbers")) }
+}
+
+/// `X,Y,Z` as positive finite numbers.
+pub(crate) fn spacing(text: &str) -> Result<DVec3, String> {
+    vec3(text).and_then(|v| match v.cmpgt(DVec3::ZERO).all() {
+        true => Ok(v),
+        false => Err(format!("'{text}': every spacing must be positive")),
+    })
+}
+
+/// `X,Y,Z` as voxel counts.
+pub(crate) fn extent(text: &str) -> Result<Extent, String> {
+    let n: [u32; 3] = list(text, ',', "three voxel counts X,Y,Z, each at most 4294967295")?;
+    if n.contains(&0) {
+        return Err(format!("'{text}': an axis of zero voxels holds nothing; every count must be at least 1"));
+    }
+    let extent = Extent::from_array(n);
+    extent.checked_volume().ok_or_else(|| format!("'{text}': the product of the axes overflows 2^63 voxels"))?;
+    Ok(extent)
+}
+
+/// `WxH` in pixels.
+pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
+    let [w, h]: [u32; 2] = list(text, 'x', "WxH, as in 1280x720")?;
+    if w == 0 || h == 0 || w > 16384 || h > 16384 {
+        return Err(format!("'{text}': each side must be between 1 and 16384 pixels"));
+    }
+    Ok((w, h))
+}
+
+/// `R,G,B`, each in 0..=1.
+pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
+    let c: [f64; 3] = list(text, ',', "three numbers R,G,B in 0..1")?;
+    if c.iter().all(|v| (0.0..=1.0).contains(v)) { Ok(c) } else { Err(format!("'{text}': expected R,G,B in 0..1")) }
+}
+
+/// `x0:x1,y0:y1,z0:z1` in voxels of the level, half-open.
+pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
+    let form = "x0:x1,y0:y1,z0:z1 in voxels, ends excluded";
+    let [x, y, z]: [String; 3] = list(text, ',', form)?;
+    let mut ends = [[0u32; 2]; 3];
+    for (end, part) in ends.iter_mut().zip([x, y, z]) {
+        *end = list(&part, ':', form)?;
+        if end[0] >= end[1] {
+            return Err(format!("'{part}' in '{text}' is empty: expected {form}"));
+        }
+    }
+    Ok(VoxelBox::new(ends.map(|e| e[0]), ends.map(|e| e[1])))
+}
+
+/// A positive finite number.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err(format!("'{text}': expected a positive number")),
+    }
+}
+
+/// A byte count for people: `1.5 GiB`.
+pub(crate) fn human_bytes(bytes: u64) -> String {
+    let units = ["B", "KiB", "MiB", "GiB", "TiB"];
+    let mut value = bytes as f64;
+    let mut unit = 0;
+    while value >= 1024.0 && unit + 1 < units.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    if unit == 0 { format!("{bytes} B") } else { format!("{value:.1} {}", units[unit]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_take_units() {
+        assert_eq!(bytes("16MiB"), Ok(16 << 20));
+        assert_eq!(bytes("1.5GiB"), Ok(3 << 29));
+        assert_eq!(bytes("4096"), Ok(4096));
+        assert_eq!(bytes("2GB"), Ok(2_000_000_000));
+        assert!(bytes("12 parsecs").unwrap_err().contains("parsecs"));
+        assert!(bytes("-1MiB").is_err() && bytes("0").is_err() && bytes("MiB").is_err());
+        assert_eq!([human_bytes(1), human_bytes(3 << 29)], ["1 B", "1.5 GiB"]);
+    }
+
+    #[test]
+    fn shapes_refuse_zero_and_overflow() {
+        assert_eq!(extent("3,4,5"), Ok(Extent::new(3, 4, 5)));
+        assert!(extent("3,0,5").unwrap_err().contains("zero"));
+        assert!(extent("4294967295,4294967295,9").unwrap_err().contains("overflows"));
+        assert!(extent("3,4").unwrap_err().contains("X,Y,Z"));
+    }
+
+    #[test]
+    fn boxes_are_half_open_and_not_empty() {
+        assert_eq!(voxel_box("0:2,1:3,5:9"), Ok(VoxelBox::new([0, 1, 5], [2, 3, 9])));
+        assert!(voxel_box("0:2,3:3,5:9").unwrap_err().contains("empty"));
+        assert!(voxel_box("0:2,3").is_err());
+    }
+
+    #[test]
+    fn numbers_must_be_usable() {
+        assert!(spacing("1,-1,1").is_err() && vec3("1,nan,1").is_err() && positive("0").is_err());
+        assert!(color("0,0,2").is_err() && size_px("0x5").is_err());
+        assert_eq!(size_px("640x480"), Ok((640, 480)));
+    }
+}

@@ -1,0 +1,21 @@
+//! brickyard shows volumes that fit neither a 3D texture, nor GPU memory, nor RAM: it packs them into brick stores and
+//! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
+//!
+//! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend;
+//! [`offline`] renders settled pictures with it. The parts are re-exported under their own names.
+
+pub mod backend;
+pub mod memory;
+pub mod offline;
+pub mod oracle;
+pub mod picture_file;
+pub mod session;
+pub mod stats;
+
+pub use brickyard_import as import;
+pub use brickyard_pager as pager;
+pub use brickyard_reference as reference;
+pub use brickyard_render as render;
+pub use brickyard_software as software;
+pub use brickyard_store as store;
+pub use brickyard_volume as volume;

@@ -1,0 +1,73 @@
+//! PNG files: written whole under a temporary name, then renamed; what made the picture is kept in text chunks.
+
+use brickyard_volume::Picture;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// A picture that could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {reason}", path = path.display())]
+pub struct PictureError {
+    /// The file.
+    pub path: PathBuf,
+    /// What went wrong.
+    pub reason: String,
+}
+
+/// Writes an 8-bit RGB PNG with `(keyword, text)` notes.
+///
+/// # Errors
+/// If the file cannot be written; nothing is left under its name then.
+pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), PictureError> {
+    let fail = |reason: String| PictureError { path: path.to_path_buf(), reason };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = path.file_name().ok_or_else(|| fail("not a file name".into()))?;
+    let temporary = folder.join(format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id()));
+    let written = encode(&temporary, picture, notes).and_then(|()| Ok(std::fs::rename(&temporary, path)?));
+    written.map_err(|error| {
+        let _ = std::fs::remove_file(&temporary);
+        fail(error.to_string())
+    })
+}
+
+fn encode(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), png::EncodingError> {
+    let mut file = BufWriter::new(std::fs::File::create(path)?);
+    let mut encoder = png::Encoder::new(&mut file, picture.width, picture.height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    for (keyword, text) in notes {
+        encoder.add_itxt_chunk(keyword.to_string(), text.clone())?;
+    }
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(picture.rgb.as_flattened())?;
+    writer.finish()?;
+    file.flush()?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_read_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ein Bild.png");
+        let picture = Picture { width: 2, height: 1, rgb: vec![[1, 2, 3], [253, 254, 255]] };
+        write_png(&path, &picture, &[("Scene", "{\"ä\": 1}".into())]).unwrap();
+        let mut reader =
+            png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).unwrap())).read_info().unwrap();
+        let mut bytes = [0; 6];
+        reader.next_frame(&mut bytes).unwrap();
+        assert_eq!(bytes, [1, 2, 3, 253, 254, 255]);
+        assert_eq!(reader.info().utf8_text[0].keyword, "Scene");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+    }
+
+    #[test]
+    fn an_impossible_place_is_named() {
+        let picture = Picture { width: 1, height: 1, rgb: vec![[0; 3]] };
+        let error = write_png(Path::new("/nonexistent/folder/a.png"), &picture, &[]).unwrap_err();
+        assert!(error.to_string().contains("/nonexistent/folder/a.png"));
+    }
+}

@@ -1,0 +1,604 @@
+//! Bad input, damaged stores, impossible requests: the exit code is the documented one, the message says which file, what
+//! was expected and what was found, and nothing half-made stands under the final name.
+
+use brickyard_tests::{Sandbox, read_png, tree, tree_difference};
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+
+/// A line of arguments, the exit code it must end with, and what its message must say.
+type Case<'a> = (&'a str, i32, &'a [&'a str]);
+
+const USAGE: i32 = 2;
+const BAD_INPUT: i32 = 3;
+const INCOMPLETE: i32 = 4;
+const VERIFICATION_FAILED: i32 = 5;
+
+/// Runs the cases. None may change a file, nor leave one.
+fn check(sandbox: &Sandbox, cases: &[Case]) {
+    let before = tree(&sandbox.path(""));
+    for (line, code, words) in cases {
+        let (found, _, stderr) = sandbox.run(line);
+        assert_eq!(found, *code, "brickyard {line}: {stderr}");
+        let lower = stderr.to_lowercase();
+        for word in *words {
+            assert!(lower.contains(&word.to_lowercase()), "brickyard {line}: {word:?} is not in: {stderr}");
+        }
+        assert!(!lower.contains("panicked") && !lower.contains("backtrace"), "brickyard {line}: {stderr}");
+        let changed = tree_difference(&tree(&sandbox.path("")), &before);
+        assert!(changed.is_empty(), "brickyard {line} changed {changed:?}");
+    }
+}
+
+/// A sandbox with `good.zarr`: two time steps of 40x36x50 voxels in bricks of 16 and shards of 32.
+fn with_good_store() -> Sandbox {
+    let sandbox = Sandbox::default();
+    sandbox.run_ok("synth flow good.zarr --shape 40,36,50 --steps 2 --brick 16 --shard 32 --progress none");
+    sandbox
+}
+
+#[test]
+fn raw_files_that_do_not_fit_their_flags() {
+    let sandbox = Sandbox::default();
+    sandbox.write("a.raw", vec![1; 24_000]);
+    sandbox.write("empty.raw", []);
+    sandbox.write("cube.raw", vec![1; 27_000 * 2]);
+    check(
+        &sandbox,
+        &[
+            // 20 x 30 x 41 does not fit, but 20 x 30 x 40 would, and so would half the voxels as 16-bit.
+            ("pack a.raw o.zarr --shape 20,30,41 --dtype u8", BAD_INPUT, &["a.raw", "24600", "24000", "20,30,40 u8"]),
+            (
+                "pack a.raw o.zarr --shape 20,30,20 --dtype u8",
+                BAD_INPUT,
+                &["12000", "24000", "u16 or i16", "2 time steps"],
+            ),
+            ("pack a.raw o.zarr --shape 20,30,39 --dtype u8", BAD_INPUT, &["23400", "600 too many", "--offset 600"]),
+            ("pack cube.raw o.zarr --shape 9,9,9 --dtype f32", BAD_INPUT, &["would fit", "30,30,30 u16"]),
+            ("pack empty.raw o.zarr --shape 2,2,2 --dtype u8", BAD_INPUT, &["empty.raw", "8 bytes", "found 0"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --offset 8", BAD_INPUT, &["24008", "24000"]),
+            ("pack missing.raw o.zarr --shape 2,2,2 --dtype u8", BAD_INPUT, &["missing.raw", "No such file"]),
+            ("pack a.raw o.zarr", USAGE, &["a.raw", "--shape", "--dtype"]),
+            ("pack a.raw o.zarr --shape 20,30,40", USAGE, &["--dtype"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u12", USAGE, &["u12", "u8", "f32"]),
+            ("pack a.raw o.zarr --shape 20,0,40 --dtype u8", USAGE, &["20,0,40", "zero"]),
+            ("pack a.raw o.zarr --shape 20,-3,40 --dtype u8", USAGE, &["20,-3,40", "X,Y,Z"]),
+            ("pack a.raw o.zarr --shape 4294967295,4294967295,4294967295 --dtype u8", USAGE, &["overflow"]),
+            ("pack a.raw o.zarr --shape 4294967296,1,1 --dtype u8", USAGE, &["4294967295"]),
+            // Fits into 2^63 voxels, but not into 2^63 bytes.
+            ("pack a.raw o.zarr --shape 4294967295,2147483647,1 --dtype f32", USAGE, &["a.raw"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --axes zyq", USAGE, &["'q'", "t, c, z, y, x"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --axes yx", USAGE, &["'z'", "40"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --times 0", USAGE, &["time steps"]),
+            ("pack a.raw a.raw o.zarr --shape 20,30,20 --dtype u8 --times 2", USAGE, &["2 files"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --spacing 1,0,1", USAGE, &["1,0,1", "positive"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --origin 1,nan,1", USAGE, &["1,nan,1", "finite"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --brick 60", USAGE, &["60", "power of two"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --brick 0", USAGE, &["power of two"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --shard 100", USAGE, &["100", "multiple"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --codec lzma:9", USAGE, &["lzma:9", "zstd"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --memory 12parsecs", USAGE, &["parsecs", "MiB"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --memory 1KiB", USAGE, &["--memory", "at least"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --resume --overwrite", USAGE, &["--resume", "--overwrite"]),
+            ("pack a.raw", USAGE, &["STORE"]),
+        ],
+    );
+}
+
+/// A NIfTI-1 header of a volume of these dimensions, with `datatype` and `bitpix` as the standard numbers them.
+fn nifti_header(dims: &[i16], datatype: i16, bitpix: i16) -> Vec<u8> {
+    let mut header = vec![0u8; 352];
+    let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_le_bytes());
+    put(40, &(dims.len() as i16).to_le_bytes());
+    for (i, n) in dims.iter().enumerate() {
+        put(42 + 2 * i, &n.to_le_bytes());
+    }
+    put(70, &datatype.to_le_bytes());
+    put(72, &bitpix.to_le_bytes());
+    for i in 0..4 {
+        put(76 + 4 * i, &1f32.to_le_bytes());
+    }
+    put(108, &352f32.to_le_bytes());
+    put(344, b"n+1\0");
+    header
+}
+
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).and_then(|()| encoder.finish()).expect("writing to memory")
+}
+
+#[test]
+fn damaged_and_foreign_files() {
+    let sandbox = Sandbox::default();
+    let voxels: Vec<u8> = (0..20 * 30 * 40u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let nifti = [nifti_header(&[20, 30, 40], 2, 8), voxels.clone()].concat();
+    let gz = gzipped(&nifti);
+    let mut flipped = gz.clone();
+    flipped[gz.len() / 2] ^= 0x10;
+    let npy = |header: &str| {
+        let padded = format!("{header:<117}\n");
+        [b"\x93NUMPY\x01\x00", &(padded.len() as u16).to_le_bytes()[..], padded.as_bytes(), &voxels].concat()
+    };
+    let mut tiff_loop = b"II*\0\x08\0\0\0\x01\0\0\x01\x03\0\x01\0\0\0\x04\0\0\0".to_vec();
+    tiff_loop.extend_from_slice(&8u32.to_le_bytes()); // The next directory is this one.
+    for (name, bytes) in [
+        ("short.nii", nifti[..nifti.len() - 100].to_vec()),
+        ("header.nii", nifti[..200].to_vec()),
+        ("short.nii.gz", gz[..gz.len() / 2].to_vec()),
+        ("tail.nii.gz", gz[..gz.len() - 4].to_vec()),
+        ("flipped.nii.gz", flipped),
+        ("garbage.nii", vec![7; 1000]),
+        ("complex.nii", nifti_header(&[20, 30, 40], 32, 64)),
+        ("zero.nii", nifti_header(&[20, 0, 40], 2, 8)),
+        ("negative.nii", nifti_header(&[20, -30, 40], 2, 8)),
+        ("huge.nii", nifti_header(&[32767; 7], 64, 64)),
+        ("short.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (41, 30, 20)}")),
+        ("object.npy", npy("{'descr': '|O', 'fortran_order': False, 'shape': (40, 30, 20)}")),
+        ("double.npy", npy("{'descr': '<f8', 'fortran_order': False, 'shape': (10, 15, 20)}")),
+        ("zero.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (0, 30, 20)}")),
+        ("huge.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (4294967295, 4294967295, 4294967295)}")),
+        ("four.npy", npy("{'descr': '|u1', 'fortran_order': False, 'shape': (2, 20, 30, 20)}")),
+        ("garbage.npy", b"\x93NUMPY\x01\x00\xff\xff{'descr".to_vec()),
+        ("garbage.tif", vec![7; 1000]),
+        ("empty.tif", Vec::new()),
+        ("loop.tif", tiff_loop),
+        ("what.xyz", voxels.clone()),
+    ] {
+        sandbox.write(name, bytes);
+    }
+    std::fs::create_dir(sandbox.path("folder")).expect("the sandbox is writable");
+    sandbox.write("folder/notes.txt", "no planes");
+    check(
+        &sandbox,
+        &[
+            ("pack short.nii o.zarr", BAD_INPUT, &["short.nii", "24352", "24252"]),
+            ("pack header.nii o.zarr", BAD_INPUT, &["header.nii", "200"]),
+            ("pack short.nii.gz o.zarr", BAD_INPUT, &["short.nii.gz"]),
+            ("pack tail.nii.gz o.zarr", BAD_INPUT, &["tail.nii.gz"]),
+            ("pack flipped.nii.gz o.zarr", BAD_INPUT, &["flipped.nii.gz"]),
+            ("pack garbage.nii o.zarr", BAD_INPUT, &["garbage.nii", "NIfTI"]),
+            ("pack complex.nii o.zarr", BAD_INPUT, &["complex.nii", "complex", "not supported"]),
+            ("pack zero.nii o.zarr", BAD_INPUT, &["zero.nii", "0"]),
+            ("pack negative.nii o.zarr", BAD_INPUT, &["negative.nii", "-30"]),
+            ("pack huge.nii o.zarr", BAD_INPUT, &["huge.nii"]),
+            ("pack short.npy o.zarr", BAD_INPUT, &["short.npy", "expected", "found"]),
+            ("pack object.npy o.zarr", BAD_INPUT, &["object.npy", "O"]),
+            ("pack double.npy o.zarr", USAGE, &["double.npy", "--allow-lossy"]),
+            ("pack zero.npy o.zarr", BAD_INPUT, &["zero.npy"]),
+            ("pack huge.npy o.zarr", BAD_INPUT, &["huge.npy"]),
+            ("pack four.npy o.zarr", USAGE, &["four.npy", "--axes"]),
+            ("pack garbage.npy o.zarr", BAD_INPUT, &["garbage.npy"]),
+            ("pack garbage.tif o.zarr", BAD_INPUT, &["garbage.tif", "TIFF"]),
+            ("pack empty.tif o.zarr", BAD_INPUT, &["empty.tif"]),
+            ("pack loop.tif o.zarr", BAD_INPUT, &["loop.tif"]),
+            ("pack what.xyz o.zarr", USAGE, &["what.xyz", "--shape"]),
+            ("pack folder o.zarr", BAD_INPUT, &["folder"]),
+            ("pack missing.nii o.zarr", BAD_INPUT, &["missing.nii", "No such file"]),
+        ],
+    );
+}
+
+#[test]
+fn what_is_not_a_finished_store() {
+    let sandbox = with_good_store();
+    sandbox.write("file.zarr", "a file");
+    std::fs::create_dir(sandbox.path("folder")).expect("the sandbox is writable");
+    sandbox.copy("good.zarr", "unmarked.zarr");
+    std::fs::remove_file(sandbox.path("unmarked.zarr/zarr.json")).expect("it is there");
+    sandbox.copy("unmarked.zarr", "unfinished.zarr");
+    sandbox.write("unfinished.zarr/.brickyard-journal", "{\"settings\": {}, \"shards\": 8}\n9 00000000 0/c/0/0/0/0\n");
+    sandbox.copy("good.zarr", "future.zarr");
+    let root = String::from_utf8(sandbox.read("good.zarr/zarr.json")).expect("text");
+    sandbox.write("future.zarr/zarr.json", root.replacen("\"version\": 1", "\"version\": 999", 1));
+    sandbox.copy("good.zarr", "garbled.zarr");
+    sandbox.write("garbled.zarr/zarr.json", &root[..root.len() / 2]);
+    sandbox.copy("good.zarr", "reshaped.zarr");
+    let level = String::from_utf8(sandbox.read("good.zarr/0/zarr.json")).expect("text");
+    sandbox.write("reshaped.zarr/0/zarr.json", level.replacen("50", "4000000000", 1));
+    std::fs::create_dir(sandbox.path("foreign.zarr")).expect("the sandbox is writable");
+    sandbox.write("foreign.zarr/zarr.json", r#"{"zarr_format": 3, "node_type": "group", "attributes": {}}"#);
+    for command in ["info STORE", "verify STORE", "export STORE o.raw", "render STORE -o o.png"] {
+        let line = |store: &str| command.replace("STORE", store);
+        for (store, code, words) in [
+            ("missing.zarr", BAD_INPUT, ["missing.zarr", "No such file"].as_slice()),
+            ("file.zarr", BAD_INPUT, &["file.zarr", "not a brick store"]),
+            ("folder", BAD_INPUT, &["folder", "not a brick store", "brickyard pack"]),
+            ("unmarked.zarr", BAD_INPUT, &["unmarked.zarr", "not a brick store"]),
+            ("unfinished.zarr", INCOMPLETE, &["unfinished.zarr", "incomplete", "12 %", "--resume"]),
+            ("future.zarr", BAD_INPUT, &["future.zarr", "999", "not supported"]),
+            ("garbled.zarr", BAD_INPUT, &["garbled.zarr", "zarr.json"]),
+            ("reshaped.zarr", BAD_INPUT, &["reshaped.zarr", "expected", "found"]),
+            ("foreign.zarr", BAD_INPUT, &["foreign.zarr", "not supported"]),
+        ] {
+            check(&sandbox, &[(&line(store), code, words)]);
+        }
+    }
+}
+
+/// Where the first stored brick of a shard file lies. The file ends with 16 bytes an entry and a checksum.
+fn first_brick(shard: &[u8], entries: usize) -> std::ops::Range<usize> {
+    let index = &shard[shard.len() - 4 - 16 * entries..];
+    let number = |at: usize| u64::from_le_bytes(index[at..at + 8].try_into().expect("eight bytes"));
+    let stored = (0..entries).find(|i| number(16 * i) != u64::MAX).expect("a stored brick");
+    let (offset, length) = (number(16 * stored) as usize, number(16 * stored + 8) as usize);
+    offset..offset + length
+}
+
+/// Opaque everywhere, whatever the value: any hole would show the background.
+const OPAQUE: &str = r#"{"color": [[0, 0, 0, 1], [200, 1, 1, 0]], "opacity": [[0, 1]], "unit_distance": 0.1}"#;
+const VIEW: &str = "--size 160x120 --transfer opaque.json --background 1,0,1 --backend cpu --overwrite";
+
+#[test]
+fn a_damaged_brick_is_named_counted_and_drawn_around() {
+    let sandbox = Sandbox::default();
+    sandbox.write("opaque.json", OPAQUE);
+    sandbox.run_ok("synth turbulence good.zarr --shape 80,72,60 --brick 16 --shard 32 --progress none");
+    sandbox.run_ok("verify good.zarr --progress none");
+    sandbox.run_ok(&format!("render good.zarr -o good.png {VIEW} --level 0"));
+    let background = |path: &str| {
+        let picture = read_png(&sandbox.path(path));
+        picture.rgb.iter().map(|p| *p == [255, 0, 255]).collect::<Vec<bool>>()
+    };
+    let silhouette = background("good.png");
+    assert!(silhouette.contains(&true) && silhouette.contains(&false), "the picture shows body and background");
+    // The brick nearest to the default camera, which looks from -y, slightly from above: the shard of the last z.
+    let shard = sandbox.read("good.zarr/0/c/1/0/0");
+    let brick = first_brick(&shard, 8);
+    let places = [("first", brick.start), ("middle", brick.start + brick.len() / 2), ("last", brick.end - 1)];
+    for (name, at) in places {
+        let store = format!("{name}.zarr");
+        sandbox.copy("good.zarr", &store);
+        let mut damaged = shard.clone();
+        damaged[at] ^= 1;
+        sandbox.write(format!("{store}/0/c/1/0/0"), damaged);
+        let (code, stdout, stderr) = sandbox.run(&format!("verify {store} --progress none"));
+        assert_eq!(code, VERIFICATION_FAILED, "{name}: {stdout}{stderr}");
+        assert!(stdout.contains("0/c/1/0/0") && stdout.contains("t0 c0 level 0 brick (0,0,2)"), "{name}: {stdout}");
+        assert_eq!(stdout.lines().count(), 1, "one byte is one problem: {stdout}");
+        check(
+            &sandbox,
+            &[
+                (&format!("export {store} o.raw"), BAD_INPUT, &["level 0 brick (0,0,2)", "damaged", "checksum"]),
+                // Away from the damage everything works; nothing would be drawn of it at a coarser level either.
+                (&format!("info {store}"), 0, &[]),
+            ],
+        );
+        sandbox.run_ok(&format!("export {store} o.raw --roi 16:40,0:30,0:30"));
+        sandbox.run_ok(&format!("export {store} o1.raw --level 1"));
+        let (code, _, stderr) = sandbox.run(&format!("render {store} -o o.png {VIEW} --level 0 --stats stats.json"));
+        assert_eq!(code, 0, "{name}: {stderr}");
+        assert!(
+            stderr.contains("1 bricks could not be read") && stderr.contains("brickyard verify"),
+            "{name}: {stderr}"
+        );
+        let stats: serde_json::Value = serde_json::from_slice(&sandbox.read("stats.json")).expect("JSON");
+        assert_eq!(stats["bricks"]["failed"], 1, "{name}");
+        let completeness = stats["completeness"].as_f64().expect("a number");
+        assert!(completeness > 0.5 && completeness < 1.0, "{name}: {completeness} of the picture as asked for");
+        assert!(background("o.png") == silhouette, "{name}: the picture has a hole");
+        for left in ["o.raw", "o1.raw", "o.png", "stats.json"] {
+            std::fs::remove_file(sandbox.path(left)).expect("it was written");
+        }
+    }
+}
+
+#[test]
+fn damage_other_than_a_bricks() {
+    let sandbox = with_good_store();
+    sandbox.write("opaque.json", OPAQUE);
+    let shard = sandbox.read("good.zarr/0/c/0/0/0/0");
+    let damaged = |name: &str, path: &str, damage: &dyn Fn(&mut Vec<u8>)| {
+        sandbox.copy("good.zarr", name);
+        let mut bytes = sandbox.read(format!("{name}/{path}"));
+        damage(&mut bytes);
+        sandbox.write(format!("{name}/{path}"), bytes);
+    };
+    let first = "0/c/0/0/0/0";
+    let index = shard.len() - 40;
+    damaged("index.zarr", first, &|b| b[index] ^= 4);
+    damaged("short.zarr", first, &|b| b.truncate(b.len() / 2));
+    damaged("empty.zarr", first, &|b| b.clear());
+    damaged("long.zarr", first, &|b| b.push(0));
+    damaged("coarsest.zarr", "2/c/0/0/0/0", &|b| b[9] ^= 4);
+    damaged("side.zarr", "0/.brickyard/minmax/c/0/0/0/0/0/0", &|b| b[9] ^= 4);
+    damaged("occupancy.zarr", "1/.brickyard/occupancy/c/0/0/0/0/0", &|b| b.truncate(3));
+    sandbox.copy("good.zarr", "missing.zarr");
+    std::fs::remove_file(sandbox.path(format!("missing.zarr/{first}"))).expect("it is there");
+    sandbox.copy("good.zarr", "sideless.zarr");
+    std::fs::remove_dir_all(sandbox.path("sideless.zarr/0/.brickyard")).expect("it is there");
+
+    // Of a damaged shard everything else can still be used, and the picture has no hole.
+    sandbox.run_ok(&format!("render good.zarr -o good.png {VIEW} --level 0"));
+    let silhouette = |path: &str| {
+        let picture = read_png(&sandbox.path(path));
+        picture.rgb.iter().map(|p| *p == [255, 0, 255]).collect::<Vec<bool>>()
+    };
+    for (name, what) in
+        [("index", "index"), ("short", "bytes"), ("empty", "bytes"), ("long", "bytes"), ("missing", "missing shard")]
+    {
+        let (code, stdout, stderr) = sandbox.run(&format!("verify {name}.zarr --progress none"));
+        assert_eq!(code, VERIFICATION_FAILED, "{name}: {stdout}{stderr}");
+        assert!(stdout.contains(first) && stdout.to_lowercase().contains(what), "{name}: {what:?} is not in: {stdout}");
+        check(
+            &sandbox,
+            &[
+                (&format!("info {name}.zarr"), 0, &[]),
+                (&format!("export {name}.zarr o.raw"), BAD_INPUT, &[first, what]),
+            ],
+        );
+        sandbox.run_ok(&format!("export {name}.zarr o.raw --time 1"));
+        std::fs::remove_file(sandbox.path("o.raw")).expect("it was written");
+        let (code, _, stderr) = sandbox.run(&format!("render {name}.zarr -o o.png {VIEW} --level 0"));
+        assert!(code == 0 && stderr.contains("could not be read"), "{name}: exit {code}: {stderr}");
+        assert!(silhouette("o.png") == silhouette("good.png"), "{name}: the picture has a hole");
+        std::fs::remove_file(sandbox.path("o.png")).expect("it was written");
+    }
+    // Without the coarsest level there is nothing to stand in for anything; without side data, nothing to plan with.
+    let damaged = "coarsest.zarr/2/c/0/0/0/0";
+    check(
+        &sandbox,
+        &[
+            ("render coarsest.zarr -o o.png --level 2", BAD_INPUT, &[damaged, "level 2 brick (0,0,0)"]),
+            ("verify coarsest.zarr --progress none", VERIFICATION_FAILED, &["problem"]),
+            ("info side.zarr", BAD_INPUT, &["side.zarr/0/.brickyard/minmax", "checksum"]),
+            ("verify side.zarr", BAD_INPUT, &["side.zarr/0/.brickyard/minmax", "checksum"]),
+            ("render side.zarr -o o.png", BAD_INPUT, &["side.zarr/0/.brickyard/minmax", "checksum"]),
+            ("info occupancy.zarr", BAD_INPUT, &["occupancy.zarr/1/.brickyard/occupancy", "checksum"]),
+            ("info sideless.zarr", BAD_INPUT, &["sideless.zarr/0/.brickyard"]),
+        ],
+    );
+}
+
+#[test]
+fn outputs_that_exist_are_kept() {
+    let sandbox = with_good_store();
+    for name in ["o.raw", "o.npy", "o.png", "o_001.png", "stats.json", "file.zarr"] {
+        sandbox.write(name, "precious");
+    }
+    std::fs::create_dir(sandbox.path("folder.zarr")).expect("the sandbox is writable");
+    sandbox.write("folder.zarr/thesis.txt", "precious");
+    let precious = tree(&sandbox.path(""));
+    let exists = "exists";
+    check(
+        &sandbox,
+        &[
+            ("synth ct good.zarr --shape 20,20,20", USAGE, &["good.zarr", exists, "--overwrite"]),
+            ("synth ct o.raw --shape 20,20,20", USAGE, &["o.raw", exists, "--overwrite"]),
+            ("pack o.raw good.zarr --shape 2,2,2 --dtype u8", USAGE, &["good.zarr", exists, "--overwrite"]),
+            ("pack o.raw good.zarr --shape 2,2,2 --dtype u8 --resume", USAGE, &["good.zarr"]),
+            // What is no store is not replaced even when told to.
+            ("pack o.raw folder.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["folder.zarr", "left alone"]),
+            ("pack o.raw file.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["file.zarr", "left alone"]),
+            ("export good.zarr o.raw", USAGE, &["o.raw", exists, "--overwrite"]),
+            ("export good.zarr o.npy", USAGE, &["o.npy", exists, "--overwrite"]),
+            ("render good.zarr -o o.png", USAGE, &["o.png", exists, "--overwrite"]),
+            ("render good.zarr -o o.png --compositor reference", USAGE, &["o.png", exists, "--overwrite"]),
+            ("render good.zarr -o o.png --orbit 2", USAGE, &["o_001.png", exists, "--overwrite"]),
+            ("render good.zarr -o new.png --stats stats.json", USAGE, &["stats.json", exists, "--overwrite"]),
+        ],
+    );
+    // An overwrite that fails leaves what was there.
+    check(
+        &sandbox,
+        &[
+            ("pack missing.nii good.zarr --overwrite", BAD_INPUT, &["missing.nii"]),
+            ("export good.zarr o.raw --level 9 --overwrite", USAGE, &["level 9"]),
+            ("render good.zarr -o o.png --level 9 --overwrite", USAGE, &["level 9"]),
+        ],
+    );
+    assert!(tree(&sandbox.path("")) == precious);
+    sandbox.run_ok("export good.zarr o.raw --overwrite");
+    assert_eq!(sandbox.read("o.raw").len(), 40 * 36 * 50);
+    sandbox.run_ok("synth constant good.zarr --shape 20,20,20 --overwrite --progress none");
+    assert_eq!(sandbox.json("info good.zarr --json")["levels"][0]["extent"], serde_json::json!([20, 20, 20]));
+}
+
+#[test]
+fn requests_that_a_store_cannot_meet() {
+    let sandbox = with_good_store();
+    check(
+        &sandbox,
+        &[
+            ("export good.zarr o.raw --level 3", USAGE, &["level 3", "2"]),
+            ("export good.zarr o.raw --time 2", USAGE, &["time", "2"]),
+            ("export good.zarr o.raw --channel 1", USAGE, &["channel", "1"]),
+            ("export good.zarr o.raw --roi 0:41,0:36,0:50", USAGE, &["40"]),
+            ("export good.zarr o.raw --roi 5:5,0:36,0:50", USAGE, &["empty"]),
+            ("export good.zarr o.raw --roi 0:5,0:5", USAGE, &["x0:x1,y0:y1,z0:z1"]),
+            ("export good.zarr o.jpeg", USAGE, &["o.jpeg", ".raw", ".npy"]),
+            ("export good.zarr no/such/o.raw", 1, &["no/such/o.raw"]),
+            ("render good.zarr", USAGE, &["--output"]),
+            ("render good.zarr -o o.png --level 3", USAGE, &["level 3", "3"]),
+            ("render good.zarr -o o.png --level fine", USAGE, &["fine", "auto"]),
+            ("render good.zarr -o o.png --time 2", USAGE, &["time step 2", "2"]),
+            ("render good.zarr -o o.png --channel 1", USAGE, &["channel 1", "1"]),
+            ("render good.zarr -o o.png --channel 1 --transfer gray", USAGE, &["channel 1", "1"]),
+            ("render good.zarr -o o.png --channel 1 --compositor reference", USAGE, &["channel 1", "1"]),
+            ("render good.zarr -o o.png --size 0x5", USAGE, &["0x5", "16384"]),
+            ("render good.zarr -o o.png --size 100000x5", USAGE, &["100000x5", "16384"]),
+            ("render good.zarr -o o.png --size large", USAGE, &["large", "WxH"]),
+            ("render good.zarr -o o.png --fov 200", USAGE, &["200", "180"]),
+            ("render good.zarr -o o.png --fov 30 --ortho 4", USAGE, &["--fov", "--ortho"]),
+            ("render good.zarr -o o.png --ortho -1", USAGE, &["-1"]),
+            ("render good.zarr -o o.png --eye 1,1,1 --target 1,1,1", USAGE, &["eye", "direction"]),
+            ("render good.zarr -o o.png --eye 1,1,9 --target 1,1,1 --up 0,0,1", USAGE, &["up"]),
+            ("render good.zarr -o o.png --step 0", USAGE, &["positive"]),
+            ("render good.zarr -o o.png --pixel-error nan", USAGE, &["positive"]),
+            ("render good.zarr -o o.png --background 0,0,2", USAGE, &["0..1"]),
+            ("render good.zarr -o o.png --mode xray", USAGE, &["xray", "minip"]),
+            ("render good.zarr -o o.png --transfer sepia", USAGE, &["sepia", "viridis"]),
+            ("render good.zarr -o o.png --gpu-memory banana", USAGE, &["banana"]),
+            ("render good.zarr -o o.png --orbit 0", USAGE, &["--orbit 0"]),
+            ("render good.zarr -o o.png --orbit 2 --path p.json", USAGE, &["--orbit", "--path"]),
+            ("render good.zarr -o o.png --max-wait 0", USAGE, &["positive"]),
+            ("render good.zarr -o no/such/o.png", 1, &["no/such/o.png"]),
+            ("render good.zarr -o o.png --frobnicate", USAGE, &["--frobnicate"]),
+            ("synth ct o.zarr --shape 20,20", USAGE, &["X,Y,Z"]),
+            ("synth ct o.zarr --shape 20,20,20 --dtype i32", USAGE, &["i32", "u8"]),
+            ("synth ct o.zarr --shape 20,20,20 --steps 0", USAGE, &["steps"]),
+            ("synth ct o.tiff --shape 20,20,20", USAGE, &["o.tiff", ".raw", ".zarr"]),
+            ("synth potato o.zarr --shape 20,20,20", USAGE, &["potato", "turbulence"]),
+            ("frobnicate", USAGE, &["frobnicate"]),
+        ],
+    );
+}
+
+#[test]
+fn bad_scenes_and_transfer_functions() {
+    let sandbox = with_good_store();
+    let transfer = |color: &str, opacity: &str| format!(r#"{{"color": {color}, "opacity": {opacity}}}"#);
+    for (name, text) in [
+        ("text.json", "not JSON".to_string()),
+        ("empty.json", transfer("[]", "[[0, 1]]")),
+        ("order.json", transfer("[[5, 0, 0, 0], [4, 1, 1, 1]]", "[[0, 1]]")),
+        ("range.json", transfer("[[0, 0, 0, 0]]", "[[0, 1.5]]")),
+        ("short.json", transfer("[[0, 0, 0]]", "[[0, 1]]")),
+        ("unit.json", r#"{"color": [[0,0,0,0]], "opacity": [[0,1]], "unit_distance": 0}"#.to_string()),
+        ("field.json", r#"{"stpe": 2}"#.to_string()),
+        ("scene.json", r#"{"time": 7}"#.to_string()),
+        ("function.json", r#"{"transfer": {"color": [], "opacity": []}}"#.to_string()),
+        ("cameras.json", r#"[{"eye": [0, 0, 0]}]"#.to_string()),
+        ("none.json", "[]".to_string()),
+    ] {
+        sandbox.write(name, text);
+    }
+    sandbox.write("binary.json", [0xff, 0xfe, 0x00, 0x80]);
+    let render = |flags: &str| format!("render good.zarr -o o.png {flags}");
+    check(
+        &sandbox,
+        &[
+            (&render("--transfer text.json"), BAD_INPUT, &["text.json", "not a transfer function"]),
+            (&render("--transfer binary.json"), BAD_INPUT, &["binary.json"]),
+            (&render("--transfer empty.json"), BAD_INPUT, &["empty.json", "'color' has no points"]),
+            (&render("--transfer order.json"), BAD_INPUT, &["order.json", "'color' point 1", "sort"]),
+            (&render("--transfer range.json"), BAD_INPUT, &["range.json", "'opacity' point 0", "0..1"]),
+            (&render("--transfer short.json"), BAD_INPUT, &["short.json", "length 4"]),
+            (&render("--transfer unit.json"), BAD_INPUT, &["unit.json", "unit_distance", "positive"]),
+            (&render("--scene missing.json"), BAD_INPUT, &["missing.json", "No such file"]),
+            (&render("--scene text.json"), BAD_INPUT, &["text.json", "not a scene"]),
+            (&render("--scene field.json"), BAD_INPUT, &["field.json", "stpe"]),
+            (&render("--scene scene.json"), USAGE, &["time step 7"]),
+            (&render("--scene function.json"), USAGE, &["transfer function", "'color' has no points"]),
+            (&render("--path cameras.json"), BAD_INPUT, &["cameras.json", "target"]),
+            (&render("--path none.json"), BAD_INPUT, &["none.json", "empty"]),
+            (&render("--path missing.json"), BAD_INPUT, &["missing.json", "No such file"]),
+        ],
+    );
+}
+
+#[test]
+fn what_is_not_finite_is_packed_counted_and_left_out() {
+    let sandbox = Sandbox::default();
+    let special = |i: u32| match i % 50 {
+        0 => f32::NAN,
+        1 => f32::INFINITY,
+        2 | 3 => f32::NEG_INFINITY,
+        _ => (i % 7) as f32 - 3.0,
+    };
+    let voxels: Vec<u8> = (0..20 * 30 * 40).flat_map(|i| special(i).to_le_bytes()).collect();
+    sandbox.write("a.raw", &voxels);
+    sandbox.run_ok("pack a.raw o.zarr --shape 20,30,40 --dtype f32 --brick 16 --progress none");
+    sandbox.run_ok("verify o.zarr --progress none");
+    let info = sandbox.json("info o.zarr --json");
+    let channel = &info["store"]["channels"][0];
+    for (name, count) in [("nan", 480), ("pos_inf", 480), ("neg_inf", 960), ("count", 24_000 - 1920)] {
+        assert_eq!(channel[name], count, "{name}");
+    }
+    assert_eq!(channel["range"], serde_json::json!([-3.0, 3.0]));
+    assert!(sandbox.run_ok("info o.zarr").contains("1920 not finite"));
+    sandbox.run_ok("export o.zarr b.raw");
+    assert!(sandbox.read("b.raw") == voxels, "every bit of every NaN is kept");
+    sandbox.run_ok("render o.zarr -o o.png --size 64x48 --backend cpu");
+    // Nothing but NaN is a volume too.
+    sandbox.write("nan.raw", f32::NAN.to_le_bytes().repeat(1000));
+    sandbox.run_ok("pack nan.raw nan.zarr --shape 10,10,10 --dtype f32 --progress none");
+    sandbox.run_ok("render nan.zarr -o nan.png --size 64x48 --backend cpu --background 0,1,0");
+    assert!(read_png(&sandbox.path("nan.png")).rgb.iter().all(|p| *p == [0, 255, 0]), "NaN is transparent");
+}
+
+#[test]
+fn any_name_will_do() {
+    let sandbox = Sandbox::default();
+    let name = |end: &str| format!("ein Gerät, größer – 体积 '1'{end}");
+    sandbox.write(name(".raw"), vec![9; 1000]);
+    let run = |arguments: &[&str]| {
+        let output = sandbox.command().args(arguments).output().expect("the command starts");
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    };
+    let store = name(".zarr");
+    run(&["pack", &name(".raw"), &store, "--shape", "10,10,10", "--dtype", "u8"]);
+    run(&["info", &store]);
+    run(&["verify", &store]);
+    run(&["export", &store, &name(".npy")]);
+    run(&["render", &store, "-o", &name(".png"), "--stats", &name(".json"), "--size", "20x20", "--backend", "cpu"]);
+    assert!(sandbox.read(name(".npy")).ends_with(&[9; 1000]));
+    let output = sandbox.command().args(["export", &store, &name(".tiff")]).output().expect("the command starts");
+    assert!(String::from_utf8_lossy(&output.stderr).contains(&name(".tiff")), "names are printed as they are");
+}
+
+/// The command without the rights of root, who may do anything; `None` (said loudly) where that cannot be had.
+fn unprivileged(sandbox: &Sandbox) -> Option<impl Fn(&str) -> (i32, String) + '_> {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+    let readable = std::fs::Permissions::from_mode(0o755);
+    std::fs::set_permissions(sandbox.path(""), readable).expect("our own folder");
+    let is_root = std::fs::metadata(sandbox.path("")).expect("our own folder").uid() == 0;
+    // The command may lie where only root looks.
+    let program = sandbox.path("brickyard");
+    std::fs::copy(sandbox.command().get_program(), &program).expect("the sandbox is writable");
+    let run = move |line: &str| {
+        let mut command = match is_root {
+            true => Command::new("setpriv"),
+            false => Command::new(&program),
+        };
+        if is_root {
+            command.args(["--reuid=65534", "--regid=65534", "--clear-groups", "--"]).arg(&program);
+        }
+        let output = command.args(line.split(' ')).current_dir(sandbox.path("")).output();
+        let output = output.unwrap_or_else(|error| panic!("setpriv (of util-linux): {error}"));
+        (output.status.code().unwrap_or(-1), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    if run("--version").0 != 0 {
+        eprintln!("SKIPPED: missing permissions cannot be tried here: {}", run("--version").1);
+        return None;
+    }
+    Some(run)
+}
+
+fn chmod(path: &Path, mode: u32) {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).expect("our own file");
+}
+
+#[test]
+fn missing_permissions() {
+    let sandbox = with_good_store();
+    sandbox.write("secret.raw", vec![1; 1000]);
+    sandbox.write("open.raw", vec![1; 1000]);
+    sandbox.copy("good.zarr", "secret.zarr");
+    sandbox.copy("good.zarr", "shard.zarr");
+    std::fs::create_dir(sandbox.path("locked")).expect("the sandbox is writable");
+    let Some(run) = unprivileged(&sandbox) else { return };
+    chmod(&sandbox.path("secret.raw"), 0);
+    chmod(&sandbox.path("secret.zarr/zarr.json"), 0);
+    chmod(&sandbox.path("shard.zarr/0/c/0/0/0/0"), 0);
+    chmod(&sandbox.path("locked"), 0o555);
+    for (line, code, path) in [
+        ("pack secret.raw locked/o.zarr --shape 10,10,10 --dtype u8", BAD_INPUT, "secret.raw"),
+        ("pack open.raw locked/o.zarr --shape 10,10,10 --dtype u8", 1, "locked/o.zarr"),
+        ("synth ct locked/o.zarr --shape 10,10,10", 1, "locked/o.zarr"),
+        ("synth ct locked/o.raw --shape 10,10,10", 1, "locked"),
+        ("export good.zarr locked/o.raw", 1, "locked/o.raw"),
+        ("render good.zarr -o locked/o.png --size 8x8 --backend cpu", 1, "locked/o.png"),
+        ("info secret.zarr", BAD_INPUT, "secret.zarr/zarr.json"),
+        ("export shard.zarr locked/o.raw", 1, "locked/o.raw"),
+        ("verify shard.zarr", VERIFICATION_FAILED, "problem"),
+    ] {
+        let (found, stderr) = run(line);
+        assert!(found == code && stderr.contains(path), "brickyard {line}: exit {found}: {stderr}");
+        assert!(stderr.contains("ermission denied") || code == VERIFICATION_FAILED, "brickyard {line}: {stderr}");
+    }
+    assert_eq!(std::fs::read_dir(sandbox.path("locked")).expect("our own folder").count(), 0, "nothing was left");
+    chmod(&sandbox.path("locked"), 0o755);
+}

@@ -1,0 +1,209 @@
+//! Packs that are killed, run out of disk, or are resumed with something else: a finished store is always the same store.
+
+use brickyard_tests::{Random, Sandbox, tree, tree_difference};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Many small shards: 32 at level 0, 38 in all, one after another for a good part of a second.
+const PACK: &str = "pack in.raw out.zarr --shape 512,512,256 --dtype u8 --brick 32 --shard 128 --progress none -j 2";
+
+/// Where everything but the store itself lies in a sandbox after a pack.
+const INPUT: &str = "in.raw";
+
+/// 64 MiB that compress to about half: waves, with noise in the low bits.
+fn sandbox_with_input() -> Sandbox {
+    let sandbox = Sandbox::default();
+    let mut random = Random(7);
+    let mut bytes = vec![0u8; 512 * 512 * 256];
+    for (i, eight) in bytes.chunks_exact_mut(8).enumerate() {
+        let (x, y, z) = (i % 64, i / 64 % 512, i / (64 * 512));
+        let wave = (x * 8 + y + z) as u8 & 0xf0;
+        eight.copy_from_slice(&(random.bits() & 0x0707_0707_0707_0707).to_le_bytes());
+        eight.iter_mut().for_each(|b| *b += wave);
+    }
+    sandbox.write(INPUT, bytes);
+    sandbox
+}
+
+fn finished_shards(journal: &Path) -> usize {
+    std::fs::read_to_string(journal).map_or(0, |text| text.lines().count().saturating_sub(1))
+}
+
+/// Packs and kills the process once so many shards are finished.
+fn interrupt(sandbox: &Sandbox, shards: usize) {
+    let mut child = sandbox.command().args(PACK.split(' ')).stderr(Stdio::null()).spawn().expect("the command starts");
+    let journal = sandbox.path("out.zarr/.brickyard-journal");
+    let started = Instant::now();
+    while finished_shards(&journal) < shards {
+        assert!(child.try_wait().expect("a child").is_none(), "the pack finished before it could be killed");
+        assert!(started.elapsed() < Duration::from_secs(60), "no shard in a minute");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().expect("a child");
+    child.wait().expect("a child");
+}
+
+fn remove_store(sandbox: &Sandbox) {
+    let store = sandbox.path("out.zarr");
+    if store.exists() {
+        std::fs::remove_dir_all(store).expect("the sandbox is writable");
+    }
+}
+
+/// The names in the sandbox besides those inside the store.
+fn beside_the_store(sandbox: &Sandbox) -> Vec<String> {
+    let entries = std::fs::read_dir(sandbox.path("")).expect("the sandbox can be listed");
+    let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn killed_at_any_moment_and_resumed_the_store_is_the_uninterrupted_one() {
+    let sandbox = sandbox_with_input();
+    sandbox.run_ok(PACK);
+    let expected = tree(&sandbox.path("out.zarr"));
+    let shards =
+        expected.keys().filter(|p| p.to_string_lossy().contains("/c/") && !p.to_string_lossy().contains(".brickyard"));
+    assert!(shards.count() >= 30, "a pack with many shards");
+    remove_store(&sandbox);
+    // The second time, with the input cached, is what the kills are spread over.
+    let started = Instant::now();
+    sandbox.run_ok(PACK);
+    let whole = started.elapsed();
+    assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0], "packing twice");
+
+    let mut random = Random(20);
+    let (mut killed, mut midway) = (0, 0);
+    for moment in 0..50 {
+        remove_store(&sandbox);
+        let mut child =
+            sandbox.command().args(PACK.split(' ')).stderr(Stdio::null()).spawn().expect("the command starts");
+        // One moment in each fiftieth of the time, anywhere inside it.
+        std::thread::sleep(whole.mul_f64((moment as f64 + random.unit()) / 50.0));
+        child.kill().expect("a child");
+        killed += !child.wait().expect("a child").success() as u32;
+        let finished = finished_shards(&sandbox.path("out.zarr/.brickyard-journal"));
+        if sandbox.path("out.zarr/.brickyard-journal").exists() && !sandbox.path("out.zarr/zarr.json").exists() {
+            midway += (finished > 0) as u32;
+            let (code, _, stderr) = sandbox.run("info out.zarr");
+            let says = stderr.contains("incomplete") && stderr.contains('%') && stderr.contains("--resume");
+            assert!(code == 4 && says, "moment {moment}: exit {code}: {stderr}");
+        }
+        let resume = format!("{PACK} --resume");
+        let (code, _, stderr) = sandbox.run(&resume);
+        assert_eq!(code, 0, "moment {moment}, {finished} shards finished: {stderr}");
+        let difference = tree_difference(&tree(&sandbox.path("out.zarr")), &expected);
+        assert_eq!(difference, [""; 0], "moment {moment}, {finished} shards finished");
+        assert_eq!(beside_the_store(&sandbox), [INPUT, "out.zarr"], "moment {moment}");
+    }
+    // Machines are uneven, but if kills come too late the test has tested nothing.
+    assert!(killed >= 20 && midway >= 10, "{killed} of 50 packs were killed, {midway} with some shards finished");
+}
+
+#[test]
+fn a_pack_resumes_only_what_it_was() {
+    let sandbox = sandbox_with_input();
+    interrupt(&sandbox, 3);
+    let unfinished = tree(&sandbox.path("out.zarr"));
+    let refused = |arguments: &str, code: i32, says: &[&str]| {
+        let (found, _, stderr) = sandbox.run(arguments);
+        assert_eq!(found, code, "brickyard {arguments}: {stderr}");
+        for word in says {
+            assert!(stderr.contains(word), "brickyard {arguments}: {word:?} is not in: {stderr}");
+        }
+        assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &unfinished), [""; 0], "brickyard {arguments}");
+    };
+    refused(PACK, 2, &["out.zarr", "exists", "--resume", "--overwrite"]);
+    refused(
+        &PACK.replace("--brick 32", "--brick 64 --resume"),
+        2,
+        &["out.zarr", "brick was 32, now 64", "--overwrite"],
+    );
+    refused(&PACK.replace("--shard 128", "--shard 256 --resume"), 2, &["shard was 128, now 256"]);
+    refused(&format!("{PACK} --codec zstd:3 --resume"), 2, &["codec was \"zstd:1\", now \"zstd:3\""]);
+    refused(&format!("{PACK} --downsample max --resume"), 2, &["downsample was \"mean\", now \"max\""]);
+    refused(&format!("{PACK} --spacing 1,1,2 --resume"), 2, &["geometry was", "spacing"]);
+    refused(&PACK.replace("512,512,256", "512,256,512 --resume"), 2, &["extent was [512,512,256], now [512,256,512]"]);
+    // What does not change the result may change: threads and memory.
+    let bytes = sandbox.read(INPUT);
+    std::thread::sleep(Duration::from_millis(20)); // The file system's clock may tick in 10 ms.
+    sandbox.write(INPUT, bytes);
+    refused(&format!("{PACK} --resume"), 2, &["source was", "in.raw"]);
+    sandbox.run_ok(&format!("{PACK} --overwrite"));
+    sandbox.run_ok("verify out.zarr --progress none");
+}
+
+#[test]
+fn threads_and_memory_may_change_between_runs() {
+    let sandbox = sandbox_with_input();
+    sandbox.run_ok(PACK);
+    let expected = tree(&sandbox.path("out.zarr"));
+    remove_store(&sandbox);
+    interrupt(&sandbox, 5);
+    sandbox.run_ok(&PACK.replace("-j 2", "-j 3 --memory 64MiB --resume"));
+    assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0]);
+}
+
+/// Runs a script in a mount namespace of its own, where it may mount; false (said loudly) where that is not allowed.
+fn run_where_mounting_is_allowed(sandbox: &Sandbox, script: &str) -> bool {
+    sandbox.write("script.sh", format!("mount -t tmpfs none disk || exit 77\numount disk\nset -e\n{script}"));
+    std::fs::create_dir(sandbox.path("disk")).expect("the sandbox is writable");
+    // As root, else as the root of a user namespace: whichever is allowed.
+    for flags in [["--mount"].as_slice(), &["--user", "--map-root-user", "--mount"]] {
+        let mut command = Command::new("unshare");
+        command.args(flags).args(["sh", "script.sh"]).current_dir(sandbox.path(""));
+        let Ok(output) = command.env("brickyard", sandbox.command().get_program()).output() else { break };
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        match output.status.code() {
+            Some(0) => return true,
+            Some(1 | 77) => eprintln!("unshare {flags:?}: {stderr}"),
+            code => panic!("the script ended with {code:?}: {stderr}"),
+        }
+    }
+    eprintln!("SKIPPED: a full disk cannot be tried here: neither root nor user namespaces may mount one");
+    false
+}
+
+/// A pack whose disk is full after `size_bytes`, then has room: `first` and `second` are the two runs' messages and exit
+/// codes, `info` what was said in between, `out.zarr` the finished store.
+const FULL_DISK: &str = r#"
+rm -rf out.zarr
+mount -t tmpfs -o size=$size none disk
+run() { name=$1; shift; code=0; "$brickyard" "$@" 2>$name || code=$?; echo "exit $code" >>$name; }
+run first $pack
+run info info disk/out.zarr
+mount -o remount,size=1g disk
+run second $pack --resume
+cp -r disk/out.zarr out.zarr
+ls -A disk >left
+umount disk
+"#;
+
+#[test]
+fn a_full_disk_ends_with_exit_4_and_resumes_after_space_is_made() {
+    let sandbox = sandbox_with_input();
+    sandbox.run_ok(PACK);
+    let expected = tree(&sandbox.path("out.zarr"));
+    let pages: usize = expected.values().map(|bytes| bytes.len().div_ceil(4096)).sum();
+    let pack = PACK.replace("out.zarr", "disk/out.zarr");
+    // Before the first shard, midway, and when only the last few files are missing.
+    for size in [64 << 10, pages * 4096 / 2, (pages - 2) * 4096] {
+        let _ = std::fs::remove_dir(sandbox.path("disk"));
+        if !run_where_mounting_is_allowed(&sandbox, &format!("size={size}\npack='{pack}'\n{FULL_DISK}")) {
+            return;
+        }
+        let said = |name: &str| String::from_utf8_lossy(&sandbox.read(name)).into_owned();
+        for (name, words) in [
+            ("first", ["exit 4", "disk/out.zarr", "No space left", "--resume"].as_slice()),
+            ("info", &["exit 4", "incomplete", "%", "--resume"]),
+            ("second", &["exit 0"]),
+        ] {
+            let text = said(name);
+            assert!(words.iter().all(|w| text.contains(w)), "{size} bytes, {name}: expected {words:?} in: {text}");
+        }
+        assert_eq!(said("left"), "out.zarr\n");
+        assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0], "{size} bytes");
+    }
+}

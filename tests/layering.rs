@@ -1,0 +1,53 @@
+//! The crates depend on one another in one direction only: source, store, pager, renderers, facade.
+
+use std::collections::BTreeMap;
+use std::process::Command;
+
+/// What each crate may know of the others, at most. The facade, the tests and the benchmarks may know all.
+const ALLOWED: [(&str, &[&str]); 8] = [
+    ("volume", &[]),
+    ("import", &["volume"]),
+    ("store", &["volume", "import"]),
+    ("pager", &["volume", "store"]),
+    ("shaders", &[]),
+    ("render", &["volume", "pager", "shaders"]),
+    ("software", &["volume", "pager"]),
+    ("reference", &["volume"]),
+];
+
+/// Packages that only one crate may depend on directly.
+const ONLY: [(&str, &str); 3] = [("wgpu", "render"), ("zstd", "store"), ("clap", "brickyard")];
+
+fn direct_dependencies() -> BTreeMap<String, Vec<String>> {
+    let cargo = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .output()
+        .expect("cargo runs");
+    let metadata: serde_json::Value = serde_json::from_slice(&cargo.stdout).expect("cargo metadata is JSON");
+    let packages = metadata["packages"].as_array().expect("packages");
+    let normal = |p: &serde_json::Value| {
+        let dependencies = p["dependencies"].as_array().expect("dependencies");
+        let named = dependencies.iter().filter(|d| d["kind"].is_null());
+        named.filter_map(|d| Some(d["name"].as_str()?.to_string())).collect()
+    };
+    packages.iter().map(|p| (p["name"].as_str().expect("name").to_string(), normal(p))).collect()
+}
+
+#[test]
+fn arrows_point_one_way() {
+    let all = direct_dependencies();
+    for (name, allowed) in ALLOWED {
+        let found = &all[&format!("brickyard-{name}")];
+        for dependency in found.iter().filter_map(|d| d.strip_prefix("brickyard")) {
+            let dependency = dependency.trim_start_matches('-');
+            assert!(allowed.contains(&dependency), "crate {name} must not know crate {dependency:?}");
+        }
+    }
+    for (package, owner) in ONLY {
+        for (name, found) in &all {
+            let own = name.trim_start_matches("brickyard-") == owner || ["brickyard-benches"].contains(&name.as_str());
+            assert!(own || !found.iter().any(|d| d == package), "only {owner} may use {package}, not {name}");
+        }
+    }
+}

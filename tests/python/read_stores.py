@@ -1,0 +1,229 @@
+"""Stores made by `brickyard pack`, read by zarr-python and tensorstore.
+
+For every voxel type and for volumes of every awkward shape: all readers see what `export` gives, bit for bit; every level
+is the mean of the finer one; the OME metadata places every level right; and nothing but the levels is listed.
+"""
+
+import json
+import warnings
+
+import numpy as np
+import tensorstore as ts
+import zarr
+
+from common import FOLDER, brickyard, check, run_cases, same_bits
+
+DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "f4"]
+NAMES = {"u1": "u8", "i1": "i8", "u2": "u16", "i2": "i16", "u4": "u32", "i4": "i32", "f4": "f32"}
+SMALL = ["--brick", "8", "--shard", "16"]
+MEDIUM = ["--brick", "16", "--shard", "64"]
+
+
+class Volume:
+    """A volume to be packed: an array (t, c, z, y, x), its place in the world (x, y, z), and flags."""
+
+    def __init__(self, array, flags=(), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), unit=None):
+        self.array, self.flags = np.ascontiguousarray(array), list(flags)
+        self.spacing, self.origin, self.unit = spacing, origin, unit
+
+    def pack(self, name):
+        (FOLDER / f"{name}.raw").write_bytes(self.array.tobytes())
+        times, channels, z, y, x = self.array.shape
+        triple = lambda v: ",".join(repr(float(n)) for n in v)
+        unit = ["--unit", self.unit] if self.unit else []
+        brickyard("pack", f"{name}.raw", f"{name}.zarr", "--shape", f"{x},{y},{z}", "--dtype",
+                  NAMES[self.array.dtype.str[1:]], "--times", times, "--channels", channels, "--spacing",
+                  triple(self.spacing), f"--origin={triple(self.origin)}", *unit, *self.flags, "--progress", "none")
+        (FOLDER / f"{name}.raw").unlink()
+
+
+def noise(dtype, *shape):
+    """Every bit pattern of integers; floats of many magnitudes."""
+    shape = (1,) * (5 - len(shape)) + shape
+    random = np.random.default_rng(len(shape) + sum(shape))
+    if dtype == "f4":
+        return (random.standard_normal(shape) * 10.0 ** random.integers(-3, 4, shape)).astype("f4")
+    limits = np.iinfo(dtype)
+    return random.integers(limits.min, limits.max, shape, dtype, endpoint=True)
+
+
+def volumes():
+    """{name: Volume}."""
+    made = {}
+    for d in DTYPES:
+        made[f"{d}-odd"] = Volume(noise(d, 43, 21, 37), SMALL)
+        made[f"{d}-anisotropic"] = Volume(
+            noise(d, 19, 40, 33), MEDIUM, spacing=(0.5, 0.7, 2.25), origin=(-11.5, 3.25, 1e3), unit="um")
+        made[f"{d}-slice"] = Volume(noise(d, 1, 50, 34), SMALL, spacing=(2.0, 3.0, 0.1))
+        made[f"{d}-times"] = Volume(noise(d, 3, 1, 18, 17, 19), SMALL)
+        made[f"{d}-channels"] = Volume(noise(d, 2, 18, 17, 19), SMALL)
+        made[f"{d}-5d"] = Volume(noise(d, 2, 3, 9, 10, 20), SMALL, unit="mm")
+        made[f"{d}-constant"] = Volume(np.full((1, 1, 20, 30, 40), 7, d), MEDIUM)
+        made[f"{d}-zero"] = Volume(np.zeros((1, 1, 20, 30, 40), d), MEDIUM)
+        made[f"{d}-plain"] = Volume(noise(d, 20, 30, 40), MEDIUM + ["--codec", "none"])
+    made["u8-100x37x211"] = Volume(noise("u1", 211, 37, 100), MEDIUM)
+    made["u16-100x37x211"] = Volume(noise("u2", 211, 37, 100))  # One brick shape for all defaults.
+    made["u16-zstd"] = Volume(noise("u2", 20, 30, 40), MEDIUM + ["--codec", "zstd:3"])
+    made["u8-shuffle"] = Volume(noise("u1", 20, 30, 40), MEDIUM + ["--codec", "shuffle-zstd:5"])
+    made["i32-shuffle"] = Volume(noise("i4", 20, 30, 40), MEDIUM + ["--codec", "shuffle-zstd:9"])
+    special = noise("f4", 41, 35, 30)
+    special[0, 0, ::5, ::3, 1::4] = np.nan
+    special[0, 0, 1::7, ::2, ::5] = np.inf
+    special[0, 0, 2::7, 1::2, ::5] = -np.inf
+    special[0, 0, 8:24, 8:24, 8:24] = np.nan  # Whole bricks, and what is left of them in coarser levels.
+    made["f4-not-finite"] = Volume(special, SMALL)
+    spots = np.zeros((1, 1, 40, 40, 40), "u2")
+    spots[..., 3, 33, 20] = 65535
+    made["u2-spot"] = Volume(spots, SMALL)
+    return made
+
+
+def mean(fine, factor):
+    """What the next level must be: the mean of each box's finite voxels, in f64; NaN where there is none."""
+    value, valid = fine.astype("f8"), np.isfinite(fine)
+    value = np.where(valid, value, 0.0)
+    for axis, f in enumerate(factor):
+        pad = [(0, 0)] * fine.ndim
+        pad[axis] = (0, -value.shape[axis] % f)
+        shape = list(value.shape)
+        shape[axis : axis + 1] = [(shape[axis] + pad[axis][1]) // f, f]
+        value = np.pad(value, pad).reshape(shape).sum(axis + 1)
+        valid = np.pad(valid, pad).reshape(shape).sum(axis + 1)
+    return np.divide(value, valid, out=np.full(value.shape, np.nan), where=valid > 0)
+
+
+def check_mean(fine, coarse, factor):
+    expected = mean(fine, factor)
+    check(coarse.shape == expected.shape, coarse.shape, expected.shape)
+    if coarse.dtype.kind == "f":
+        # One rounding to f32, and perhaps one in the last bit of the f64 sum.
+        both_nan = np.isnan(coarse) & np.isnan(expected)
+        near = np.abs(coarse - expected) <= np.spacing(np.abs(coarse))
+        check((near | both_nan).all(), "a level is not the mean of the finer one")
+    else:
+        # Sums of eight 32-bit integers are exact in f64: nearest, ties to even, without any tolerance.
+        check((coarse == np.rint(expected)).all(), "a level is not the rounded mean of the finer one")
+
+
+def exported(name, volume, level, shape):
+    """The level as `export` gives it, through both of its formats."""
+    whole = np.empty(shape, volume.array.dtype)
+    for t in range(shape[0]):
+        for c in range(shape[1]):
+            parts = ["--level", level, "--time", t, "--channel", c]
+            for kind in ["npy", "raw"]:
+                brickyard("export", f"{name}.zarr", f"{name}.{kind}", "--overwrite", *parts)
+            npy, raw = np.load(FOLDER / f"{name}.npy"), (FOLDER / f"{name}.raw").read_bytes()
+            check(npy.dtype == volume.array.dtype, npy.dtype)
+            check(npy.astype(npy.dtype.newbyteorder("<")).tobytes() == raw, "the .raw is not the .npy")
+            whole[t, c] = npy
+    return whole
+
+
+def check_metadata(volume, root):
+    """The placement of every level; returns the levels' scales as (z, y, x)."""
+    ome = root["attributes"]["ome"]
+    check(ome["version"] == "0.5", ome["version"])
+    (multiscale,) = ome["multiscales"]
+    axes = [a["name"] for a in multiscale["axes"]]
+    times, channels = volume.array.shape[:2]
+    check(axes == ["t"] * (times > 1) + ["c"] * (channels > 1) + ["z", "y", "x"], axes)
+    units = {"um": "micrometer", "mm": "millimeter", None: None}
+    for axis in multiscale["axes"]:
+        kind = {"t": "time", "c": "channel"}.get(axis["name"], "space")
+        unit = units[volume.unit] if kind == "space" else None
+        check(axis["type"] == kind and axis.get("unit") == unit, axis)
+    scales = []
+    for k, dataset in enumerate(multiscale["datasets"]):
+        check(dataset["path"] == str(k), dataset)
+        scale, translation = dataset["coordinateTransformations"]
+        check(scale["type"] == "scale" and translation["type"] == "translation", dataset)
+        scale, translation = np.array(scale["scale"]), np.array(translation["translation"])
+        check(len(scale) == len(translation) == len(axes), dataset)
+        check((scale[:-3] == 1).all() and (translation[:-3] == 0).all(), dataset)
+        # The first voxel's box starts where level 0's does, half a voxel before its centre.
+        spacing, origin = np.array(volume.spacing[::-1]), np.array(volume.origin[::-1])
+        corner = translation[-3:] - scale[-3:] / 2
+        check(np.allclose(corner, origin - spacing / 2, rtol=1e-12, atol=1e-12), k, corner)
+        factor = scale[-3:] / spacing
+        check(np.allclose(factor, 2.0 ** np.round(np.log2(factor)), rtol=1e-12), k, factor)
+        scales.append(scale[-3:])
+    check(np.allclose(scales[0], volume.spacing[::-1], rtol=1e-12), scales[0])
+    return scales
+
+
+def check_listing(path, levels):
+    """Other tools find the levels and nothing else, without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        group = zarr.open_group(path, mode="r")
+        members = dict(group.members(max_depth=None))
+        check(set(members) == {str(k) for k in range(levels)}, list(members))
+        check(all(isinstance(m, zarr.Array) for m in members.values()), members)
+        check(sorted(group.array_keys()) == sorted(members) and not list(group.group_keys()), list(group.keys()))
+    # napari's own reader takes the sub-folders of a group, but for hidden ones, in the order of their names, for the levels
+    # of a pyramid, and opens the first as an array.
+    folders = sorted(p for p in path.iterdir() if p.is_dir() and not p.name.startswith("."))
+    check([p.name for p in folders] == [str(k) for k in range(levels)], folders)
+    shapes = [json.loads((p / "zarr.json").read_text())["shape"] for p in folders]
+    check(shapes == sorted(shapes, reverse=True), shapes)
+    check(zarr.open(folders[0], mode="r").shape == tuple(shapes[0]), folders[0])
+
+
+def check_store(name, volume):
+    volume.pack(name)
+    path = FOLDER / f"{name}.zarr"
+    root = json.loads((path / "zarr.json").read_text())
+    scales = check_metadata(volume, root)
+    check_listing(path, len(scales))
+    finer = None
+    for k, scale in enumerate(scales):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            array = zarr.open_array(path / str(k), mode="r")
+        found = array[...]
+        five = volume.array.shape[:2] + found.shape[-3:]
+        ours = exported(name, volume, k, five).reshape(found.shape)
+        check(same_bits(found, ours), f"level {k}: zarr-python and export differ")
+        store = ts.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path / str(k))}}).result()
+        names = tuple(a["name"] for a in root["attributes"]["ome"]["multiscales"][0]["axes"])
+        check(array.metadata.dimension_names == names and store.domain.labels == names, store.domain)
+        check(same_bits(store.read().result(), ours), f"level {k}: tensorstore and export differ")
+        if finer is None:
+            check(same_bits(ours.reshape(volume.array.shape), volume.array), "level 0 is not the input")
+        else:
+            factor = [1] * (ours.ndim - 3) + [round(f) for f in scale / scales[k - 1]]
+            check_mean(finer, ours, factor)
+        finer = ours
+    check(all(n <= root["attributes"]["brickyard"]["edge"] for n in finer.shape[-3:]), "the last level is one brick")
+    brickyard("verify", f"{name}.zarr", "--progress", "none")
+
+
+def check_ramp():
+    """A volume that is linear in world coordinates has the same value at the same place on every level."""
+    shape, spacing, origin = (45, 61, 83), np.array([0.5, 0.75, 1.0]), np.array([7.0, -3.0, 20.0])
+
+    def world(shape, scale, translation):
+        axes = [t + s * np.arange(n) for n, s, t in zip(shape, scale, translation)]
+        z, y, x = np.meshgrid(*axes, indexing="ij")
+        return 3.0 * x - 2.0 * y + 0.5 * z
+
+    array = world(shape, spacing[::-1], origin[::-1]).astype("f4")
+    volume = Volume(array[None, None], MEDIUM, tuple(spacing), tuple(origin))
+    volume.pack("ramp")
+    root = json.loads((FOLDER / "ramp.zarr" / "zarr.json").read_text())
+    datasets = root["attributes"]["ome"]["multiscales"][0]["datasets"]
+    check(len(datasets) >= 3, datasets)
+    for k, dataset in enumerate(datasets):
+        scale, translation = (t[t["type"]] for t in dataset["coordinateTransformations"])
+        found = zarr.open_array(FOLDER / "ramp.zarr" / str(k), mode="r")[...]
+        # A box that the volume's far side cuts is averaged over what exists, so its mean is not its centre's value.
+        factor = np.round(np.array(scale) / spacing[::-1]).astype(int)
+        whole = tuple(slice(0, n // f) for n, f in zip(shape, factor))
+        expected = world(found.shape, scale, translation)
+        # Values up to 300 as f32, rounded once a level.
+        check(np.allclose(found[whole], expected[whole], rtol=0, atol=len(datasets) * 2e-5), f"level {k}")
+
+
+cases = {name: lambda n=name, v=volume: check_store(n, v) for name, volume in volumes().items()}
+run_cases({"ramp": check_ramp, **cases})

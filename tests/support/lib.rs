@@ -1,0 +1,375 @@
+//! What the whole-system tests share: volumes from functions, packing, sessions, the command, Python.
+
+use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::import::{ImportError, Source, SourceInfo};
+use brickyard::offline::render_settled;
+use brickyard::oracle::render_reference;
+use brickyard::render::GpuError;
+use brickyard::session::{Session, SessionError, SessionOptions};
+use brickyard::stats::RenderStats;
+use brickyard::store::{PackOptions, Store, pack};
+use brickyard::volume::{Extent, Geometry, Picture, Scene, Voxel, VoxelBox, VoxelType};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A source whose voxels are a function of (time, channel, `[x, y, z]`).
+pub struct FunctionSource<T, F> {
+    info: SourceInfo,
+    function: F,
+    voxel: std::marker::PhantomData<T>,
+}
+
+impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F> {
+    /// One volume (see [`FunctionSource::series`] for more).
+    pub fn new(extent: Extent, geometry: Geometry, function: F) -> Self {
+        Self::series(extent, geometry, 1, 1, function)
+    }
+
+    /// Several steps and channels.
+    pub fn series(extent: Extent, geometry: Geometry, times: u32, channels: u32, function: F) -> Self {
+        let info = SourceInfo {
+            extent,
+            channels,
+            times,
+            voxel_type: T::TYPE,
+            geometry,
+            calibrated: true,
+            orientation: None,
+            identity: "a function".into(),
+            notes: Vec::new(),
+        };
+        Self { info, function, voxel: std::marker::PhantomData }
+    }
+}
+
+impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> Source for FunctionSource<T, F> {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        let mut chunks = out.chunks_exact_mut(size_of::<T>());
+        for z in region.min.z..region.max.z {
+            for y in region.min.y..region.max.y {
+                for x in region.min.x..region.max.x {
+                    let voxel = (self.function)(time, channel, [x, y, z]);
+                    chunks.next().expect("out holds the box").copy_from_slice(bytemuck::bytes_of(&voxel));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A store in a folder of its own, removed when dropped.
+pub struct TestStore {
+    folder: tempfile::TempDir,
+    /// The open store.
+    pub store: Arc<Store>,
+}
+
+impl TestStore {
+    /// Packs a source with bricks of `edge`.
+    ///
+    /// # Panics
+    /// If packing or opening fails.
+    pub fn pack(source: &dyn Source, edge: u32) -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("store.zarr");
+        let voxel_type = source.info().voxel_type;
+        let options = PackOptions { edge, shard_edge: 4 * edge, threads: 2, ..PackOptions::new(voxel_type) };
+        pack(source, &path, &options, &()).expect("packing works");
+        let store = Arc::new(Store::open(&path).expect("the packed store opens"));
+        Self { folder, store }
+    }
+
+    /// Where the store is.
+    pub fn path(&self) -> PathBuf {
+        self.folder.path().join("store.zarr")
+    }
+}
+
+/// Opens a session with ample memory; `None` (said on standard error) where there is no GPU adapter at all.
+///
+/// # Panics
+/// If the session cannot be made for another reason.
+pub fn session(store: &Arc<Store>, backend: BackendChoice, size_px: (u32, u32)) -> Option<Session> {
+    session_within(store, backend, size_px, 256 << 20, 256 << 20)
+}
+
+/// Opens a session under budgets.
+///
+/// # Panics
+/// If the session cannot be made although there is an adapter.
+pub fn session_within(
+    store: &Arc<Store>,
+    backend: BackendChoice,
+    size_px: (u32, u32),
+    gpu_memory_bytes: u64,
+    host_memory_bytes: u64,
+) -> Option<Session> {
+    let options = SessionOptions { backend, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: size_px };
+    match Session::new(store.clone(), store.default_window(0), &options) {
+        Ok(session) => Some(session),
+        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
+            eprintln!("SKIPPED the GPU half of this test: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// A settled picture of a scene, and the statistics of getting there.
+///
+/// # Panics
+/// If it does not settle within a minute.
+pub fn settled(session: &mut Session, scene: &Scene, size_px: (u32, u32)) -> (Picture, RenderStats) {
+    let resolved = session.resolve(scene, size_px).expect("the scene is possible");
+    let mut stats = RenderStats::default();
+    let wait = Duration::from_secs(60);
+    let picture = render_settled(session, &resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
+    (picture.expect("the picture settles"), stats)
+}
+
+/// The oracle's picture of the same scene.
+///
+/// # Panics
+/// If the store cannot be read.
+pub fn oracle(store: &Store, scene: &Scene, size_px: (u32, u32)) -> Picture {
+    let resolved = brickyard::session::resolve(store, store.default_window(scene.channel), scene, size_px);
+    render_reference(store, &resolved.expect("the scene is possible"), 1 << 30).expect("the levels can be read")
+}
+
+/// The contract between renderers: every channel within 1/255, or a PSNR of at least 50 dB where rounding accumulates over
+/// many samples.
+///
+/// # Panics
+/// If the pictures differ by more, or the expected one is a single colour (then nothing would have been tested).
+pub fn assert_same(found: &Picture, expected: &Picture, what: &str) {
+    let flat = expected.rgb.iter().all(|p| *p == expected.rgb[0]);
+    assert!(!flat, "{what}: the expected picture is one flat colour");
+    let difference = found.difference(expected);
+    assert!(difference.max <= 1 || difference.psnr_db >= 50.0, "{what}: {difference:?}");
+}
+
+/// The `brickyard` command of this build, which `tools/test` builds before the tests.
+///
+/// # Panics
+/// If it is not there.
+pub fn command() -> Command {
+    let test = std::env::current_exe().expect("this program has a path");
+    let path = test.ancestors().nth(2).expect("target/PROFILE/deps/test").join("brickyard");
+    assert!(path.is_file(), "{} is not built: run `cargo build` (tools/test does)", path.display());
+    Command::new(path)
+}
+
+/// Runs the command with arguments and returns (exit code, standard output, standard error).
+///
+/// # Panics
+/// If it cannot be started or is killed by a signal.
+pub fn run(arguments: &[&str]) -> (i32, String, String) {
+    outcome(command().args(arguments))
+}
+
+/// Runs the command and expects success.
+///
+/// # Panics
+/// If it fails.
+pub fn run_ok(arguments: &[&str]) -> (String, String) {
+    let (code, stdout, stderr) = run(arguments);
+    assert_eq!(code, 0, "brickyard {arguments:?}: {stderr}");
+    (stdout, stderr)
+}
+
+/// The Python with the independent readers, set up by `tools/setup python`; `None` (said loudly) without it.
+pub fn python() -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."));
+    let path =
+        std::env::var_os("BRICKYARD_PYTHON").map_or_else(|| root.join("target/python/bin/python"), PathBuf::from);
+    if !path.is_file() {
+        eprintln!("SKIPPED: {} is not there: run `tools/setup python`", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+/// All the bytes of a voxel type's array from a function.
+pub fn bytes_of(voxel_type: VoxelType, extent: Extent, value: impl Fn([u32; 3]) -> f64) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(extent.volume() as usize * voxel_type.bytes());
+    for z in 0..extent.z {
+        for y in 0..extent.y {
+            for x in 0..extent.x {
+                let v = value([x, y, z]);
+                brickyard::volume::with_voxel_type!(voxel_type, T => {
+                    bytes.extend_from_slice(bytemuck::bytes_of(&T::from_f64_rounded(v)));
+                });
+            }
+        }
+    }
+    bytes
+}
+
+/// A folder of its own in which the command runs, removed when dropped. All paths are relative to it.
+pub struct Sandbox(tempfile::TempDir);
+
+impl Default for Sandbox {
+    fn default() -> Self {
+        Self(tempfile::tempdir().expect("a temporary folder"))
+    }
+}
+
+impl Sandbox {
+    /// A path inside.
+    pub fn path(&self, path: impl AsRef<Path>) -> PathBuf {
+        self.0.path().join(path)
+    }
+
+    /// Writes a file.
+    ///
+    /// # Panics
+    /// If that is not possible.
+    pub fn write(&self, path: impl AsRef<Path>, bytes: impl AsRef<[u8]>) {
+        std::fs::write(self.path(path), bytes).expect("the sandbox is writable");
+    }
+
+    /// Reads a file.
+    ///
+    /// # Panics
+    /// If that is not possible.
+    pub fn read(&self, path: impl AsRef<Path>) -> Vec<u8> {
+        let path = self.path(path);
+        std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    }
+
+    /// Copies a folder.
+    ///
+    /// # Panics
+    /// If that is not possible.
+    pub fn copy(&self, from: &str, to: &str) {
+        for (path, bytes) in tree(&self.path(from)) {
+            let path = self.path(to).join(path);
+            std::fs::create_dir_all(path.parent().expect("below the sandbox")).expect("the sandbox is writable");
+            std::fs::write(path, bytes).expect("the sandbox is writable");
+        }
+    }
+
+    /// The command, to be run in this folder.
+    pub fn command(&self) -> Command {
+        let mut command = command();
+        command.current_dir(self.0.path());
+        command
+    }
+
+    /// Runs the command on a line of arguments (split at blanks) and returns (exit code, standard output, standard error).
+    ///
+    /// # Panics
+    /// If it cannot be started or is killed by a signal.
+    pub fn run(&self, line: &str) -> (i32, String, String) {
+        outcome(self.command().args(line.split_whitespace()))
+    }
+
+    /// Runs the command and returns its standard output.
+    ///
+    /// # Panics
+    /// If it fails.
+    pub fn run_ok(&self, line: &str) -> String {
+        let (code, stdout, stderr) = self.run(line);
+        assert_eq!(code, 0, "brickyard {line}: {stderr}");
+        stdout
+    }
+
+    /// Runs the command and parses the JSON on its standard output.
+    ///
+    /// # Panics
+    /// If it fails or prints something else.
+    pub fn json(&self, line: &str) -> serde_json::Value {
+        let text = self.run_ok(line);
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("brickyard {line}: {error}: {text}"))
+    }
+
+    /// Runs a script of `tests/python` with the command and this folder as its first arguments; false where there is no
+    /// Python.
+    ///
+    /// # Panics
+    /// If the script fails; its output is shown.
+    pub fn python(&self, script: &str) -> bool {
+        let Some(python) = python() else { return false };
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python").join(script);
+        let (code, stdout, stderr) =
+            outcome(Command::new(python).arg("-B").arg(&script).arg(command().get_program()).arg(self.0.path()));
+        assert_eq!(code, 0, "{}:\n{stdout}{stderr}", script.display());
+        println!("{stdout}");
+        true
+    }
+}
+
+fn outcome(command: &mut Command) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = command.output().expect("the command starts");
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    (status.code().expect("no signal"), text(stdout), text(stderr))
+}
+
+/// Every file below a folder, by its path there.
+///
+/// # Panics
+/// If one cannot be read.
+pub fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(&next).unwrap_or_else(|error| panic!("{}: {error}", next.display())) {
+            let path = entry.expect("the folder can be listed").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+                files.insert(path.strip_prefix(folder).expect("below the folder").to_path_buf(), bytes);
+            }
+        }
+    }
+    files
+}
+
+/// The names in which two trees differ: missing, extra, or of other content.
+pub fn tree_difference(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<PathBuf, Vec<u8>>) -> Vec<String> {
+    let names: BTreeSet<&PathBuf> = found.keys().chain(expected.keys()).collect();
+    let differs = |name: &&PathBuf| found.get(*name) != expected.get(*name);
+    let size = |bytes: Option<&Vec<u8>>| bytes.map_or("none".into(), |b| format!("{} bytes", b.len()));
+    let describe = |n: &PathBuf| format!("{}: {}, expected {}", n.display(), size(found.get(n)), size(expected.get(n)));
+    names.into_iter().filter(differs).map(describe).collect()
+}
+
+/// Reads an 8-bit RGB PNG.
+///
+/// # Panics
+/// If it is not one.
+pub fn read_png(path: &Path) -> Picture {
+    let file = std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
+    let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
+    let info = reader.next_frame(&mut bytes).expect("a whole PNG");
+    assert_eq!((info.color_type, info.bit_depth), (png::ColorType::Rgb, png::BitDepth::Eight));
+    Picture { width: info.width, height: info.height, rgb: bytes.as_chunks::<3>().0.to_vec() }
+}
+
+/// Numbers that look random and are the same in every run (SplitMix64).
+pub struct Random(pub u64);
+
+impl Random {
+    /// The next 64 bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// The next number in 0..1.
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
