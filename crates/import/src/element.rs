@@ -141,7 +141,7 @@ impl Decode {
         }
         let contiguous = src_stride == self.element.bytes() && dst_stride == src_stride;
         match self.element {
-            Element::Voxel(_) if contiguous && self.scale.is_none() && self.is_little() => {
+            _ if contiguous && self.is_copy() => {
                 dst[..count * dst_stride].copy_from_slice(&src[..count * src_stride]);
             }
             Element::Voxel(voxel_type) => with_voxel_type!(voxel_type, T => decode!(T, v => v)),
@@ -151,8 +151,10 @@ impl Decode {
         }
     }
 
-    fn is_little(&self) -> bool {
-        self.endian == Endian::Little || self.element.bytes() == 1
+    /// Whether a number's bytes are its voxel's.
+    pub(crate) fn is_copy(&self) -> bool {
+        let is_little = self.endian == Endian::Little || self.element.bytes() == 1;
+        matches!(self.element, Element::Voxel(_)) && self.scale.is_none() && is_little
     }
 }
 

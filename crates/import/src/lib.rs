@@ -24,6 +24,6 @@ pub use element::Endian;
 pub use error::ImportError;
 pub use open::{OpenOptions, open};
 pub use raw::{RawLayout, RawSource};
-pub use source::{Access, Source, SourceInfo};
+pub use source::{Access, Lent, Source, SourceInfo};
 pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource};
 pub use write_raw::write_raw;

@@ -6,7 +6,7 @@ use crate::element::Endian;
 use crate::error::ImportError;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
-use crate::source::{Access, Source, SourceInfo};
+use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::{nifti, npy, tiff_stack};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
@@ -260,6 +260,14 @@ impl Source for Described {
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.source.read_box(time, channel, region, out)
+    }
+
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+        self.source.lend(time, channel, region)
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        self.source.announce(time, channel, region);
     }
 
     fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {

@@ -2,13 +2,13 @@
 //! plain array (`.npy`, NIfTI, ImageJ's single-directory TIFF).
 //!
 //! The files are memory-mapped; a box is copied line by line along the array's fastest axis, whatever the order of
-//! its axes. Cost of a box: its own bytes, once. The kernel is told of each plane's range before the copy, since plain
-//! faulting reads a cold file several times slower.
+//! its axes. Cost of a box: its own bytes, once; nothing where they are lent as they lie in the file. The kernel is told of
+//! announced boxes plane by plane, since plain faulting reads a cold file several times slower.
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
-use crate::source::{Source, SourceInfo};
+use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use memmap2::Mmap;
 use std::fs::File;
@@ -114,6 +114,18 @@ impl RawSource {
         }
         Ok(Self { info, map, array })
     }
+
+    /// Where a box begins in the file, and how it is copied.
+    fn copy_of(&self, time: u32, channel: u32, region: VoxelBox) -> (usize, BoxCopy) {
+        let array = &self.array;
+        let strides = [Axis::X, Axis::Y, Axis::Z].map(|a| array.stride(a));
+        let lo = region.min.to_array();
+        let start = array.offset
+            + time as u64 * array.stride(Axis::T)
+            + channel as u64 * array.stride(Axis::C)
+            + (0..3).map(|a| lo[a] as u64 * strides[a]).sum::<u64>();
+        (start as usize, BoxCopy::new(array.decode, region.extent(), strides))
+    }
 }
 
 impl Source for RawSource {
@@ -123,17 +135,21 @@ impl Source for RawSource {
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
-        let array = &self.array;
-        let strides = [Axis::X, Axis::Y, Axis::Z].map(|a| array.stride(a));
-        let lo = region.min.to_array();
-        let start = array.offset
-            + time as u64 * array.stride(Axis::T)
-            + channel as u64 * array.stride(Axis::C)
-            + (0..3).map(|a| lo[a] as u64 * strides[a]).sum::<u64>();
-        let copy = BoxCopy::new(array.decode, region.extent(), strides);
-        copy.advise(&self.map, start);
-        copy.run(&self.map[start as usize..], out);
+        let (start, copy) = self.copy_of(time, channel, region);
+        copy.run(&self.map[start..], out);
         Ok(())
+    }
+
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+        let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
+        let as_it_is = self.array.decode.is_copy() && x == self.info.voxel_type.bytes();
+        let (start, _) = self.copy_of(time, channel, region);
+        as_it_is.then(|| Lent { bytes: &self.map[start..], row_bytes: y, slice_bytes: z })
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        let (start, copy) = self.copy_of(time, channel, region);
+        copy.advise(&self.map, start);
     }
 }
 
@@ -178,7 +194,7 @@ impl BoxCopy {
 
     /// Announces what will be read, one range per outermost step, where the box uses a good part of that range.
     #[cfg(unix)]
-    fn advise(&self, map: &Mmap, start: u64) {
+    fn advise(&self, map: &Mmap, start: usize) {
         let line = (self.counts[0] - 1) * self.src[0] + self.decode.element.bytes();
         if line.saturating_mul(8) < self.src[1] && self.counts[1] > 1 {
             return;
@@ -186,12 +202,12 @@ impl BoxCopy {
         let range = (self.counts[1] - 1) * self.src[1] + line;
         for k in 0..self.counts[2] {
             // Advice is a hint: where the system refuses it, the copy reads all the same, only slower.
-            let _ = map.advise_range(memmap2::Advice::WillNeed, start as usize + k * self.src[2], range);
+            let _ = map.advise_range(memmap2::Advice::WillNeed, start + k * self.src[2], range);
         }
     }
 
     #[cfg(not(unix))]
-    fn advise(&self, _map: &Mmap, _start: u64) {}
+    fn advise(&self, _map: &Mmap, _start: usize) {}
 }
 
 /// Every axis of more than one element needs a letter.
@@ -306,7 +322,10 @@ mod tests {
             for endian in [Endian::Little, Endian::Big] {
                 let field = Field { sizes: [13, 7, 5, 1, 1], voxel_type };
                 let (_folder, path) = temp_file("a b.raw", &field.bytes("zyx", endian == Endian::Big));
-                assert_boxes(&RawSource::open(&path, &layout(field, "zyx", endian)).unwrap(), field);
+                let source = RawSource::open(&path, &layout(field, "zyx", endian)).unwrap();
+                assert_boxes(&source, field);
+                let lent = source.lend(0, 0, source.info().extent.full_box());
+                assert_eq!(lent.is_some(), endian == Endian::Little || voxel_type.bytes() == 1);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! One file per time step, as one source.
 
 use crate::error::ImportError;
-use crate::source::{Access, Source, SourceInfo};
+use crate::source::{Access, Lent, Source, SourceInfo};
 use brickyard_volume::VoxelBox;
 use std::path::PathBuf;
 
@@ -56,5 +56,13 @@ impl Source for Series {
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         self.steps[time as usize].read_box(0, channel, region, out)
+    }
+
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+        self.steps[time as usize].lend(0, channel, region)
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        self.steps[time as usize].announce(0, channel, region);
     }
 }

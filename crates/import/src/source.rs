@@ -62,6 +62,17 @@ pub enum Access {
     Planes,
 }
 
+/// Voxels in memory, little-endian, those of a row side by side. Nothing is aligned.
+#[derive(Clone, Copy, Debug)]
+pub struct Lent<'a> {
+    /// From the first voxel of a box on.
+    pub bytes: &'a [u8],
+    /// From one row to the next along y.
+    pub row_bytes: usize,
+    /// From one slice to the next along z.
+    pub slice_bytes: usize,
+}
+
 /// A readable volume, series or multi-channel set. Calls may come from many threads.
 pub trait Source: Send + Sync {
     /// The description.
@@ -80,6 +91,14 @@ pub trait Source: Send + Sync {
     /// # Panics
     /// If the box leaves the extent, or `out` is not exactly the box's bytes.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
+
+    /// The voxels of a box where they lie, if they lie in memory as [`Source::read_box`] would deliver them.
+    fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<Lent<'_>> {
+        None
+    }
+
+    /// Tells that a box will be read soon: a hint, which costs nothing where it does not help.
+    fn announce(&self, _time: u32, _channel: u32, _region: VoxelBox) {}
 
     /// The value that every voxel of the box is known to have without reading it, if the source can tell cheaply.
     fn constant_in(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<f64> {

@@ -1,7 +1,7 @@
 //! Packing: any [`Source`] becomes a brick store in one streaming pass.
 //!
-//! Bricks are read with one voxel around them, straight from sources that read boxes; each gives its encoded core, its
-//! ranges, and its part of the next level, which goes to that level's *window*, the few slices that are still needed. So
+//! Bricks are read straight from sources that read boxes; each gives its encoded core, its ranges (and those of what it
+//! shares with each neighbour), and its part of the next level, which goes to that level's *window*, one layer of it. So
 //! all levels cascade from data still at hand, and memory does not depend on the volume: windows that do not fit it are
 //! rings in a scratch file. `pack/plan.rs` has the formula.
 //!
@@ -19,6 +19,7 @@ mod cascade;
 mod disk;
 mod journal;
 mod output;
+mod parts;
 mod plan;
 mod sequence;
 mod shards;

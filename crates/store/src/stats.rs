@@ -49,8 +49,14 @@ pub(crate) trait Measure: Reduce {
     const EMPTY: Range<Self>;
     /// What side data hold where there is no valid voxel.
     const INVALID: Self;
-    /// The range of the valid voxels. Vectorises where it is inlined.
-    fn range(values: &[Self]) -> Range<Self>;
+    /// The lesser, where `value` is valid; `low` is, or stands for no voxel. One vector operation where it is inlined.
+    fn lower(low: Self, value: Self) -> Self;
+    /// The greater, likewise.
+    fn upper(high: Self, value: Self) -> Self;
+    /// The range of the valid voxels.
+    fn range(values: &[Self]) -> Range<Self> {
+        values.iter().fold(Self::EMPTY, |range, &v| range.join(Self::range_of(v)))
+    }
     /// The range of one voxel.
     #[inline(always)]
     fn range_of(value: Self) -> Range<Self> {
@@ -67,13 +73,12 @@ macro_rules! integer_range {
         const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
         const INVALID: Self = 0;
         #[inline(always)]
-        fn range(values: &[Self]) -> Range<Self> {
-            let mut range = Self::EMPTY;
-            for &v in values {
-                range.low = range.low.min(v);
-                range.high = range.high.max(v);
-            }
-            range
+        fn lower(low: Self, value: Self) -> Self {
+            low.min(value)
+        }
+        #[inline(always)]
+        fn upper(high: Self, value: Self) -> Self {
+            high.max(value)
         }
     };
 }
@@ -130,24 +135,12 @@ impl Measure for f32 {
     const INVALID: f32 = f32::NAN;
 
     #[inline(always)]
-    fn range(values: &[f32]) -> Range<f32> {
-        // Sixteen lanes, since the compiler may not reorder comparisons of floats by itself.
-        let mut low = [f32::INFINITY; 16];
-        let mut high = [f32::NEG_INFINITY; 16];
-        let chunks = values.chunks_exact(16);
-        let mut rest = Self::EMPTY;
-        for &v in chunks.remainder().iter().filter(|v| v.is_finite()) {
-            rest = rest.join(Range { low: v, high: v });
-        }
-        for chunk in chunks {
-            for i in 0..16 {
-                let v = chunk[i];
-                let valid = v.abs() <= f32::MAX;
-                low[i] = if valid && v < low[i] { v } else { low[i] };
-                high[i] = if valid && v > high[i] { v } else { high[i] };
-            }
-        }
-        (0..16).fold(rest, |range, i| range.join(Range { low: low[i], high: high[i] }))
+    fn lower(low: f32, value: f32) -> f32 {
+        if value < low && value.abs() <= f32::MAX { value } else { low }
+    }
+    #[inline(always)]
+    fn upper(high: f32, value: f32) -> f32 {
+        if value > high && value.abs() <= f32::MAX { value } else { high }
     }
 
     #[inline(always)]

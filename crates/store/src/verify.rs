@@ -270,18 +270,21 @@ impl<'a> Verifier<'a> {
         let core = self.store.pyramid().brick_box(id.level, index);
         let padded = self.padded(id.level, core);
         let fine_box = self.padded(id.level, block.core);
-        copy_box(&buffers.fine, fine_box, padded, &mut buffers.workspace.padded);
+        let shape = core.extent().to_array().map(|n| n as usize);
+        copy_box(&buffers.fine, fine_box, core, buffers.workspace.core_mut(0));
+        buffers.workspace.spread(0, shape);
         let coarse = self.coarse_box(id.level, core);
         let factor = coarse.map(|_| self.factor(id.level).map(|f| f as usize));
-        let cut = Cut::new(padded, core, factor);
-        let summary = buffers.workspace.digest(&cut, self.store.info().downsample, id.level == Level(0));
+        let cut = Cut { shape, factor };
+        let summary = buffers.workspace.digest(0, &cut, self.store.info().downsample, id.level == Level(0));
         tally.add(&summary.tally);
         if id.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            totals[id.channel as usize].add_range(summary.core.to_f64());
+            totals[id.channel as usize].add_range(summary.parts.whole().to_f64());
         }
         let neighbours_read = bricks_of(padded, self.store.pyramid().edge()).all(|i| !unread.contains(&i));
-        self.check_entry(id, summary.core, neighbours_read.then_some(summary.reach), problems);
+        let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded));
+        self.check_entry(id, summary.parts.whole(), reach, problems);
         if let Some(region) = coarse.filter(|_| !buffers.coarse.is_empty()) {
             let whole = self.coarse_box(id.level, block.core).unwrap_or(region);
             let wrong = count_differences(&buffers.workspace.coarse, region, &buffers.coarse, whole);
@@ -411,6 +414,11 @@ fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range
             start..start + nx
         })
     })
+}
+
+/// The range of the box `part` in an array of the box `whole`: plainly, as packing puts it together from neighbours.
+fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox) -> Range<T> {
+    rows(part, whole).fold(T::EMPTY, |range, row| range.join(T::range(&array[row])))
 }
 
 /// Copies the box `part` out of an array of the box `whole` to the start of `out`, packed.

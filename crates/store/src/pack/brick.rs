@@ -1,96 +1,55 @@
 //! One brick's way from its voxels to what is kept of it: core, ranges, counts, and its part of the next level.
 //!
-//! A run of bricks is read with one voxel around it, clipped to the volume. Replicating the volume's faces would add no new
-//! value, so ranges need no copies; the core is filled up with its last voxels, which keeps a constant brick constant and
+//! Cores are read in runs along x, a few at a time: long rows, once through the source's memory, are what makes reading
+//! cheap. What a core shares with its neighbours, the ranges of what touches them, is kept by part
+//! (`parts.rs`). One at the far faces is filled up with its last voxels, which keeps a constant brick constant and
 //! makes means over odd extents those of what exists.
 
 use crate::downsample::{Downsample, downsample};
+use crate::pack::parts::Parts;
 use crate::stats::{Measure, Range, Tally, WordCounter};
-use brickyard_volume::VoxelBox;
+use brickyard_import::Lent;
 
-/// Neighbours along x that are read as one box: two, as far as that stays in a processor's second-level cache. Longer rows
-/// make reading a fifth cheaper, since fewer pages and cache lines are touched twice.
+/// Bricks that are read together: rows of 1 KiB, at most 4 MiB of cores, which a last-level cache holds.
 pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
-    if box_voxels(edge, 2) * voxel_bytes <= 5 << 18 { 2 } else { 1 }
-}
-
-const fn box_voxels(edge: usize, run: usize) -> usize {
-    (run * edge + 2) * (edge + 2) * (edge + 2)
+    let by_row = 1024 / (edge * voxel_bytes);
+    let by_cores = (4 << 20) / (edge.pow(3) * voxel_bytes);
+    let run = if by_row < by_cores { by_row } else { by_cores };
+    if run > 1 { run } else { 1 }
 }
 
 /// One thread's buffers for bricks of one edge.
 pub(crate) struct Workspace<T> {
     edge: usize,
-    /// A run of bricks and one voxel around it, packed.
-    pub(crate) padded: Vec<T>,
-    /// The core, `edge`^3.
-    pub(crate) core: Vec<T>,
+    /// A run of cores, `edge`^3 each.
+    cores: Vec<T>,
     /// The core's part of the next level, packed.
     pub(crate) coarse: Vec<T>,
     /// Level-0 voxels by value.
     pub(crate) counter: WordCounter,
 }
 
-/// Where a brick lies in the box that was read, and how it is brought to the next level.
+/// How a brick is measured and brought to the next level.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cut {
-    /// Voxels of a row of the box.
-    pitch: usize,
-    /// Of the brick and what surrounds it, the first voxel in such a row.
-    column: usize,
-    /// Extent of the brick and what surrounds it.
-    padded: [usize; 3],
-    /// The core's first voxel in that.
-    offset: [usize; 3],
     /// The core's extent, at most `edge`.
-    core: [usize; 3],
+    pub(crate) shape: [usize; 3],
     /// Voxels per coarser voxel; `None` at the coarsest level.
-    factor: Option<[usize; 3]>,
+    pub(crate) factor: Option<[usize; 3]>,
 }
 
 impl Cut {
-    /// The cut of `core` out of a box that holds it and what surrounds it.
-    pub(crate) fn new(padded: VoxelBox, core: VoxelBox, factor: Option<[usize; 3]>) -> Self {
-        Self::within(padded, padded, core, factor)
-    }
-
-    /// The cut of `core`, which has `padded` around it, out of a box that is longer along x.
-    pub(crate) fn within(whole: VoxelBox, padded: VoxelBox, core: VoxelBox, factor: Option<[usize; 3]>) -> Self {
-        let extent = |b: VoxelBox| b.extent().to_array().map(|n| n as usize);
-        let (from, to) = (padded.min.to_array(), core.min.to_array());
-        Self {
-            pitch: whole.extent().x as usize,
-            column: (padded.min.x - whole.min.x) as usize,
-            padded: extent(padded),
-            offset: std::array::from_fn(|a| (to[a] - from[a]) as usize),
-            core: extent(core),
-            factor,
-        }
-    }
-
-    /// The place in the box of row `y` of slice `z` of the brick and what surrounds it.
-    #[inline(always)]
-    fn row(&self, y: usize, z: usize) -> usize {
-        (z * self.padded[1] + y) * self.pitch + self.column
-    }
-
-    fn is_whole(&self, edge: usize) -> bool {
-        self.core == [edge; 3]
-    }
-
     /// The core's voxels.
-    pub(crate) fn voxels(&self) -> u64 {
-        self.core.iter().map(|&n| n as u64).product()
+    pub(crate) fn voxels(&self) -> usize {
+        self.shape.iter().product()
     }
 }
 
 /// What is known of a brick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Summary<T> {
-    /// Valid voxels of the core.
-    pub(crate) core: Range<T>,
-    /// Valid voxels of the core and one voxel around it.
-    pub(crate) reach: Range<T>,
+    /// Ranges of the core's valid voxels.
+    pub(crate) parts: Parts<T>,
     /// Of the core; only at level 0.
     pub(crate) tally: Tally,
     /// Whether every voxel of the core is the fill value, all bits zero.
@@ -101,8 +60,7 @@ impl<T: Measure> Workspace<T> {
     pub(crate) fn new(edge: usize) -> Self {
         Self {
             edge,
-            padded: vec![T::default(); box_voxels(edge, run_length(edge, size_of::<T>()))],
-            core: vec![T::default(); edge.pow(3)],
+            cores: vec![T::default(); run_length(edge, size_of::<T>()) * edge.pow(3)],
             // At least one axis is halved.
             coarse: vec![T::default(); edge.pow(3) / 2],
             counter: WordCounter::new(),
@@ -111,113 +69,144 @@ impl<T: Measure> Workspace<T> {
 
     /// Bytes that the buffers take.
     pub(crate) const fn bytes(edge: usize, voxel_bytes: usize) -> usize {
-        let run = box_voxels(edge, run_length(edge, voxel_bytes));
-        (run + edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + crate::stats::COUNTER_BYTES
+        (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + crate::stats::COUNTER_BYTES
     }
 
-    /// Cuts the core out of `padded` and measures it; counts its voxels if `finest`.
-    pub(crate) fn digest(&mut self, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            #[target_feature(enable = "avx2")]
-            fn digest_avx2<T: Measure>(w: &mut Workspace<T>, cut: &Cut, m: Downsample, finest: bool) -> Summary<T> {
-                w.digest_any(cut, m, finest)
-            }
-            // SAFETY: the processor has the feature.
-            return unsafe { digest_avx2(self, cut, method, finest) };
-        }
-        self.digest_any(cut, method, finest)
+    /// Core `i` of the run.
+    pub(crate) fn core(&self, i: usize) -> &[T] {
+        &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    #[inline(always)]
-    fn digest_any(&mut self, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
-        self.cut_core(cut);
-        let core = T::range(&self.core);
-        let reach = core.join(self.shell(cut));
-        let mut tally = Tally::default();
-        if finest {
-            self.count(cut, &mut tally);
-        }
-        if let Some(factor) = cut.factor {
-            // Odd extents include one of the voxels that fill the core up.
-            let shape = std::array::from_fn(|a| cut.core[a].next_multiple_of(factor[a]));
-            downsample(method, &self.core, self.edge, shape, factor, &mut self.coarse);
-        }
-        let is_fill = core.low == T::default()
-            && core.high == T::default()
-            && bytemuck::cast_slice::<T, u8>(&self.core).iter().all(|&b| b == 0);
-        Summary { core, reach, tally, is_fill }
+    /// Core `i` of the run, to be filled.
+    pub(crate) fn core_mut(&mut self, i: usize) -> &mut [T] {
+        &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Copies the core, filled up with its last voxel, row and slice.
-    #[inline(always)]
-    fn cut_core(&mut self, cut: &Cut) {
-        let (edge, [nx, ny, nz]) = (self.edge, cut.core);
-        let slice = edge * edge;
-        for z in 0..nz {
-            for y in 0..ny {
-                let from = cut.row(y + cut.offset[1], z + cut.offset[2]) + cut.offset[0];
-                let row = &mut self.core[z * slice + y * edge..][..edge];
-                row[..nx].copy_from_slice(&self.padded[from..from + nx]);
-                let last = row[nx - 1];
-                row[nx..].fill(last);
-            }
-            for y in ny..edge {
-                let last = z * slice + (ny - 1) * edge;
-                self.core.copy_within(last..last + edge, z * slice + y * edge);
-            }
-        }
-        for z in nz..edge {
-            self.core.copy_within((nz - 1) * slice..nz * slice, z * slice);
-        }
-    }
-
-    /// The range of what surrounds the core in the box.
-    #[inline(always)]
-    fn shell(&self, cut: &Cut) -> Range<T> {
-        let [px, py, pz] = cut.padded;
-        let inside = |a: usize, i: usize| (cut.offset[a]..cut.offset[a] + cut.core[a]).contains(&i);
-        let mut range = T::EMPTY;
-        for z in 0..pz {
-            for y in 0..py {
-                let row = &self.padded[cut.row(y, z)..][..px];
-                if inside(2, z) && inside(1, y) {
-                    // At most one voxel on each side; where there is none, one of the core, which adds nothing.
-                    range = range.join(T::range_of(row[0])).join(T::range_of(row[px - 1]));
-                } else {
-                    range = range.join(T::range(row));
+    /// Copies the cores of a run, of `shape` voxels in all, from where they lie.
+    pub(crate) fn gather(&mut self, lent: Lent, shape: [usize; 3]) {
+        let (row, slice, core) =
+            (self.row_bytes(), self.edge * self.row_bytes(), self.edge * self.edge * self.row_bytes());
+        let cores: &mut [u8] = bytemuck::cast_slice_mut(&mut self.cores);
+        for z in 0..shape[2] {
+            for y in 0..shape[1] {
+                let from = &lent.bytes[z * lent.slice_bytes + y * lent.row_bytes..][..shape[0] * size_of::<T>()];
+                for (i, piece) in from.chunks(row).enumerate() {
+                    copy(piece, &mut cores[i * core + z * slice + y * row..][..piece.len()]);
                 }
             }
         }
-        range
     }
 
-    #[inline(always)]
-    fn count(&mut self, cut: &Cut, tally: &mut Tally) {
-        if cut.is_whole(self.edge) {
-            T::count(&self.core, &mut self.counter);
-            T::tally(&self.core, tally);
-            return;
-        }
-        for z in 0..cut.core[2] {
-            for y in 0..cut.core[1] {
-                let row = &self.core[(z * self.edge + y) * self.edge..][..cut.core[0]];
-                T::count(row, &mut self.counter);
-                T::tally(row, tally);
+    fn row_bytes(&self) -> usize {
+        self.edge * size_of::<T>()
+    }
+
+    /// Spreads the voxels of `shape` that were read to the start of core `i`, packed, to their places in it.
+    pub(crate) fn spread(&mut self, i: usize, [nx, ny, nz]: [usize; 3]) {
+        let edge = self.edge;
+        if nx < edge || ny < edge {
+            let core = self.core_mut(i);
+            // From the last row on: none is overwritten before it has moved.
+            for row in (0..ny * nz).rev() {
+                core.copy_within(row * nx..(row + 1) * nx, (row / ny * edge + row % ny) * edge);
             }
         }
     }
 
-    /// The same as [`Workspace::digest`] at level 0 for a box of which every voxel is `value`, which is finite.
-    pub(crate) fn digest_constant(&mut self, cut: &Cut, value: T) -> Summary<T> {
-        self.core.fill(value);
-        let range = Range { low: value, high: value };
-        self.counter.constant(value, cut.voxels());
+    /// Measures core `i`; counts its voxels if `finest`; makes its part of the next level.
+    pub(crate) fn digest(&mut self, i: usize, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            #[target_feature(enable = "avx2")]
+            fn digest_avx2<T: Measure>(
+                w: &mut Workspace<T>,
+                i: usize,
+                cut: &Cut,
+                m: Downsample,
+                finest: bool,
+            ) -> Summary<T> {
+                w.digest_any(i, cut, m, finest)
+            }
+            // SAFETY: the processor has the feature.
+            return unsafe { digest_avx2(self, i, cut, method, finest) };
+        }
+        self.digest_any(i, cut, method, finest)
+    }
+
+    #[inline(always)]
+    fn digest_any(&mut self, i: usize, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
+        let core = &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
+        fill_up(core, self.edge, cut.shape);
+        let mut tally = Tally::default();
+        if finest {
+            count(core, self.edge, cut.shape, &mut self.counter, &mut tally);
+        }
+        let parts = Parts::of(core, self.edge, cut.shape);
         if let Some(factor) = cut.factor {
-            let n = (0..3).map(|a| cut.core[a].div_ceil(factor[a])).product();
+            // Odd extents include one of the voxels that fill the core up.
+            let shape = std::array::from_fn(|a| cut.shape[a].next_multiple_of(factor[a]));
+            downsample(method, core, self.edge, shape, factor, &mut self.coarse);
+        }
+        let Range { low, high } = parts.whole();
+        let is_fill =
+            low == T::default() && high == T::default() && bytemuck::cast_slice::<T, u8>(core).iter().all(|&b| b == 0);
+        Summary { parts, tally, is_fill }
+    }
+
+    /// The same as [`Workspace::digest`] at level 0 for a brick of which every voxel is `value`, which is finite.
+    pub(crate) fn digest_constant(&mut self, i: usize, cut: &Cut, value: T) -> Summary<T> {
+        self.core_mut(i).fill(value);
+        self.counter.constant(value, cut.voxels() as u64);
+        if let Some(factor) = cut.factor {
+            let n = (0..3).map(|a| cut.shape[a].div_ceil(factor[a])).product();
             self.coarse[..n].fill(value);
         }
+        let parts = Parts::uniform(Range { low: value, high: value });
         let tally = Tally { sum: value.to_f64() * cut.voxels() as f64, ..Tally::default() };
-        Summary { core: range, reach: range, tally, is_fill: bytemuck::bytes_of(&value).iter().all(|&b| b == 0) }
+        Summary { parts, tally, is_fill: bytemuck::bytes_of(&value).iter().all(|&b| b == 0) }
+    }
+}
+
+/// Copies by cache lines: a call for each short row would cost more than the copy.
+#[inline(always)]
+fn copy(from: &[u8], to: &mut [u8]) {
+    let (from, from_rest) = from.as_chunks::<64>();
+    let (to, to_rest) = to.as_chunks_mut::<64>();
+    to.copy_from_slice(from);
+    to_rest.copy_from_slice(from_rest);
+}
+
+/// Fills a core up with the last voxel of each row, then the last row and the last slice of `shape`.
+#[inline(always)]
+fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
+    let slice = edge * edge;
+    for z in 0..nz {
+        for y in 0..if nx < edge { ny } else { 0 } {
+            let row = &mut core[z * slice + y * edge..][..edge];
+            let last = row[nx - 1];
+            row[nx..].fill(last);
+        }
+        for y in ny..edge {
+            let last = z * slice + (ny - 1) * edge;
+            core.copy_within(last..last + edge, z * slice + y * edge);
+        }
+    }
+    for z in nz..edge {
+        core.copy_within((nz - 1) * slice..nz * slice, z * slice);
+    }
+}
+
+/// Counts and sums the voxels of `shape`.
+#[inline(always)]
+fn count<T: Measure>(core: &[T], edge: usize, shape: [usize; 3], counter: &mut WordCounter, tally: &mut Tally) {
+    let mut add = |voxels: &[T]| {
+        T::count(voxels, counter);
+        T::tally(voxels, tally);
+    };
+    if shape == [edge; 3] {
+        return add(core);
+    }
+    for z in 0..shape[2] {
+        (0..shape[1]).for_each(|y| add(&core[(z * edge + y) * edge..][..shape[0]]));
     }
 }

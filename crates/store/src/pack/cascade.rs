@@ -6,8 +6,7 @@
 //!               └── windows[k + 1] ◄┘
 //! ```
 //!
-//! A layer of level k needs one slice past its end, for the bricks' surroundings. Layers are barriers: a window is written
-//! by one layer and read by a later one, never both at once.
+//! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
 
 use crate::codec::{BrickCodec, Scratch};
 use crate::layout::Layout;
@@ -15,6 +14,7 @@ use crate::metadata::ChannelStatistics;
 use crate::pack::brick::{Cut, Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
+use crate::pack::parts::directions;
 use crate::pack::plan::{PackPlan, WindowPlan, bricks_ahead};
 use crate::pack::sequence::Sequence;
 use crate::pack::shards::{Finished, ShardWriter, settle};
@@ -24,7 +24,7 @@ use crate::shard::Fingerprint;
 use crate::side::SideData;
 use crate::stats::{ChannelTotals, Measure, Range, Tally, occupancy_bins};
 use brickyard_import::{Access, ImportError, Source};
-use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, Occupancy, OccupancyBins, VoxelBox, VoxelIndex};
+use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, Occupancy, OccupancyBins, VoxelBox};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
@@ -206,7 +206,7 @@ impl<T: Measure> Shared<'_, T> {
         let mut statistics = Statistics::new(plan);
         let mut shards = ShardWriter::new(disk, store, layout);
         while let Some(brick) = self.sequence.take() {
-            statistics.add(layout.brick_place(brick.id), &brick);
+            statistics.add(layout, &brick);
             let done_before = |_| (self.finished_before)(brick.id);
             match shards.add(brick.id, brick.encoded.as_deref(), done_before) {
                 Ok(Some(finished)) => {
@@ -299,10 +299,10 @@ impl<T: Measure> Volume<'_, T> {
         self.windows[k].read().unwrap_or_else(PoisonError::into_inner).filled
     }
 
-    /// Slices that must have been made before a layer can be packed: its own and one more.
+    /// Slices that must have been made before a layer can be packed.
     fn slices_for(&self, k: usize, layer: u32) -> u32 {
         let pyramid = &self.shared.pass.plan.layout.pyramid;
-        let end = (layer as u64 + 1) * pyramid.edge() as u64 + 1;
+        let end = (layer as u64 + 1) * pyramid.edge() as u64;
         end.min(pyramid.levels()[k].extent.z as u64) as u32
     }
 
@@ -331,6 +331,9 @@ impl<T: Measure> Volume<'_, T> {
         self.number += bricks;
         let next = AtomicUsize::new(0);
         let this = &*self;
+        if k == 0 {
+            this.announce(0, layer);
+        }
         let work = || {
             this.pool.broadcast(|context| {
                 let worker = &mut *lock(&this.shared.workers[context.index()]);
@@ -385,67 +388,100 @@ impl<T: Measure> Volume<'_, T> {
         (runs, number)
     }
 
+    /// Tells the source that a row of level-0 bricks, all along x, will be read.
+    fn announce(&self, y: u32, z: u32) {
+        let Pass { source, plan, .. } = *self.shared.pass;
+        let (extent, edge) = (plan.layout.pyramid.levels()[0].extent, plan.layout.pyramid.edge());
+        let [from, to] = [0, 1].map(|n| [y, z].map(|i| i.saturating_add(n).saturating_mul(edge)));
+        let row = VoxelBox::new([0, from[0], from[1]], [extent.x, to[0], to[1]]).intersect(extent.full_box());
+        if !row.is_empty() {
+            source.announce(self.time, self.channel, row);
+        }
+    }
+
     /// Packs a run of bricks. False once the pass is to stop.
     fn run(&self, worker: &mut Worker<T>, k: usize, run: &Run, first_number: u64) -> bool {
-        let shared = self.shared;
-        let Pass { options, plan, .. } = *shared.pass;
-        let pyramid = &plan.layout.pyramid;
-        let level = Level(k as u8);
-        let grid = pyramid.level(level);
-        let limit = grid.extent.full_box();
-        let last = BrickIndex { x: run.first.x + run.count - 1, ..run.first };
-        let cores = VoxelBox { min: pyramid.brick_box(level, run.first).min, max: pyramid.brick_box(level, last).max };
-        let whole = grown(cores, limit);
-        let constant = match self.read(&mut worker.workspace, k, whole) {
-            Ok(constant) => constant,
-            Err(error) => {
-                shared.fail(Stop::Source(error));
-                return false;
-            }
-        };
-        let coarser = pyramid.levels().get(k + 1);
-        let factor: Option<[usize; 3]> =
-            coarser.map(|c| std::array::from_fn(|a| (c.factor[a] / grid.factor[a]) as usize));
+        if k == 0 && run.first.x == 0 {
+            self.announce(run.first.y + 1, run.first.z);
+        }
+        let gathered = self.gather(&mut worker.workspace, k, run);
         (0..run.count).all(|i| {
-            let workspace = &mut worker.workspace;
-            let index = BrickIndex { x: run.first.x + i, ..run.first };
-            let id = BrickId { time: self.time, channel: self.channel, level, index };
-            let core = pyramid.brick_box(level, index);
-            let cut = Cut::within(whole, grown(core, limit), core, factor);
-            let summary = match constant {
-                Some(value) => workspace.digest_constant(&cut, value),
-                None => workspace.digest(&cut, options.downsample, k == 0),
-            };
-            if let Some(factor) = factor {
-                let region = coarse_box(core, factor);
-                let coarse = bytemuck::cast_slice(&workspace.coarse[..region.extent().volume() as usize]);
-                self.windows[k + 1].write().unwrap_or_else(PoisonError::into_inner).write_box(region, coarse);
+            let (index, number) = (run.brick(i), first_number + run.number + i as u64);
+            if gathered {
+                return self.brick(worker, k, index, i as usize, None, number);
             }
-            let encoded = (!summary.is_fill && (shared.finished_before)(id).is_none()).then(|| {
-                let mut encoded = lock(&shared.spare).pop().unwrap_or_default();
-                shared.codec.encode(&mut worker.scratch, bytemuck::cast_slice(&workspace.core), &mut encoded);
-                encoded
-            });
-            let packed = Packed { id, summary, voxels: cut.voxels(), encoded };
-            shared.sequence.put(first_number + run.number + i as u64, packed)
+            match self.read(&mut worker.workspace, index) {
+                Ok(constant) => self.brick(worker, k, index, 0, constant, number),
+                Err(error) => {
+                    self.shared.fail(Stop::Source(error));
+                    false
+                }
+            }
         })
     }
 
-    /// Reads a box of a level, unless the source knows that it is constant.
-    fn read(&self, workspace: &mut Workspace<T>, k: usize, region: VoxelBox) -> Result<Option<T>, ImportError> {
-        let source = self.shared.pass.source;
-        if k == 0 {
-            let constant = source.constant_in(self.time, self.channel, region).map(T::from_f64_rounded);
-            if let Some(value) = constant.filter(|v| v.is_valid()) {
-                return Ok(Some(value));
-            }
+    /// Packs core `i` of the workspace, which is brick `index`; every voxel of it is `constant`, if given.
+    fn brick(
+        &self,
+        worker: &mut Worker<T>,
+        k: usize,
+        index: BrickIndex,
+        i: usize,
+        constant: Option<T>,
+        number: u64,
+    ) -> bool {
+        let shared = self.shared;
+        let Pass { options, plan, .. } = *shared.pass;
+        let pyramid = &plan.layout.pyramid;
+        let id = BrickId { time: self.time, channel: self.channel, level: Level(k as u8), index };
+        let core = pyramid.brick_box(id.level, index);
+        let coarser = pyramid.levels().get(k + 1);
+        let fine = pyramid.level(id.level).factor;
+        let factor = coarser.map(|c| std::array::from_fn(|a| (c.factor[a] / fine[a]) as usize));
+        let cut = Cut { shape: shape(core), factor };
+        let workspace = &mut worker.workspace;
+        let summary = match constant {
+            Some(value) => workspace.digest_constant(i, &cut, value),
+            None => workspace.digest(i, &cut, options.downsample, k == 0),
+        };
+        if let Some(factor) = factor {
+            let region = coarse_box(core, factor);
+            let coarse = bytemuck::cast_slice(&workspace.coarse[..region.extent().volume() as usize]);
+            self.windows[k + 1].write().unwrap_or_else(PoisonError::into_inner).write_box(region, coarse);
         }
-        let bytes = bytemuck::cast_slice_mut(&mut workspace.padded[..region.extent().volume() as usize]);
-        if k == 0 && source.access() == Access::Box {
-            source.read_box(self.time, self.channel, region, bytes)?;
-        } else {
-            self.windows[k].read().unwrap_or_else(PoisonError::into_inner).read_box(region, bytes);
+        let encoded = (!summary.is_fill && (shared.finished_before)(id).is_none()).then(|| {
+            let mut encoded = lock(&shared.spare).pop().unwrap_or_default();
+            shared.codec.encode(&mut worker.scratch, bytemuck::cast_slice(workspace.core(i)), &mut encoded);
+            encoded
+        });
+        shared.sequence.put(number, Packed { id, summary, voxels: cut.voxels() as u64, encoded })
+    }
+
+    /// Fetches the cores of a run from where they lie in memory, if they do.
+    fn gather(&self, workspace: &mut Workspace<T>, k: usize, run: &Run) -> bool {
+        let pyramid = &self.shared.pass.plan.layout.pyramid;
+        let [first, last] = [0, run.count - 1].map(|i| pyramid.brick_box(Level(k as u8), run.brick(i)));
+        let region = VoxelBox { min: first.min, max: last.max };
+        if k > 0 || self.by_planes() {
+            let window = self.windows[k].read().unwrap_or_else(PoisonError::into_inner);
+            workspace.gather(window.lend(region), shape(region));
+            return true;
         }
+        let lent = self.shared.pass.source.lend(self.time, self.channel, region);
+        lent.map(|lent| workspace.gather(lent, shape(region))).is_some()
+    }
+
+    /// Reads a brick of level 0 to core 0, unless the source knows that it is constant.
+    fn read(&self, workspace: &mut Workspace<T>, index: BrickIndex) -> Result<Option<T>, ImportError> {
+        let Pass { source, plan, .. } = *self.shared.pass;
+        let region = plan.layout.pyramid.brick_box(Level(0), index);
+        let constant = source.constant_in(self.time, self.channel, region).map(T::from_f64_rounded);
+        if let Some(value) = constant.filter(|v| v.is_valid()) {
+            return Ok(Some(value));
+        }
+        let packed = &mut workspace.core_mut(0)[..region.extent().volume() as usize];
+        source.read_box(self.time, self.channel, region, bytemuck::cast_slice_mut(packed))?;
+        workspace.spread(0, shape(region));
         Ok(None)
     }
 }
@@ -458,12 +494,14 @@ struct Run {
     number: u64,
 }
 
-/// The box and one voxel around it, inside `limit`.
-fn grown(b: VoxelBox, limit: VoxelBox) -> VoxelBox {
-    let lower = |n: u32| n.saturating_sub(1);
-    let min = VoxelIndex::new(lower(b.min.x), lower(b.min.y), lower(b.min.z));
-    let max = VoxelIndex::new(b.max.x.saturating_add(1), b.max.y.saturating_add(1), b.max.z.saturating_add(1));
-    VoxelBox { min, max }.intersect(limit)
+impl Run {
+    fn brick(&self, i: u32) -> BrickIndex {
+        BrickIndex { x: self.first.x + i, ..self.first }
+    }
+}
+
+fn shape(region: VoxelBox) -> [usize; 3] {
+    region.extent().to_array().map(|n| n as usize)
 }
 
 /// What a brick's core becomes on the next level.
@@ -495,13 +533,23 @@ impl<T: Measure> Statistics<T> {
         Self { sides, reach: empty.clone(), core: empty, channels }
     }
 
-    fn add(&mut self, place: usize, brick: &Packed<T>) {
+    fn add(&mut self, layout: &Layout, brick: &Packed<T>) {
         let k = brick.id.level.index();
-        self.reach[k][place] = brick.summary.reach;
-        self.core[k][place] = brick.summary.core;
+        let whole = brick.summary.parts.whole();
+        self.core[k][layout.brick_place(brick.id)] = whole;
+        let (index, bricks) = (brick.id.index.to_array(), layout.pyramid.levels()[k].bricks.to_array());
+        for d in directions() {
+            let neighbour: [_; 3] =
+                std::array::from_fn(|a| index[a].checked_add_signed(d[a]).filter(|&i| i < bricks[a]));
+            if let [Some(x), Some(y), Some(z)] = neighbour {
+                let neighbour = BrickId { index: BrickIndex::new(x, y, z), ..brick.id };
+                let reach = &mut self.reach[k][layout.brick_place(neighbour)];
+                *reach = reach.join(brick.summary.parts.toward(d));
+            }
+        }
         if k == 0 {
             let channel = &mut self.channels[brick.id.channel as usize];
-            channel.0 = channel.0.join(brick.summary.core);
+            channel.0 = channel.0.join(whole);
             channel.1.add(&brick.summary.tally);
         }
     }

@@ -5,8 +5,8 @@
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
 //!        + bricks of all levels * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
-//! capacity_k = edge + edge / (z factor from level k - 1) + 1        (k >= 1: what two layers of k - 1 leave)
-//! capacity_0 = 2 edge + 2 for sources that decode whole planes, none for those that read boxes
+//! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
+//! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
 //! ```
 //!
 //! Windows are kept in memory, the coarsest first, as far as `memory_bytes` reaches; the others are rings of the same size
@@ -86,10 +86,10 @@ fn windows(pyramid: &Pyramid, access: Access, voxel_type: VoxelType) -> Vec<Wind
     let edge = pyramid.edge();
     let window = |k: usize| {
         let level = pyramid.levels()[k];
-        let capacity = match k.checked_sub(1) {
-            None if access == Access::Box => 0,
-            None => 2 * edge + 2,
-            Some(finer) => edge + edge / (level.factor[2] / pyramid.levels()[finer].factor[2]) + 1,
+        let capacity = match k {
+            0 if access == Access::Box => 0,
+            0 => 2 * edge,
+            _ => edge,
         };
         let capacity = capacity.min(level.extent.z);
         let slice = level.extent.x as u64 * level.extent.y as u64 * voxel_type.bytes() as u64;
