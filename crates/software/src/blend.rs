@@ -3,14 +3,39 @@
 //! A sample's weight is its segment's length in unit distances; samples that do not exist have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
-use crate::frame::Frame;
+use crate::frame::{Cell, Frame};
+use crate::macrocells::Mask;
 use crate::sample::{Chunk, Code, LANES, PACKETS, Packet};
 use glam::Vec4;
+
+/// How much of a brick can be seen.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Coverage {
+    None,
+    /// To be asked cell by cell.
+    Some,
+    All,
+}
 
 /// A mode.
 pub(crate) trait Blend {
     /// A ray's sum before its first sample.
     const START: Vec4;
+
+    /// Whether the order of samples matters. Where it does not, the most promising bricks come first.
+    const FRONT_TO_BACK: bool;
+
+    /// How much of a brick can change the sum.
+    #[inline(always)]
+    fn coverage(_: &Cell<'_>, _: Vec4) -> Coverage {
+        Coverage::All
+    }
+
+    /// Whether samples in a macro-cell can change the sum.
+    #[inline(always)]
+    fn sees(_: &Cell<'_>, _cell: usize, _: Vec4) -> bool {
+        true
+    }
 
     /// Adds a chunk of samples.
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
@@ -33,6 +58,25 @@ impl Dvr {
 
 impl Blend for Dvr {
     const START: Vec4 = Vec4::W;
+    const FRONT_TO_BACK: bool = true;
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
+        match cell.mask {
+            Mask::None => Coverage::None,
+            Mask::Some(_) => Coverage::Some,
+            Mask::All => Coverage::All,
+        }
+    }
+
+    #[inline(always)]
+    fn sees(cell: &Cell<'_>, index: usize, _: Vec4) -> bool {
+        match &cell.mask {
+            Mask::None => false,
+            Mask::Some(words) => words[index / 64] >> (index % 64) & 1 != 0,
+            Mask::All => true,
+        }
+    }
 
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
@@ -126,6 +170,19 @@ pub(crate) struct Mip;
 
 impl Blend for Mip {
     const START: Vec4 = Vec4::NEG_ONE;
+    const FRONT_TO_BACK: bool = false;
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+        let [low, high] = cell.brick.cells.whole();
+        if low > high || high as f32 <= sum.x { Coverage::None } else { Coverage::Some }
+    }
+
+    #[inline(always)]
+    fn sees(cell: &Cell<'_>, index: usize, sum: Vec4) -> bool {
+        let [low, high] = cell.brick.cells.range(index);
+        low <= high && high as f32 > sum.x
+    }
 
     #[inline(always)]
     fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
@@ -155,6 +212,19 @@ pub(crate) struct MinIp;
 
 impl Blend for MinIp {
     const START: Vec4 = Vec4::MAX;
+    const FRONT_TO_BACK: bool = false;
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+        let [low, high] = cell.brick.cells.whole();
+        if low > high || low as f32 >= sum.x { Coverage::None } else { Coverage::Some }
+    }
+
+    #[inline(always)]
+    fn sees(cell: &Cell<'_>, index: usize, sum: Vec4) -> bool {
+        let [low, high] = cell.brick.cells.range(index);
+        low <= high && (low as f32) < sum.x
+    }
 
     #[inline(always)]
     fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
@@ -184,6 +254,7 @@ pub(crate) struct Average;
 
 impl Blend for Average {
     const START: Vec4 = Vec4::ZERO;
+    const FRONT_TO_BACK: bool = true;
 
     #[inline(always)]
     fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {

@@ -1,11 +1,15 @@
 //! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
+use crate::macrocells::{MacroCells, Mask};
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use brickyard_pager::{DrawCell, DrawList, Slot};
-use brickyard_volume::{FrameSettings, Geometry, Pyramid, ViewRays, VoxelBox};
+use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
 use glam::DVec3;
+use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::sync::Arc;
 
 /// A frame in the making.
 pub(crate) struct Frame<'a> {
@@ -13,10 +17,11 @@ pub(crate) struct Frame<'a> {
     pub(crate) ticks: Ticks,
     /// Level-0 voxels along each axis: the volume's box in voxel space is `[0, extent)`.
     pub(crate) extent: [f64; 3],
-    /// Front to back.
+    /// Front to back; in modes where order does not matter, those first that will likely decide.
     pub(crate) cells: Vec<Cell<'a>>,
-    /// Voxels along a padded brick's edge.
-    pub(crate) padded: u32,
+    /// Voxels along a core's edge, and around it.
+    pub(crate) edge: u32,
+    pub(crate) apron: u32,
     /// Table positions from one code to the next.
     pub(crate) positions_per_code: f32,
     /// Opacity is zero at table positions outside these two.
@@ -33,9 +38,19 @@ pub(crate) struct Cell<'a> {
     pub(crate) scale: [f64; 3],
     pub(crate) offset: [f64; 3],
     /// The padded brick.
-    pub(crate) codes: &'a [u8],
+    pub(crate) brick: &'a Resident,
+    /// In a composite picture, where the brick has opacity.
+    pub(crate) mask: Mask,
     /// The pixels that may see the cell.
     pub(crate) rect: PixelRect,
+}
+
+/// A brick in a slot.
+#[derive(Debug)]
+pub(crate) struct Resident {
+    /// The padded brick.
+    pub(crate) codes: Arc<[u8]>,
+    pub(crate) cells: MacroCells,
 }
 
 /// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
@@ -53,13 +68,20 @@ impl<'a> Frame<'a> {
         pyramid: &Pyramid,
         list: &DrawList,
         apron: u32,
-        codes: impl Fn(Slot) -> &'a [u8],
+        brick: impl Fn(Slot) -> &'a Resident + Sync,
     ) -> Self {
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let extent = pyramid.levels()[0].extent.to_array().map(f64::from);
-        let near_first = list.cells.iter().rev();
-        let cells = near_first.filter_map(|c| Cell::new(settings, pyramid, c, apron, codes(c.slot))).collect();
+        let opaque = OpaqueCodes::new(settings);
+        let near_first = list.cells.par_iter().rev();
+        let cell = |c: &DrawCell| Cell::new(settings, pyramid, c, apron, &opaque, brick(c.slot));
+        let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
+        match settings.mode {
+            Mode::Mip => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
+            Mode::MinIp => cells.sort_by_key(|cell| cell.brick.cells.whole()[0]),
+            Mode::Dvr | Mode::Average => {}
+        }
         let first = entries.iter().position(|e| e[3] > 0.0);
         let last = entries.iter().rposition(|e| e[3] > 0.0);
         let visible = match (first, last) {
@@ -71,7 +93,8 @@ impl<'a> Frame<'a> {
             ticks: Ticks::new(&settings.lattice),
             extent,
             cells,
-            padded: pyramid.edge() + 2 * apron,
+            edge: pyramid.edge(),
+            apron,
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
             visible,
         }
@@ -99,10 +122,43 @@ impl Frame<'_> {
     }
 }
 
+/// How many table entries before each code have opacity: whether a range of codes has any is two look-ups.
+struct OpaqueCodes(Option<Vec<u32>>);
+
+impl OpaqueCodes {
+    fn new(settings: &FrameSettings) -> Self {
+        let count = |before: &mut u32, entry: Option<&[f32; 4]>| {
+            let at = *before;
+            *before += entry.is_some_and(|e| e[3] > 0.0) as u32;
+            Some(at)
+        };
+        let entries = settings.table.entries.iter().map(Some).chain([None]);
+        Self((settings.mode == Mode::Dvr).then(|| entries.scan(0, count).collect()))
+    }
+
+    /// Where a brick has opacity; everywhere in modes that know none.
+    fn mask(&self, cells: &MacroCells) -> Mask {
+        let Some(before) = &self.0 else { return Mask::All };
+        let is_opaque = |[low, high]: [u16; 2]| low <= high && before[low as usize] < before[high as usize + 1];
+        if is_opaque(cells.whole()) { cells.mask(is_opaque) } else { Mask::None }
+    }
+}
+
 impl<'a> Cell<'a> {
     /// `None` if no pixel can see it.
-    fn new(settings: &FrameSettings, pyramid: &Pyramid, cell: &DrawCell, apron: u32, codes: &'a [u8]) -> Option<Self> {
+    fn new(
+        settings: &FrameSettings,
+        pyramid: &Pyramid,
+        cell: &DrawCell,
+        apron: u32,
+        opaque: &OpaqueCodes,
+        brick: &'a Resident,
+    ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
+        let mask = opaque.mask(&brick.cells);
+        if matches!(mask, Mask::None) {
+            return None;
+        }
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
         let (min, max) = (cell.region.min.to_array(), cell.region.max.to_array());
@@ -113,7 +169,8 @@ impl<'a> Cell<'a> {
             high: std::array::from_fn(|a| if max[a] == extent[a] { f64::INFINITY } else { max[a] as f64 }),
             scale: factor.map(|f| 1.0 / f as f64),
             offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
-            codes,
+            brick,
+            mask,
             rect,
         })
     }

@@ -6,7 +6,8 @@
 //! 2. `tile`: the picture's tiles go to the threads; a tile takes its cells one by one and its rays through each, so that
 //!    neighbouring rays find a brick's voxels in the first-level cache.
 //! 3. `ray`: finds the segments of a ray that belong to a cell, exactly once for all cells together.
-//! 4. `sample` and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
+//! 4. `macrocells`: of those, the stretches in which something can be seen.
+//! 5. `sample` and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time).
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
@@ -14,6 +15,7 @@
 
 mod blend;
 mod frame;
+mod macrocells;
 mod ray;
 mod renderer;
 mod sample;

@@ -1,6 +1,7 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
 
-use crate::frame::{Cell, Frame};
+use crate::frame::{Cell, Frame, Resident};
+use crate::macrocells::{self, MacroCells};
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
@@ -57,7 +58,7 @@ pub enum SoftwareError {
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
-    slots: Vec<Option<Arc<[u8]>>>,
+    slots: Vec<Option<Resident>>,
     fixed_bytes: u64,
     pool: rayon::ThreadPool,
 }
@@ -102,13 +103,16 @@ impl SoftwareRenderer {
         self.fixed_bytes + self.slots.len() as u64 * bytes_per_slot(&self.options)
     }
 
-    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest. Nothing is copied.
+    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest. Nothing is copied; the codes
+    /// are read once, for the macro-cells.
     ///
     /// # Panics
     /// If there is no such slot or the length is not a padded brick's.
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
-        self.slots[slot.0 as usize] = Some(codes);
+        let SoftwareOptions { encoding, edge, apron, .. } = self.options;
+        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize);
+        self.slots[slot.0 as usize] = Some(Resident { codes, cells });
     }
 
     /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
@@ -122,12 +126,15 @@ impl SoftwareRenderer {
         assert!(width <= max_picture_px[0] && height <= max_picture_px[1], "the picture is larger than was agreed");
         assert_eq!(edge, pyramid.edge(), "other bricks");
         assert_eq!(encoding, settings.encoding, "other codes");
-        let frame = Frame::new(settings, pyramid, list, apron, |slot| {
-            self.slots[slot.0 as usize].as_deref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
-        });
-        let draw = tile::for_frame(&frame);
+        let brick = |slot: Slot| {
+            self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
+        };
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
-        let drawn: Vec<TilePixels> = self.pool.install(|| tiles.par_iter().map(|t| draw(&frame, t)).collect());
+        let drawn: Vec<TilePixels> = self.pool.install(|| {
+            let frame = Frame::new(settings, pyramid, list, apron, brick);
+            let draw = tile::for_frame(&frame);
+            tiles.par_iter().map(|t| draw(&frame, t)).collect()
+        });
         let mut rgb = vec![[0; 3]; width as usize * height as usize];
         for (tile, pixels) in tiles.iter().zip(&drawn) {
             for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
@@ -144,9 +151,11 @@ fn slot_bytes(options: &SoftwareOptions) -> u64 {
     (options.edge as u64 + 2 * options.apron as u64).pow(3) * options.encoding.format.bytes() as u64
 }
 
-/// A slot's voxels, the handle to them, and the cell that draws them.
+/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask.
 fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
-    slot_bytes(options) + (size_of::<Option<Arc<[u8]>>>() + size_of::<Cell<'_>>()) as u64
+    let cells = macrocells::bytes(options.edge as usize);
+    let mask = macrocells::per_axis(options.edge as usize).pow(3).div_ceil(64) * size_of::<u64>();
+    slot_bytes(options) + (cells + mask + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 
 /// The picture as tiles and as rows, and every thread's rays.

@@ -1,7 +1,8 @@
 //! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
 
-use crate::blend::{Average, Blend, Dvr, MinIp, Mip};
+use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip};
 use crate::frame::{Cell, Frame, PixelRect};
+use crate::macrocells::Traversal;
 use crate::ray::Ray;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS};
 use brickyard_volume::{Mode, Picture, SlotFormat};
@@ -88,11 +89,13 @@ fn draw<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) 
         for y in y0..y1 {
             for x in x0..x1 {
                 let ray = &mut rays[place(tile, x, y)];
-                if ray.cursor >= ray.end {
+                if ray.cursor >= ray.end || B::coverage(cell, ray.sum) == Coverage::None {
                     continue;
                 }
                 if let Some((first, last)) = ray.take_run(&frame.ticks, cell) {
-                    march::<C, B, INVALID>(frame, cell, ray, &mut chunk, first, last);
+                    if !march::<C, B, INVALID>(frame, cell, ray, &mut chunk, first, last) && !B::FRONT_TO_BACK {
+                        ray.cursor = ray.first;
+                    }
                     waiting -= (ray.cursor >= ray.end) as u32;
                 }
             }
@@ -113,8 +116,8 @@ fn place(tile: &Tile, x: u32, y: u32) -> usize {
     ((y - tile.y0) * TILE_PX + x - tile.x0) as usize
 }
 
-/// Adds the samples of a run of segments, zone by zone: within a zone they are equally spaced and, but for the ray's first
-/// and last, equally long.
+/// Adds the samples of a run of segments, zone by zone, leaping over the macro-cells that cannot be seen. True if nothing
+/// further can be seen.
 #[inline(always)]
 fn march<C: Code, B: Blend, const INVALID: bool>(
     frame: &Frame<'_>,
@@ -123,29 +126,88 @@ fn march<C: Code, B: Blend, const INVALID: bool>(
     chunk: &mut Chunk,
     first: u32,
     last: u32,
-) {
-    let ticks = &frame.ticks;
-    let brick = Brick::new::<C>(cell.codes, frame.padded);
-    let per_unit = 1.0 / frame.settings.table.unit_distance as f64;
-    let mut sum = ray.sum;
+) -> bool {
+    let leaps = B::coverage(cell, ray.sum) == Coverage::Some;
+    let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
     let mut start = first;
-    'run: while start < last {
+    while start < last {
+        let stretch = Stretch::new(frame, cell, ray, start, last);
+        if !leaps {
+            if stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, 0, stretch.count) {
+                return true;
+            }
+        } else {
+            // Neighbouring cells that are seen are sampled together, so that packets are full.
+            let mut traversal = Traversal::new(stretch.origin, stretch.step, stretch.count, frame.edge, frame.apron);
+            let (mut from, mut to) = (0, 0);
+            while let Some((index, next, end)) = traversal.next() {
+                let sees = B::sees(cell, index, ray.sum);
+                if !sees && from < to && stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, from, to) {
+                    return true;
+                }
+                from = if sees && from < to { from } else { next };
+                to = if sees { end } else { from };
+            }
+            if from < to && stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, from, to) {
+                return true;
+            }
+        }
+        start = stretch.end;
+    }
+    false
+}
+
+/// The part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+struct Stretch {
+    /// The first segment and one past the last.
+    start: u32,
+    end: u32,
+    zone: usize,
+    count: i32,
+    /// World length of a segment, and distance of the middle of the first, were it not cut.
+    length: f64,
+    middle: f64,
+    /// Slot coordinates of the first sample and from one to the next: counted from here, f32 is fine to a ten-thousandth
+    /// of a voxel.
+    origin: [f32; 3],
+    step: [f32; 3],
+}
+
+impl Stretch {
+    #[inline(always)]
+    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, start: u32, last: u32) -> Self {
+        let ticks = &frame.ticks;
         let zone = ticks.zone(start);
         let end = last.min(ticks.zone_end(zone));
         let count = ((end - start) >> zone) as i32;
         let length = ticks.step * (1i32 << zone) as f64;
         let middle = start as i32 as f64 * ticks.step + 0.5 * length;
-        // Positions count from the run's first sample, so that f32 is fine to a ten-thousandth of a voxel.
         let (mut origin, mut step) = ([0.0f32; 3], [0.0f32; 3]);
         for a in 0..3 {
             let voxel = ray.origin[a] + ray.direction[a] * middle;
             origin[a] = (cell.offset[a] + cell.scale[a] * voxel) as f32;
             step[a] = (cell.scale[a] * ray.direction[a] * length) as f32;
         }
-        let full = (length * per_unit) as f32;
-        let mut done = 0;
-        while done < count {
-            let left = count - done;
+        Self { start, end, zone, count, length, middle, origin, step }
+    }
+
+    /// Adds the samples `from..to`. True if nothing behind them can be seen.
+    #[inline(always)]
+    fn add<C: Code, B: Blend, const INVALID: bool>(
+        &self,
+        frame: &Frame<'_>,
+        brick: &Brick<'_>,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        from: i32,
+        to: i32,
+    ) -> bool {
+        let per_unit = 1.0 / frame.settings.table.unit_distance as f64;
+        let full = (self.length * per_unit) as f32;
+        let mut sum = ray.sum;
+        let mut done = from;
+        while done < to {
+            let left = to - done;
             chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
             for p in 0..chunk.packets.min(PACKETS) {
                 for i in 0..LANES {
@@ -154,32 +216,36 @@ fn march<C: Code, B: Blend, const INVALID: bool>(
                     chunk.weight[p][i] = if lane < left { full } else { 0.0 };
                 }
             }
-            let cut_first = start == ray.first && done == 0;
-            let cut_last = end == ray.end && left <= CHUNK as i32;
+            let cut_first = self.start == ray.first && done == 0;
+            let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
             for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
                 if is_cut {
-                    let (cut_middle, cut_length) = ray.segment(ticks, start + (((done + lane) as u32) << zone));
+                    let tick = self.start + (((done + lane) as u32) << self.zone);
+                    let (middle, length) = ray.segment(&frame.ticks, tick);
                     let (p, i) = (lane as usize / LANES, lane as usize % LANES);
-                    chunk.along[p][i] = ((cut_middle - middle) / length) as f32;
-                    chunk.weight[p][i] = (cut_length.max(0.0) * per_unit) as f32;
+                    chunk.along[p][i] = ((middle - self.middle) / self.length) as f32;
+                    chunk.weight[p][i] = (length.max(0.0) * per_unit) as f32;
                 }
             }
-            brick.sample::<C, INVALID>(origin, step, chunk);
+            brick.sample::<C, INVALID>(self.origin, self.step, chunk);
             sum = B::add::<C>(frame, sum, chunk);
             if B::is_final::<C>(sum) {
                 ray.cursor = ray.end;
-                break 'run;
+                ray.sum = sum;
+                return true;
             }
             done += CHUNK as i32;
         }
-        start = end;
+        ray.sum = sum;
+        false
     }
-    ray.sum = sum;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Resident;
+    use crate::macrocells::MacroCells;
     use brickyard_pager::{DrawCell, DrawList, Slot};
     use brickyard_volume::*;
     use glam::DVec3;
@@ -219,11 +285,13 @@ mod tests {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
-        let codes: Vec<u8> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
+        let codes: std::sync::Arc<[u8]> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
+        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, 1);
+        let resident = Resident { codes, cells };
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let cell =
             DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
-        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, 1, |_| &codes);
+        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, 1, |_| &resident);
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
         let picture = draw::<C, B, INVALID>(&frame, &tile);
         assert!(picture.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
