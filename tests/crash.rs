@@ -166,15 +166,16 @@ fn run_where_mounting_is_allowed(sandbox: &Sandbox, script: &str) -> bool {
     false
 }
 
-/// A pack whose disk is full after `size_bytes`, then has room: `first` and `second` are the two runs' messages and exit
-/// codes, `info` what was said in between, `out.zarr` the finished store.
+/// A pack on a disk of which another file leaves too little, until that is removed: `first` and `second` are the two runs'
+/// messages and exit codes, `info` what was said in between, `out.zarr` the finished store.
 const FULL_DISK: &str = r#"
 rm -rf out.zarr
 mount -t tmpfs -o size=$size none disk
+head -c $filler /dev/zero >disk/filler
 run() { name=$1; shift; code=0; "$brickyard" "$@" 2>$name || code=$?; echo "exit $code" >>$name; }
 run first $pack
 run info info disk/out.zarr
-mount -o remount,size=1g disk
+rm disk/filler
 run second $pack --resume
 cp -r disk/out.zarr out.zarr
 ls -A disk >left
@@ -189,9 +190,11 @@ fn a_full_disk_ends_with_exit_4_and_resumes_after_space_is_made() {
     let pages: usize = expected.values().map(|bytes| bytes.len().div_ceil(4096)).sum();
     let pack = PACK.replace("out.zarr", "disk/out.zarr");
     // Before the first shard, midway, and when only the last few files are missing.
-    for size in [64 << 10, pages * 4096 / 2, (pages - 2) * 4096] {
+    for free_pages in [16, pages / 2, pages - 2] {
         let _ = std::fs::remove_dir(sandbox.path("disk"));
-        if !run_where_mounting_is_allowed(&sandbox, &format!("size={size}\npack='{pack}'\n{FULL_DISK}")) {
+        let (size, filler) = (2 * pages * 4096, (2 * pages - free_pages) * 4096);
+        let sizes = format!("size={size}\nfiller={filler}\npack='{pack}'\n");
+        if !run_where_mounting_is_allowed(&sandbox, &(sizes + FULL_DISK)) {
             return;
         }
         let said = |name: &str| String::from_utf8_lossy(&sandbox.read(name)).into_owned();
@@ -201,9 +204,12 @@ fn a_full_disk_ends_with_exit_4_and_resumes_after_space_is_made() {
             ("second", &["exit 0"]),
         ] {
             let text = said(name);
-            assert!(words.iter().all(|w| text.contains(w)), "{size} bytes, {name}: expected {words:?} in: {text}");
+            assert!(
+                words.iter().all(|w| text.contains(w)),
+                "{free_pages} pages free, {name}: expected {words:?} in: {text}"
+            );
         }
         assert_eq!(said("left"), "out.zarr\n");
-        assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0], "{size} bytes");
+        assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0], "{free_pages} pages free");
     }
 }
