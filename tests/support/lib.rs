@@ -222,6 +222,11 @@ impl Default for Sandbox {
 }
 
 impl Sandbox {
+    /// One in a file system without a disk where there is one (Linux's `/dev/shm`), else as by default.
+    pub fn in_memory() -> Self {
+        tempfile::tempdir_in("/dev/shm").map_or_else(|_| Self::default(), Self)
+    }
+
     /// A path inside.
     pub fn path(&self, path: impl AsRef<Path>) -> PathBuf {
         self.0.path().join(path)
