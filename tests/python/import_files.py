@@ -1,9 +1,10 @@
-"""Files written by nibabel, tifffile and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
+"""Files written by nibabel, tifffile, Pillow and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
 
 import struct
 
 import nibabel
 import numpy as np
+import PIL.Image
 import tifffile
 
 from common import FOLDER, brickyard, check, info, run_cases, same_bits
@@ -141,6 +142,24 @@ def tiff_layouts():
     pack([tiff("a.tif", floats, compression="zlib", **options)], floats)
 
 
+def tiff_lzw():
+    """As libtiff writes it, through Pillow."""
+    for d in ["u1", "u2"]:
+        # What compresses has codes for long strings; noise fills the table of codes several times over.
+        ramp = np.add.outer(np.arange(5 * 45), np.arange(70) // 3).reshape(5, 45, 70).astype(d)
+        for array in [ramp, noise(d, 5, 145, 170)]:
+            for options in [{}, {"Predictor": 2}, {"Predictor": 2, "RowsPerStrip": 10}]:
+                tags = {tifffile.TIFF.TAGS[name]: value for name, value in options.items()}
+                first, *rest = [PIL.Image.fromarray(plane) for plane in array]
+                first.save(FOLDER / "a.tif", save_all=True, append_images=rest, compression="tiff_lzw", tiffinfo=tags)
+                with tifffile.TiffFile(FOLDER / "a.tif") as file:
+                    page = file.pages[4]
+                    found = page.compression, page.predictor, page.rowsperstrip
+                expected = 5, options.get("Predictor", 1), options.get("RowsPerStrip", array.shape[1])
+                check(found == expected, "the test's own file is not as meant:", found)
+                pack(["a.tif"], array)
+
+
 def tiff_imagej():
     array = noise("u2", 2, 3, 2, 25, 30)
     meta = {"axes": "TZCYX", "spacing": 3.0, "unit": "um"}
@@ -212,5 +231,5 @@ def raw_files():
 
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
-    tiff_types, tiff_layouts, tiff_imagej, tiff_ome, tiff_folder, numpy_arrays, raw_files,
+    tiff_types, tiff_layouts, tiff_lzw, tiff_imagej, tiff_ome, tiff_folder, numpy_arrays, raw_files,
 ]})
