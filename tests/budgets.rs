@@ -71,6 +71,29 @@ fn whatever_the_budget_the_picture_is_whole() {
 }
 
 #[test]
+fn an_eye_inside_a_coarse_brick_has_no_error_in_pixels() {
+    let sandbox = sandbox_with_ct();
+    let eye = "--eye 127,127,127 --target 20,127,127";
+    let (_, _, stderr) = sandbox.run(&format!("render ct.zarr -o o.png {VIEW} --backend cpu {eye} --gpu-memory 4096"));
+    // A brick or a level.
+    for (gpu_bytes, level, memory_bound) in [(least_bytes(&stderr), "auto", true), (64 * MIB, "2", false)] {
+        let (_, stats) = render(&sandbox, "cpu", gpu_bytes, 32 * MIB, &format!("{eye} --level {level}"));
+        assert!(stats["memory_bound"] == memory_bound && stats["effective_pixel_error"].is_null(), "{stats}");
+    }
+}
+
+#[test]
+fn what_was_read_decoded_and_uploaded_is_counted_in_bytes() {
+    let sandbox = Sandbox::default();
+    // A single brick: its shard is its encoded bytes, an index entry of 16 and a checksum of 4.
+    sandbox.run_ok("synth turbulence one.zarr --shape 32,32,32 --brick 32 --shard 32 --progress none");
+    sandbox.run_ok("render one.zarr -o o.png --orbit 3 --stats o.json --backend cpu --size 40x30");
+    let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
+    let read = sandbox.read("one.zarr/0/c/0/0/0").len() - 20;
+    assert_eq!(stats["bytes"], serde_json::json!({"read": read, "decoded": 32 << 10, "uploaded": 34 * 34 * 34}));
+}
+
+#[test]
 fn an_orbit_within_a_small_budget_stays_within_it() {
     let sandbox = sandbox_with_ct();
     for backend in backends(&sandbox) {

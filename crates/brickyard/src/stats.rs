@@ -35,8 +35,9 @@ pub struct RenderStats {
     pub bytes: ByteCounts,
     /// Share of the picture, by area, drawn at the level that the view wants; 1 when settled without failures.
     pub completeness: f64,
-    /// The largest projected voxel that the cut left, pixels.
-    pub effective_pixel_error: f64,
+    /// The largest projected voxel, pixels, among those that a finer level could improve; 0 if there are none. No number
+    /// (`null` in JSON) if the eye is inside such a brick, where there is no bound, and of the reference compositor.
+    pub effective_pixel_error: Option<f64>,
     /// What was asked for, pixels.
     pub pixel_error: f64,
     /// Whether the budget, not the view, ended the refinement.
@@ -87,6 +88,8 @@ pub struct BrickCounts {
 /// Counts of bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ByteCounts {
+    /// Encoded bricks from the store's files, whether the disk or the page cache had them.
+    pub read: u64,
     /// Decoded voxels.
     pub decoded: u64,
     /// Padded bricks handed to the backend.
@@ -108,9 +111,13 @@ impl RenderStats {
             reuploaded: status.counters.reuploaded,
             failed: status.failed as u64,
         };
-        self.bytes = ByteCounts { decoded: status.counters.bytes_decoded, uploaded: status.counters.bytes_uploaded };
+        self.bytes = ByteCounts {
+            read: status.counters.bytes_read,
+            decoded: status.counters.bytes_decoded,
+            uploaded: status.counters.bytes_uploaded,
+        };
         self.completeness = status.completeness;
-        self.effective_pixel_error = status.effective_error_px;
+        self.effective_pixel_error = Some(status.effective_error_px).filter(|error| error.is_finite());
         self.pixel_error = status.pixel_error;
         self.memory_bound = status.memory_bound;
     }

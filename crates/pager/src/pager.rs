@@ -65,6 +65,8 @@ pub struct Status {
 pub struct Counters {
     /// Cores decoded, with repeats.
     pub decoded: u64,
+    /// Encoded bytes that the source has read for them, and for whoever else uses it.
+    pub bytes_read: u64,
     /// Bytes of voxels that came out.
     pub bytes_decoded: u64,
     /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron.
@@ -80,6 +82,8 @@ pub struct Counters {
 /// Pages the bricks of one source for one view at a time.
 pub struct Pager {
     source: Arc<dyn BrickSource>,
+    /// What the source had read before.
+    bytes_read_before: u64,
     config: PagerConfig,
     cache: Arc<RamCache>,
     meter: Arc<Meter>,
@@ -121,7 +125,8 @@ impl Pager {
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let residency = Residency::new(config.slots);
         let (cut, roots, handed_out) = (None, Vec::new(), Vec::new());
-        Ok(Self { source, config, cache, meter, workers, residency, cut, roots, handed_out })
+        let bytes_read_before = source.bytes_read();
+        Ok(Self { source, bytes_read_before, config, cache, meter, workers, residency, cut, roots, handed_out })
     }
 
     /// What to upload and draw for `view` now. Calling it says that the last frame's uploads are done with.
@@ -221,6 +226,7 @@ impl Pager {
             host_bytes_peak: self.meter.peak(),
             counters: Counters {
                 decoded: decoded.decoded,
+                bytes_read: self.source.bytes_read() - self.bytes_read_before,
                 bytes_decoded: decoded.bytes_decoded,
                 failed: decoded.failed,
                 uploaded: self.residency.uploaded,
@@ -301,11 +307,11 @@ mod tests {
         let drawn = |cell| frame.draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
         assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
         assert_eq!(drawn(brick(0, [4, 4, 2])), Some(brick(2, [1, 1, 0])));
-        check_atlas(&pager, &frame, &atlas);
         // The same view again uploads and reads nothing.
         let again = pager.frame(&view);
         assert!(again.uploads.is_empty() && again.status.settled && again.status.counters == status.counters);
         assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+        check_atlas(&pager, &frame, &atlas);
     }
 
     #[test]
@@ -326,6 +332,7 @@ mod tests {
     #[test]
     fn frames_upload_no_more_than_asked_but_always_something() {
         let source = Arc::new(TestSource::cube(64));
+        source.read_core(brick(0, [0, 0, 0]), &mut [0; 512]).unwrap();
         let limited = PagerConfig { upload_bytes_per_frame: Some(2500), ..config(300, 1 << 20) };
         let mut pager = Pager::new(source.clone(), limited).unwrap();
         let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
@@ -336,7 +343,9 @@ mod tests {
             // 1,000 bytes a brick.
             assert!((1..=2).contains(&frame.uploads.len()), "{}", frame.uploads.len());
         }
-        assert_eq!(frame.status.counters.bytes_uploaded, frame.status.counters.uploaded * 1000);
+        let counters = frame.status.counters;
+        assert_eq!(counters.bytes_uploaded, counters.uploaded * 1000);
+        assert_eq!(counters.bytes_read, counters.decoded * 512, "of this pager alone");
     }
 
     #[test]

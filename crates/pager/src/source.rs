@@ -40,4 +40,6 @@ pub trait BrickSource: Send + Sync {
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
+    /// Encoded bytes that [`BrickSource::read_core`] has read so far, for whomever.
+    fn bytes_read(&self) -> u64;
 }

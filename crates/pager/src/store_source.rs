@@ -48,4 +48,8 @@ impl BrickSource for Store {
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         self.read_core(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
     }
+
+    fn bytes_read(&self) -> u64 {
+        self.bytes_read()
+    }
 }

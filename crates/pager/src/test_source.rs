@@ -7,6 +7,7 @@ use brickyard_volume::{
 };
 use glam::DVec3;
 use std::collections::HashSet;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) struct TestSource {
     pyramid: Pyramid,
@@ -18,6 +19,7 @@ pub(crate) struct TestSource {
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
     pub(crate) panicking: HashSet<BrickId>,
+    bytes_read: AtomicU64,
 }
 
 /// Bytes that differ between neighbouring voxels, levels, channels and times. Floats stay finite: the top byte is small.
@@ -34,8 +36,8 @@ fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
 impl TestSource {
     pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
         let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
-        let (empty, failing, panicking) = Default::default();
-        Self { pyramid, geometry, voxel_type, voxel_at: hashed_voxel, empty, failing, panicking }
+        let (empty, failing, panicking, bytes_read) = Default::default();
+        Self { pyramid, geometry, voxel_type, voxel_at: hashed_voxel, empty, failing, panicking, bytes_read }
     }
 
     /// `n`^3 voxels of 8 bits in bricks of 8^3.
@@ -86,6 +88,7 @@ impl BrickSource for TestSource {
         if self.failing.contains(&id) {
             return Err(BrickError { id, reason: "told to fail".into() });
         }
+        self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
         let core = self.pyramid.brick_box(id.level, id.index);
         let (low, high) = (core.min.to_array(), core.max.to_array());
         let (edge, bytes) = (self.pyramid.edge(), self.voxel_type.bytes());
@@ -99,5 +102,8 @@ impl BrickSource for TestSource {
             }
         }
         Ok(())
+    }
+    fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
     }
 }

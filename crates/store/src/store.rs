@@ -16,6 +16,7 @@ use brickyard_volume::{BrickId, BrickIndex, Geometry, Level, Occupancy, Occupanc
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A finished brick store.
 pub struct Store {
@@ -27,6 +28,7 @@ pub struct Store {
     mode: IoMode,
     levels: Vec<LevelShards>,
     files: OpenFiles,
+    bytes_read: AtomicU64,
 }
 
 struct LevelShards {
@@ -70,7 +72,8 @@ impl Store {
             levels.push(LevelShards { side, shards });
         }
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        Ok(Self { path, layout, geometry, info, codec, mode, levels, files: OpenFiles::default() })
+        let (files, bytes_read) = Default::default();
+        Ok(Self { path, layout, geometry, info, codec, mode, levels, files, bytes_read })
     }
 
     /// Where the store is.
@@ -209,6 +212,7 @@ impl Store {
             out.fill(0);
             return Ok(());
         };
+        self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
         let path = || self.layout.shard_path(&self.path, self.layout.shard_of(id).0);
         Scratch::with(|scratch| {
             let decoded = match shard.mapped(range) {
@@ -223,6 +227,11 @@ impl Store {
             };
             decoded.map_err(|error| ReadError::CorruptBrick { path: path(), id, error })
         })
+    }
+
+    /// Encoded bytes of the bricks read since the store was opened, repeats and damaged ones included.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes_read.load(Ordering::Relaxed)
     }
 
     /// Whether the brick has bytes of its own; one that has not is all zero.

@@ -156,10 +156,11 @@ fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
 
 fn report(stats: &RenderStats) {
     if stats.memory_bound {
-        eprintln!(
-            "memory bound: {:.1} px of {:.1} px; the picture is complete but coarser than asked for: raise --gpu-memory",
-            stats.effective_pixel_error, stats.pixel_error
-        );
+        let found = match stats.effective_pixel_error {
+            Some(error) => format!("{error:.1} px of {:.1} px", stats.pixel_error),
+            None => "the eye is inside a coarse brick".into(),
+        };
+        eprintln!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
     }
     if stats.bricks.failed > 0 {
         eprintln!(
