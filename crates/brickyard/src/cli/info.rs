@@ -86,7 +86,6 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
 }
 
 fn text(info: &Info<'_>, store: &Store) -> String {
-    let triple = |v: [f64; 3]| format!("{:.6} x {:.6} x {:.6}", v[0], v[1], v[2]).replace(".000000", "");
     let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
     let mut lines = vec![
         format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
@@ -117,4 +116,20 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         ));
     }
     lines.join("\n")
+}
+
+/// Each number with as many digits as it takes to read back as the same.
+fn triple([x, y, z]: [f64; 3]) -> String {
+    format!("{x} x {y} x {z}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn placements_are_printed_exactly_and_no_longer() {
+        assert_eq!(triple([0.5, 2.0, 1e-7]), "0.5 x 2 x 0.0000001");
+        assert_eq!(triple([0.1 + 0.2, -12.25, 1e6]), "0.30000000000000004 x -12.25 x 1000000");
+    }
 }
