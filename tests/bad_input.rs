@@ -359,6 +359,9 @@ fn outputs_that_exist_are_kept() {
     }
     std::fs::create_dir(sandbox.path("folder.zarr")).expect("the sandbox is writable");
     sandbox.write("folder.zarr/thesis.txt", "precious");
+    for name in ["folder.raw", "folder.png"] {
+        std::fs::create_dir(sandbox.path(name)).expect("the sandbox is writable");
+    }
     let precious = tree(&sandbox.path(""));
     let exists = "exists";
     check(
@@ -371,11 +374,15 @@ fn outputs_that_exist_are_kept() {
             // What is no store is not replaced even when told to.
             ("pack o.raw folder.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["folder.zarr", "left alone"]),
             ("pack o.raw file.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["file.zarr", "left alone"]),
+            ("synth ct folder.raw --shape 2,2,2 --overwrite", USAGE, &["folder.raw", "left alone"]),
+            ("export good.zarr folder.raw --overwrite", USAGE, &["folder.raw", "left alone"]),
+            ("render good.zarr -o folder.png --overwrite", USAGE, &["folder.png", "left alone"]),
             ("export good.zarr o.raw", USAGE, &["o.raw", exists, "--overwrite"]),
             ("export good.zarr o.npy", USAGE, &["o.npy", exists, "--overwrite"]),
             ("render good.zarr -o o.png", USAGE, &["o.png", exists, "--overwrite"]),
             ("render good.zarr -o o.png --compositor reference", USAGE, &["o.png", exists, "--overwrite"]),
             ("render good.zarr -o o.png --orbit 2", USAGE, &["o_001.png", exists, "--overwrite"]),
+            ("render good.zarr -o new --stats new", USAGE, &["new", "statistics"]),
             ("render good.zarr -o new.png --stats stats.json", USAGE, &["stats.json", exists, "--overwrite"]),
         ],
     );
@@ -386,6 +393,7 @@ fn outputs_that_exist_are_kept() {
             ("pack missing.nii good.zarr --overwrite", BAD_INPUT, &["missing.nii"]),
             ("export good.zarr o.raw --level 9 --overwrite", USAGE, &["level 9"]),
             ("render good.zarr -o o.png --level 9 --overwrite", USAGE, &["level 9"]),
+            ("synth ct o.raw --shape 2,2,2 --dtype i32 --overwrite", USAGE, &["i32"]),
         ],
     );
     assert!(tree(&sandbox.path("")) == precious);

@@ -137,7 +137,7 @@ fn a_budget_too_small_for_anything_says_what_would_do() {
         for (small, least_flags) in [("--gpu-memory 4096", "--gpu-memory"), ("--host-memory 4096", "--host-memory")] {
             let line = format!("render ct.zarr -o small.png {VIEW} --backend {backend}");
             let (code, _, stderr) = sandbox.run(&format!("{line} {small}"));
-            assert_eq!(code, 1, "{backend} {small}: {stderr}");
+            assert_eq!(code, 2, "{backend} {small}: {stderr}");
             assert!(stderr.contains(least_flags), "{backend} {small}: {stderr}");
             assert!(!sandbox.path("small.png").exists());
             let least = least_bytes(&stderr);
@@ -145,7 +145,7 @@ fn a_budget_too_small_for_anything_says_what_would_do() {
             assert_eq!(code, 0, "{backend} {least_flags} {least}: {stderr}");
             std::fs::remove_file(sandbox.path("small.png")).expect("it was written");
             let (code, _, _) = sandbox.run(&format!("{line} {least_flags} {}", least - 1));
-            assert_eq!(code, 1, "{backend} {least_flags}: one byte less than the least is refused");
+            assert_eq!(code, 2, "{backend} {least_flags}: one byte less than the least is refused");
         }
     }
 }
@@ -155,6 +155,6 @@ fn the_reference_refuses_what_it_cannot_hold() {
     let sandbox = sandbox_with_ct();
     let line = "render ct.zarr -o o.png --size 8x8 --level 0 --compositor reference --host-memory 1MiB";
     let (code, _, stderr) = sandbox.run(line);
-    assert!(code == 1 && stderr.contains("--host-memory"), "exit {code}: {stderr}");
+    assert!(code == 2 && stderr.contains("--host-memory"), "exit {code}: {stderr}");
     assert!(!sandbox.path("o.png").exists());
 }

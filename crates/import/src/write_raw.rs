@@ -17,13 +17,15 @@ const PIECE_BYTES: u64 = 8 << 20;
 /// in all, from any thread but never from two at once.
 ///
 /// # Errors
-/// If the file exists already, the source fails, or the disk does; then nothing is left under the name.
+/// If the file exists already and is not to be replaced, the source fails, or the disk does; then nothing has changed
+/// under the name.
 pub fn write_raw(
     source: &dyn Source,
     path: &Path,
+    overwrite: bool,
     progress: &mut (dyn FnMut(u64, u64) + Send),
 ) -> Result<(), ImportError> {
-    if path.exists() {
+    if !overwrite && path.exists() {
         return Err(ImportError::options(path, "exists already; remove it or choose another name"));
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -57,7 +59,8 @@ pub fn write_raw(
         })
     })?;
     partial.as_file().sync_all().map_err(ImportError::io(path))?;
-    partial.persist_noclobber(path).map_err(|e| ImportError::io(path)(e.error))?;
+    let persisted = if overwrite { partial.persist(path) } else { partial.persist_noclobber(path) };
+    persisted.map_err(|e| ImportError::io(path)(e.error))?;
     Ok(())
 }
 
@@ -157,7 +160,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.raw");
         let mut seen = (0, 0);
-        write_raw(&source, &path, &mut |done, total| {
+        write_raw(&source, &path, false, &mut |done, total| {
             assert!(done > seen.0);
             seen = (done, total);
         })
@@ -171,7 +174,8 @@ mod tests {
             assert!(bytes == expected, "time step {time}");
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the file");
-        assert!(write_raw(&source, &path, &mut |_, _| ()).unwrap_err().to_string().contains("exists already"));
+        let again = write_raw(&source, &path, false, &mut |_, _| ());
+        assert!(again.unwrap_err().to_string().contains("exists already"));
     }
 
     #[test]
@@ -200,8 +204,12 @@ mod tests {
         let info = SynthSource::new(SynthKind::Ramp, extent, VoxelType::U8, 1, 0).unwrap().info().clone();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.raw");
-        let error = write_raw(&Failing(info), &path, &mut |_, _| ()).unwrap_err();
-        assert!(error.to_string().contains("damaged"));
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        for before in [None, Some("precious")] {
+            before.inspect(|text| std::fs::write(&path, text).unwrap());
+            let error = write_raw(&Failing(info.clone()), &path, before.is_some(), &mut |_, _| ()).unwrap_err();
+            assert!(error.to_string().contains("damaged"));
+            assert_eq!(std::fs::read_to_string(&path).ok().as_deref(), before);
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), before.iter().count());
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! `brickyard export`: a level, or a box of it, to a plain file.
 
 use super::failure::Failure;
+use super::output::may_write;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::store::{self, ExportRequest};
@@ -41,6 +42,7 @@ pub(crate) struct ExportArguments {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
     let store = store_errors::open(&arguments.store)?;
+    may_write(&arguments.output, arguments.overwrite)?;
     let request = ExportRequest {
         time: arguments.time,
         channel: arguments.channel,

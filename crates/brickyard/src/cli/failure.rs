@@ -6,7 +6,8 @@
 pub(crate) enum ExitKind {
     /// The work could not be done.
     Failed = 1,
-    /// The command line cannot be understood.
+    /// The command line must change: it cannot be understood, asks for what is not there or cannot fit, or names an output
+    /// that exists.
     Usage = 2,
     /// The input is not what it should be.
     BadInput = 3,

@@ -4,6 +4,7 @@ mod doctor;
 mod export;
 mod failure;
 mod info;
+mod output;
 mod pack;
 mod pack_settings;
 mod progress;

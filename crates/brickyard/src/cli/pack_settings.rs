@@ -37,7 +37,7 @@ pub(crate) struct PackSettings {
     /// Go on with an interrupted pack of the same input and settings
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
-    /// Replace an existing store
+    /// Replace an existing output
     #[arg(long)]
     overwrite: bool,
     /// How to show progress
@@ -61,7 +61,7 @@ enum DownsampleArgument {
 }
 
 impl PackSettings {
-    /// Whether an existing unfinished store is to be finished.
+    /// Whether an existing output may be replaced.
     pub(crate) fn overwrite(&self) -> bool {
         self.overwrite
     }

@@ -1,13 +1,17 @@
 //! `brickyard render`: settled pictures of a store, as PNG, under fixed budgets.
 
 use super::failure::Failure;
+use super::output::may_write;
 use super::scene_args::SceneArguments;
 use super::{store_errors, values};
 use brickyard::backend::{BackendChoice, BackendError};
 use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::{OracleError, render_reference};
+use brickyard::pager::PagerError;
 use brickyard::picture_file::write_png;
+use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, resolve};
+use brickyard::software::SoftwareError;
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
 use brickyard::volume::{Camera, Picture, Scene};
@@ -85,10 +89,11 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let scene = arguments.scene.scene(&store)?;
     let scenes = scenes(&arguments, scene, &store)?;
     let outputs: Vec<PathBuf> = (0..scenes.len()).map(|i| numbered(&arguments.output, i, scenes.len())).collect();
-    if !arguments.overwrite {
-        for path in outputs.iter().chain(&arguments.stats) {
-            refuse_existing(path)?;
-        }
+    for path in outputs.iter().chain(&arguments.stats) {
+        may_write(path, arguments.overwrite)?;
+    }
+    if let Some(path) = arguments.stats.as_ref().filter(|path| outputs.contains(path)) {
+        return Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())));
     }
     let mut stats = RenderStats::default();
     if arguments.compositor == CompositorArgument::Reference {
@@ -186,7 +191,7 @@ fn run_reference(
         let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
         let drawing = Instant::now();
         let picture = render_reference(store, &resolved, arguments.host_memory).map_err(|error| match error {
-            OracleError::TooLarge { .. } => Failure::failed(error),
+            OracleError::TooLarge { .. } => Failure::usage(error),
             OracleError::Read(error) => store_errors::read_failure(&error),
         })?;
         frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
@@ -249,13 +254,6 @@ fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
     path.with_file_name(format!("{stem}_{index:03}.{extension}"))
 }
 
-fn refuse_existing(path: &Path) -> Result<(), Failure> {
-    if path.exists() {
-        return Err(Failure::usage(format!("{} exists; give --overwrite to replace it", path.display())));
-    }
-    Ok(())
-}
-
 fn write_stats(path: &Path, stats: &RenderStats) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
     std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
@@ -265,9 +263,13 @@ fn session_failure(error: SessionError) -> Failure {
     match error {
         SessionError::Camera(_) | SessionError::Scene(_) => Failure::usage(error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
-        SessionError::Pager(_) | SessionError::Backend(BackendError::Gpu(_) | BackendError::Cpu(_)) => {
-            Failure::failed(error)
-        }
+        // A budget or a size that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
+        SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
+        | SessionError::Backend(
+            BackendError::Gpu(GpuError::Budget { .. } | GpuError::PictureTooLarge { .. })
+            | BackendError::Cpu(SoftwareError::Budget { .. }),
+        ) => Failure::usage(error),
+        SessionError::Pager(_) | SessionError::Backend(_) => Failure::failed(error),
     }
 }
 

@@ -1,6 +1,7 @@
 //! `brickyard synth`: synthetic volumes, as a raw file or straight into a store.
 
 use super::failure::Failure;
+use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
 use super::values;
@@ -46,17 +47,9 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
     if output.extension().is_none_or(|e| e != "raw") {
         return Err(Failure::usage(format!("{}: expected a name ending in .raw or .zarr", output.display())));
     }
-    if output.exists() && !settings.overwrite() {
-        return Err(Failure::usage(format!("{} exists; give --overwrite to replace it", output.display())));
-    }
-    // The writer never replaces a file: what is to be replaced stays until its successor is whole.
-    let fresh = if output.exists() { output.with_extension("raw.new") } else { output.clone() };
+    may_write(&output, settings.overwrite())?;
     let progress = Progress::new(settings.progress(), "synth");
-    let written = write_raw(&source, &fresh, &mut |done, total| progress.set(done, total));
+    let written = write_raw(&source, &output, settings.overwrite(), &mut |done, total| progress.set(done, total));
     progress.finish();
-    written.map_err(Failure::failed)?;
-    if fresh != output {
-        std::fs::rename(&fresh, &output).map_err(|error| Failure::failed(format!("{}: {error}", output.display())))?;
-    }
-    Ok(())
+    written.map_err(Failure::failed)
 }
