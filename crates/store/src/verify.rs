@@ -55,7 +55,7 @@ pub struct VerifyReport {
     pub problems: Vec<VerifyProblem>,
 }
 
-/// Verifies a store on all threads of the current rayon pool. `progress` is told bricks checked and bricks in all.
+/// Verifies a store on all threads of the current rayon pool. `progress` is told bytes of voxels checked and in all.
 ///
 /// # Errors
 /// If the store cannot even be opened; everything else is in the report.
@@ -176,7 +176,8 @@ impl<'a> Verifier<'a> {
         }
         let bricks = bricks_of(block.core, self.store.pyramid().edge()).count() as u64;
         let done = self.bricks_done.fetch_add(bricks, Ordering::Relaxed) + bricks;
-        (self.progress)(done, self.brick_count());
+        let core_bytes = self.store.core_bytes() as u64;
+        (self.progress)(done * core_bytes, self.brick_count() * core_bytes);
         problems
     }
 
