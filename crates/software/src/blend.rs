@@ -6,6 +6,7 @@
 use crate::frame::{Cell, Frame};
 use crate::macrocells::Mask;
 use crate::sample::{Chunk, Code, LANES, PACKETS, Packet};
+use crate::steps::StepTable;
 use glam::Vec4;
 
 /// How much of a brick can be seen.
@@ -54,6 +55,23 @@ impl Dvr {
     /// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
     /// step of an 8-bit picture.
     const FAINTEST: f32 = 1.0 / 4096.0;
+
+    #[inline(always)]
+    fn add_whole_steps(frame: &Frame<'_>, table: &StepTable<'_>, sum: Vec4, chunk: &Chunk) -> Vec4 {
+        let (mut color, mut transmittance) = (sum, sum.w);
+        for p in 0..chunk.packets.min(PACKETS) {
+            if !frame.shows(&chunk.code[p]) {
+                continue;
+            }
+            let steps = table.lookup(&chunk.code[p]);
+            for i in 0..LANES.min(chunk.whole_steps - p * LANES) {
+                color += steps[i] * transmittance;
+                transmittance *= steps[i].w;
+            }
+        }
+        color.w = transmittance;
+        color
+    }
 }
 
 impl Blend for Dvr {
@@ -80,6 +98,12 @@ impl Blend for Dvr {
 
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+        if C::BYTES == 1
+            && chunk.whole_steps > 0
+            && let Some(table) = frame.steps.zone(chunk.zone)
+        {
+            return Self::add_whole_steps(frame, &table, sum, chunk);
+        }
         let entries = Entries::of(frame);
         let packets = chunk.packets.min(PACKETS);
         let mut seen = [false; PACKETS];

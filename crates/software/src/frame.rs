@@ -4,6 +4,7 @@
 use crate::macrocells::{MacroCells, Mask};
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
+use crate::steps::StepTables;
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
 use glam::DVec3;
@@ -24,6 +25,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) apron: u32,
     /// Table positions from one code to the next.
     pub(crate) positions_per_code: f32,
+    /// What whole steps do, in a composite picture.
+    pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
     pub(crate) visible: [f32; 2],
 }
@@ -88,9 +91,12 @@ impl<'a> Frame<'a> {
             (Some(first), Some(last)) => [first as f32 - 1.0, last as f32 + 1.0],
             _ => [f32::MAX, f32::MIN],
         };
+        let ticks = Ticks::new(&settings.lattice);
+        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
         Self {
             settings,
-            ticks: Ticks::new(&settings.lattice),
+            steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
+            ticks,
             extent,
             cells,
             edge: pyramid.edge(),

@@ -19,6 +19,7 @@ mod macrocells;
 mod ray;
 mod renderer;
 mod sample;
+mod steps;
 mod tile;
 
 pub use renderer::{SoftwareError, SoftwareOptions, SoftwareRenderer};

@@ -17,7 +17,7 @@ pub(crate) struct Ticks {
     /// One past the last zone is [`Lattice::NEVER`].
     starts: [u32; MAX_ZONES + 1],
     /// Zones that rays can reach.
-    zones: usize,
+    pub(crate) zones: usize,
 }
 
 impl Ticks {

@@ -2,8 +2,10 @@
 
 use crate::frame::{Cell, Frame, Resident};
 use crate::macrocells::{self, MacroCells};
+use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
+use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -158,12 +160,13 @@ fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     slot_bytes(options) + (cells + mask + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 
-/// The picture as tiles and as rows, and every thread's rays.
+/// The picture as tiles and as rows, what steps do, and every thread's rays.
 fn fixed_bytes(options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
     let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
-    tiles * tile + picture + options.threads.max(1) as u64 * tile::BYTES_PER_THREAD
+    let steps = steps::bytes(options.encoding.format, MAX_ZONES) as u64;
+    tiles * tile + picture + steps + options.threads.max(1) as u64 * tile::BYTES_PER_THREAD
 }
 
 #[cfg(test)]

@@ -27,6 +27,10 @@ pub(crate) type Packet = [f32; LANES];
 pub(crate) struct Chunk {
     /// Packets in use.
     pub(crate) packets: usize,
+    /// Samples, where all of them are whole steps of one zone; else 0.
+    pub(crate) whole_steps: usize,
+    /// That zone.
+    pub(crate) zone: usize,
     /// Where each sample is, in steps from the run's first.
     pub(crate) along: [Packet; PACKETS],
     /// What each sample weighs: its length in unit distances; 0 if it is none.
@@ -46,6 +50,8 @@ pub(crate) struct Chunk {
 impl Chunk {
     pub(crate) const EMPTY: Self = Self {
         packets: 0,
+        whole_steps: 0,
+        zone: 0,
         along: [[0.0; LANES]; PACKETS],
         weight: [[0.0; LANES]; PACKETS],
         code: [[0.0; LANES]; PACKETS],
@@ -61,14 +67,23 @@ impl Chunk {
 pub(crate) trait Code {
     /// Bytes of a code.
     const BYTES: usize;
-    /// The greatest code, which is also the mask of the first of a pair.
+    /// The greatest code.
     const MAX: u32;
+    /// Two neighbouring codes, the first in the low bits: no wider than they are, so that vectors of them are put together
+    /// straight from memory.
+    type Pair: Copy + Default;
 
-    /// Two neighbouring codes, the first in the low bits.
+    /// The codes at `at` and next to it.
     ///
     /// # Safety
     /// `2 * BYTES` bytes can be read at `at`.
-    unsafe fn pair(at: *const u8) -> u32;
+    unsafe fn pair(at: *const u8) -> Self::Pair;
+
+    /// The first of a pair.
+    fn near(pair: Self::Pair) -> i32;
+
+    /// The second of a pair.
+    fn far(pair: Self::Pair) -> i32;
 }
 
 /// 8-bit codes.
@@ -80,22 +95,44 @@ pub(crate) struct Code16;
 impl Code for Code8 {
     const BYTES: usize = 1;
     const MAX: u32 = 0xff;
+    type Pair = u16;
 
     #[inline(always)]
-    unsafe fn pair(at: *const u8) -> u32 {
+    unsafe fn pair(at: *const u8) -> u16 {
         // SAFETY: the caller promises two bytes; no alignment is needed.
-        u16::from_le(unsafe { at.cast::<u16>().read_unaligned() }) as u32
+        u16::from_le(unsafe { at.cast::<u16>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    fn near(pair: u16) -> i32 {
+        (pair & 0xff) as i32
+    }
+
+    #[inline(always)]
+    fn far(pair: u16) -> i32 {
+        (pair >> 8) as i32
     }
 }
 
 impl Code for Code16 {
     const BYTES: usize = 2;
     const MAX: u32 = 0xffff;
+    type Pair = u32;
 
     #[inline(always)]
     unsafe fn pair(at: *const u8) -> u32 {
         // SAFETY: the caller promises four bytes; no alignment is needed.
         u32::from_le(unsafe { at.cast::<u32>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    fn near(pair: u32) -> i32 {
+        (pair & 0xffff) as i32
+    }
+
+    #[inline(always)]
+    fn far(pair: u32) -> i32 {
+        (pair >> 16) as i32
     }
 }
 
@@ -163,7 +200,7 @@ impl<'a> Brick<'a> {
             let mut line = [[0.0f32; LANES]; 2];
             let mut line_valid = [[0.0f32; LANES]; 2];
             for y in 0..2 {
-                let mut pair = [0u32; LANES];
+                let mut pair = [C::Pair::default(); LANES];
                 for i in 0..LANES {
                     let voxel = index[i] as usize + (z * row + y) * row;
                     // SAFETY: by the caller's promise voxel and its neighbour along x are inside the brick, whose length
@@ -171,8 +208,7 @@ impl<'a> Brick<'a> {
                     pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
                 }
                 for i in 0..LANES {
-                    let near = (pair[i] & C::MAX) as i32;
-                    let far = (pair[i] >> (8 * C::BYTES)) as i32;
+                    let (near, far) = (C::near(pair[i]), C::far(pair[i]));
                     line[y][i] = mix(near as f32, far as f32, t[0][i]);
                     if INVALID {
                         line_valid[y][i] = mix((near != 0) as u8 as f32, (far != 0) as u8 as f32, t[0][i]);

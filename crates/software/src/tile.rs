@@ -218,6 +218,9 @@ impl Stretch {
             }
             let cut_first = self.start == ray.first && done == 0;
             let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
+            let all_whole = !INVALID && !cut_first && !cut_last;
+            chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
+            chunk.zone = self.zone;
             for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
                 if is_cut {
                     let tick = self.start + (((done + lane) as u32) << self.zone);
