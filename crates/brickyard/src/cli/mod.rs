@@ -1,5 +1,6 @@
 //! The command line: `brickyard COMMAND`, the same flags everywhere.
 
+mod bench;
 mod doctor;
 mod export;
 mod failure;
@@ -48,6 +49,8 @@ pub(crate) enum Command {
     Render(Box<render::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
     Synth(synth::SynthArguments),
+    /// Fly over stores along scripted paths and print what it takes
+    Bench(Box<bench::BenchArguments>),
     /// Say what this machine can do, and try it
     Doctor(doctor::DoctorArguments),
 }
@@ -64,6 +67,7 @@ pub(crate) fn run(command: Command) -> Result<(), Failure> {
         Command::Export(arguments) => export::run(&arguments),
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
     }
 }

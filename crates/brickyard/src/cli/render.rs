@@ -259,7 +259,7 @@ fn write_stats(path: &Path, stats: &RenderStats) -> Result<(), Failure> {
     std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
-fn session_failure(error: SessionError) -> Failure {
+pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
         SessionError::Camera(_) | SessionError::Scene(_) => Failure::usage(error),
         SessionError::Unreadable(_) => Failure::bad_input(error),

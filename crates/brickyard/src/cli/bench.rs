@@ -1,0 +1,173 @@
+//! `brickyard bench`: measured flights over stores, as a table.
+
+use super::failure::Failure;
+use super::render::session_failure;
+use super::scene_args::SceneArguments;
+use super::{print_json, print_line, store_errors, values};
+use brickyard::backend::BackendChoice;
+use brickyard::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
+use brickyard::scenario::Scenario;
+use brickyard::session::SessionOptions;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// `brickyard bench STORE...`
+#[derive(Args)]
+pub(crate) struct BenchArguments {
+    /// The stores
+    #[arg(required = true)]
+    stores: Vec<PathBuf>,
+    /// What to fly
+    #[arg(long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
+    scenario: Vec<ScenarioArgument>,
+    /// Frames of a flight
+    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Read from the disk: the kernel is asked to forget the stores before every flight
+    #[arg(long)]
+    cold: bool,
+    /// Seed of the random flight
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Picture size in pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    size: (u32, u32),
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Where to render; auto takes a hardware GPU if there is one, else the CPU
+    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    backend: BackendArgument,
+    /// Hard limit of brick slots, tables, targets and staging
+    #[arg(long, value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
+    gpu_memory: u64,
+    /// Hard limit of decoded bricks and scratch
+    #[arg(long, value_name = "BYTES", default_value = "512MiB", value_parser = values::bytes)]
+    host_memory: u64,
+    /// Threads for decoding and for the CPU backend [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BackendArgument {
+    Auto,
+    Gpu,
+    Cpu,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ScenarioArgument {
+    Orbit,
+    Fly,
+    Zoom,
+    Sweep,
+    Random,
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    store: &'a Path,
+    cold: bool,
+    #[serde(flatten)]
+    report: FlightReport,
+}
+
+/// Runs `bench`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
+    let mut rows = Vec::new();
+    if !arguments.json {
+        print_line(HEAD)?;
+    }
+    for path in &arguments.stores {
+        for &scenario in &arguments.scenario {
+            let report = flight(arguments, path, scenario.into())?;
+            let row = Row { store: path, cold: arguments.cold, report };
+            if !arguments.json {
+                print_line(&line(&row))?;
+            }
+            rows.push(row);
+        }
+    }
+    if arguments.json { print_json(&rows) } else { Ok(()) }
+}
+
+fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result<FlightReport, Failure> {
+    // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
+    let scene = arguments.scene.scene(&store_errors::open(path)?)?;
+    if arguments.cold {
+        forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+    }
+    let threads = arguments.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let options = SessionOptions {
+        backend: match arguments.backend {
+            BackendArgument::Auto => BackendChoice::Auto,
+            BackendArgument::Gpu => BackendChoice::Gpu,
+            BackendArgument::Cpu => BackendChoice::Cpu,
+        },
+        gpu_memory_bytes: arguments.gpu_memory,
+        host_memory_bytes: arguments.host_memory,
+        threads: threads.max(1),
+        max_size_px: arguments.size,
+    };
+    let plan =
+        FlightPlan { scenario, scene: &scene, frames: arguments.frames, size_px: arguments.size, seed: arguments.seed };
+    fly(path, &plan, &options).map_err(|error| match error {
+        FlightError::Session(error) => session_failure(error),
+        FlightError::Open(_) | FlightError::NotSettled(_) => Failure::failed(error),
+    })
+}
+
+const HEAD: &str = "\
+| store | scenario | open ms | first picture ms | settled ms | frame ms p50 / p95 / p99 | settles after ms | complete | \
+read / decoded / uploaded MiB | decoded per upload | uploaded again | backend / host / anonymous MiB | uncovered, over budget |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
+
+fn line(row: &Row<'_>) -> String {
+    let r = &row.report;
+    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+    let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
+    let store = row.store.file_name().unwrap_or_default().to_string_lossy();
+    format!(
+        "| {store} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
+         {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
+        r.scenario.name(),
+        if row.cold { ", cold" } else { "" },
+        r.open_ms,
+        r.first_picture_ms,
+        r.settled_ms,
+        r.frame_ms.p50,
+        r.frame_ms.p95,
+        r.frame_ms.p99,
+        r.settle_after_ms,
+        r.completeness * 100.0,
+        mib(r.bytes.read),
+        mib(r.bytes.decoded),
+        mib(r.bytes.uploaded),
+        share(r.bricks_decoded, r.bricks.uploaded),
+        share(r.bricks.reuploaded, r.bricks.uploaded) * 100.0,
+        mib(r.gpu_bytes_peak),
+        mib(r.host_bytes_peak),
+        mib(r.anonymous_peak),
+        r.uncovered_frames,
+        r.frames_over_budget,
+    )
+}
+
+impl From<ScenarioArgument> for Scenario {
+    fn from(scenario: ScenarioArgument) -> Self {
+        match scenario {
+            ScenarioArgument::Orbit => Self::Orbit,
+            ScenarioArgument::Fly => Self::Fly,
+            ScenarioArgument::Zoom => Self::Zoom,
+            ScenarioArgument::Sweep => Self::Sweep,
+            ScenarioArgument::Random => Self::Random,
+        }
+    }
+}

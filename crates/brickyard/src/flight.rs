@@ -1,0 +1,249 @@
+//! A measured flight: opens a store, waits for the first view, flies a scenario frame by frame as fast as frames can be
+//! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
+
+use crate::memory::ProcessMemory;
+use crate::scenario::{Scenario, Setting};
+use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
+use crate::stats::{BrickCounts, ByteCounts, Percentiles};
+use brickyard_pager::Status;
+use brickyard_store::{OpenError, Store};
+use brickyard_volume::Scene;
+use serde::Serialize;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What a flight took.
+#[derive(Clone, Debug, Serialize)]
+pub struct FlightReport {
+    /// The scenario.
+    pub scenario: Scenario,
+    /// The backend in words.
+    pub adapter: String,
+    /// Slots for bricks.
+    pub slots: u32,
+    /// From the start to a session that can be asked for frames, milliseconds.
+    pub open_ms: f64,
+    /// To the first complete picture, drawn.
+    pub first_picture_ms: f64,
+    /// To the first picture of which nothing is missing.
+    pub settled_ms: f64,
+    /// Frames of the flight.
+    pub frames: u32,
+    /// A frame: taking in bricks, planning, uploading, drawing.
+    pub frame_ms: Percentiles,
+    /// Of that, all but drawing.
+    pub step_ms: Percentiles,
+    /// From the last frame until nothing was missing any more.
+    pub settle_after_ms: f64,
+    /// Frames in which something was drawn with nothing at all.
+    pub uncovered_frames: u32,
+    /// Frames after which an accounted budget was exceeded.
+    pub frames_over_budget: u32,
+    /// Mean share of the screen drawn at the level that the view wanted.
+    pub completeness: f64,
+    /// Of the flight, the first view not included.
+    pub bricks: BrickCounts,
+    /// Cores decoded in it.
+    pub bricks_decoded: u64,
+    /// Bytes of it.
+    pub bytes: ByteCounts,
+    /// The most that was accounted to the backend.
+    pub gpu_bytes_peak: u64,
+    /// The most that was accounted to decoded bricks, staging and scratch.
+    pub host_bytes_peak: u64,
+    /// The most anonymous memory of the whole process.
+    pub anonymous_peak: u64,
+}
+
+/// A flight could not be flown.
+#[derive(Debug, thiserror::Error)]
+pub enum FlightError {
+    /// The store does not open.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The session failed.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A view did not settle in time.
+    #[error("the view has not settled after {0:.0} s")]
+    NotSettled(f64),
+}
+
+/// What to fly.
+#[derive(Clone, Copy, Debug)]
+pub struct FlightPlan<'a> {
+    /// The scenario.
+    pub scenario: Scenario,
+    /// Its first frame; the camera and the transfer function may be left open.
+    pub scene: &'a Scene,
+    /// Number of frames.
+    pub frames: u32,
+    /// Size of the pictures, pixels.
+    pub size_px: (u32, u32),
+    /// The random scenario's seed.
+    pub seed: u64,
+}
+
+/// How long a view may take to settle.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// Flies a scenario over a store that is opened for it.
+///
+/// # Errors
+/// If the store does not open, the session fails, or a view does not settle within ten minutes.
+pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
+    let started = Instant::now();
+    let store = Arc::new(Store::open(store)?);
+    let window = store.default_window(plan.scene.channel);
+    let mut session = Session::new(store.clone(), window, options)?;
+    let open_ms = ms(started);
+    let first = session.resolve(plan.scene, plan.size_px)?;
+    let extent = store.pyramid().levels()[0].extent;
+    let setting = Setting {
+        scene: plan.scene.clone(),
+        camera: first.camera,
+        transfer: first.transfer.clone(),
+        world_box: store.geometry().world_box(extent),
+        voxel_size: store.geometry().voxel_size(extent),
+        seed: plan.seed,
+    };
+    let mut watch = Watch::new(options);
+    let (mut status, first_picture_ms) = watch.first_picture(&mut session, &first, started)?;
+    status = watch.settle(&mut session, &first, status)?;
+    let settled_ms = ms(started);
+    let before = status.counters;
+    let (mut frame_ms, mut step_ms, mut completeness) = (Vec::new(), Vec::new(), 0.0);
+    let mut last = first;
+    for frame in 1..=plan.frames {
+        last = session.resolve(&setting.at(plan.scenario, frame, plan.frames), plan.size_px)?;
+        let begun = Instant::now();
+        status = watch.step(&mut session, &last)?;
+        step_ms.push(ms(begun));
+        session.draw(&last.frame)?;
+        frame_ms.push(ms(begun));
+        completeness += status.completeness / plan.frames as f64;
+    }
+    let landed = Instant::now();
+    let counters = status.counters;
+    status = watch.settle(&mut session, &last, status)?;
+    Ok(FlightReport {
+        scenario: plan.scenario,
+        adapter: session.backend_line().into(),
+        slots: session.backend().slots(),
+        open_ms,
+        first_picture_ms,
+        settled_ms,
+        frames: plan.frames,
+        frame_ms: Percentiles::of(&frame_ms),
+        step_ms: Percentiles::of(&step_ms),
+        settle_after_ms: ms(landed),
+        uncovered_frames: watch.uncovered,
+        frames_over_budget: watch.over_budget,
+        completeness,
+        bricks: BrickCounts {
+            wanted: status.wanted as u64,
+            resident: status.resident as u64,
+            uploaded: counters.uploaded - before.uploaded,
+            reuploaded: counters.reuploaded - before.reuploaded,
+            failed: status.failed as u64,
+        },
+        bricks_decoded: counters.decoded - before.decoded,
+        bytes: ByteCounts {
+            read: counters.bytes_read - before.bytes_read,
+            decoded: counters.bytes_decoded - before.bytes_decoded,
+            uploaded: counters.bytes_uploaded - before.bytes_uploaded,
+        },
+        gpu_bytes_peak: watch.gpu_bytes_peak,
+        host_bytes_peak: status.host_bytes_peak,
+        anonymous_peak: watch.anonymous_peak,
+    })
+}
+
+/// What is checked and kept of every frame.
+struct Watch<'a> {
+    options: &'a SessionOptions,
+    uncovered: u32,
+    over_budget: u32,
+    gpu_bytes_peak: u64,
+    anonymous_peak: u64,
+}
+
+impl<'a> Watch<'a> {
+    fn new(options: &'a SessionOptions) -> Self {
+        Self { options, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
+    }
+
+    fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Status, SessionError> {
+        let status = session.step(&scene.view)?;
+        let gpu_bytes = session.backend().bytes();
+        self.uncovered += !status.covered as u32;
+        let over = gpu_bytes > self.options.gpu_memory_bytes || status.host_bytes > self.options.host_memory_bytes;
+        self.over_budget += over as u32;
+        self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);
+        self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
+        Ok(status)
+    }
+
+    /// Draws as soon as everything is covered. Frames before that do not count as uncovered: there is nothing yet.
+    fn first_picture(
+        &mut self,
+        session: &mut Session,
+        scene: &ResolvedScene,
+        started: Instant,
+    ) -> Result<(Status, f64), FlightError> {
+        let status = self.wait(session, scene, None, |status| status.covered)?;
+        self.uncovered = 0;
+        session.draw(&scene.frame)?;
+        Ok((status, ms(started)))
+    }
+
+    fn settle(&mut self, session: &mut Session, scene: &ResolvedScene, status: Status) -> Result<Status, FlightError> {
+        self.wait(session, scene, Some(status), |status| status.settled)
+    }
+
+    fn wait(
+        &mut self,
+        session: &mut Session,
+        scene: &ResolvedScene,
+        status: Option<Status>,
+        done: impl Fn(&Status) -> bool,
+    ) -> Result<Status, FlightError> {
+        let begun = Instant::now();
+        let mut status = status;
+        loop {
+            match status {
+                Some(status) if done(&status) => return Ok(status),
+                Some(_) if begun.elapsed() > LONGEST => return Err(FlightError::NotSettled(LONGEST.as_secs_f64())),
+                Some(_) => session.wait(Duration::from_millis(50)),
+                None => {}
+            }
+            status = Some(self.step(session, scene)?);
+        }
+    }
+}
+
+/// Tells the kernel to forget a store's pages, so that the next flight reads from the disk. Pages that another process
+/// has mapped stay.
+///
+/// # Errors
+/// If the store's files cannot be listed or opened.
+#[cfg(unix)]
+pub fn forget_pages(store: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(store)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            forget_pages(&path)?;
+        } else {
+            let file = std::fs::File::open(&path)?;
+            // Pages that are not on the disk yet cannot be forgotten.
+            file.sync_data()?;
+            rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed)?;
+        }
+    }
+    Ok(())
+}
+
+fn ms(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}

@@ -1,0 +1,179 @@
+//! Scripted flights: what a camera (or the transfer function) does frame by frame. The same frame of the same scenario
+//! always shows the same, so that runs can be compared.
+
+use brickyard_volume::{Camera, Scene, TransferFunction};
+use glam::DVec3;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// What happens during a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scenario {
+    /// Once around the target.
+    Orbit,
+    /// Straight through the volume and out on the other side, looking ahead.
+    Fly,
+    /// From the whole volume to a few voxels.
+    Zoom,
+    /// The transfer function's points move up and down the values; the camera stands still.
+    Sweep,
+    /// From one random place to the next, in and around the volume.
+    Random,
+}
+
+impl Scenario {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Orbit, Self::Fly, Self::Zoom, Self::Sweep, Self::Random];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Orbit => "orbit",
+            Self::Fly => "fly",
+            Self::Zoom => "zoom",
+            Self::Sweep => "sweep",
+            Self::Random => "random",
+        }
+    }
+}
+
+/// What a scenario starts from.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// The scene of the first frame.
+    pub scene: Scene,
+    /// Its camera.
+    pub camera: Camera,
+    /// Its transfer function.
+    pub transfer: TransferFunction,
+    /// The volume's box in the world.
+    pub world_box: (DVec3, DVec3),
+    /// World size of the finest voxels.
+    pub voxel_size: f64,
+    /// The random scenario's seed.
+    pub seed: u64,
+}
+
+/// Frames from one random place to the next.
+const FRAMES_PER_LEG: u32 = 60;
+
+impl Setting {
+    /// The scene of frame `frame` of `frames`.
+    pub fn at(&self, scenario: Scenario, frame: u32, frames: u32) -> Scene {
+        let t = frame as f64 / frames.max(1) as f64;
+        let camera = match scenario {
+            Scenario::Orbit => self.camera.orbited(360.0 * t),
+            Scenario::Fly => self.fly(t),
+            Scenario::Zoom => self.zoom(t),
+            Scenario::Sweep => self.camera,
+            Scenario::Random => self.random(frame),
+        };
+        let transfer = if scenario == Scenario::Sweep { self.sweep(t) } else { self.transfer.clone() };
+        Scene { camera: Some(camera), transfer: Some(transfer), ..self.scene.clone() }
+    }
+
+    /// From the eye to its mirror image behind the target, on a slight arc so that no ray stays on an axis.
+    fn fly(&self, t: f64) -> Camera {
+        let Camera { eye, target, up, .. } = self.camera;
+        let ahead = target - eye;
+        let aside = ahead.cross(up).normalize_or_zero() * ahead.length() * 0.05;
+        let at = |t: f64| eye + ahead * (2.0 * t) + aside * (TAU * t).sin();
+        Camera { eye: at(t), target: at(t + 0.05), ..self.camera }
+    }
+
+    /// Each frame is nearer by the same ratio, down to four voxels.
+    fn zoom(&self, t: f64) -> Camera {
+        let Camera { eye, target, .. } = self.camera;
+        let nearest = (4.0 * self.voxel_size / eye.distance(target)).min(1.0);
+        Camera { eye: target + (eye - target) * nearest.powf(t), ..self.camera }
+    }
+
+    fn random(&self, frame: u32) -> Camera {
+        let (leg, t) = (frame / FRAMES_PER_LEG, (frame % FRAMES_PER_LEG) as f64 / FRAMES_PER_LEG as f64);
+        let (low, high) = self.world_box;
+        let place = |point: u32, what: u64, reach: f64| {
+            let unit =
+                DVec3::from_array(std::array::from_fn(|a| random_unit(self.seed, point as u64 * 8 + what + a as u64)));
+            (low + high) * 0.5 + (unit - 0.5) * (high - low) * reach
+        };
+        let along = |what: u64, reach: f64| {
+            let points = [0, 1, 2, 3].map(|i| place(leg + i, what, reach));
+            catmull_rom(points, t)
+        };
+        // Eyes come as far as the box's half size outside; what they look at is inside.
+        let (eye, target) = (along(0, 2.0), along(3, 0.8));
+        Camera { eye, target, ..self.camera }
+    }
+
+    fn sweep(&self, t: f64) -> TransferFunction {
+        let points = &self.transfer.opacity;
+        let span = points[points.len() - 1][0] - points[0][0];
+        let shift = 0.25 * span * (TAU * t).sin();
+        let mut transfer = self.transfer.clone();
+        transfer.opacity.iter_mut().for_each(|point| point[0] += shift);
+        transfer.color.iter_mut().for_each(|point| point[0] += shift);
+        transfer
+    }
+}
+
+/// A curve from the second point to the third, smooth where curves meet.
+fn catmull_rom([a, b, c, d]: [DVec3; 4], t: f64) -> DVec3 {
+    0.5 * (2.0 * b + (c - a) * t + (2.0 * a - 5.0 * b + 4.0 * c - d) * (t * t) + (3.0 * (b - c) + d - a) * (t * t * t))
+}
+
+/// Number `index` of a sequence of random numbers in 0..1 (Steele, Lea and Flood, "Fast splittable pseudorandom number
+/// generators", 2014).
+fn random_unit(seed: u64, index: u64) -> f64 {
+    let mut z = seed.wrapping_add((index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setting() -> Setting {
+        let world_box = (DVec3::ZERO, DVec3::new(100.0, 80.0, 60.0));
+        Setting {
+            scene: Scene::default(),
+            camera: Camera::looking_at_box(world_box),
+            transfer: TransferFunction::preset("gray", (0.0, 255.0), 1.0).unwrap(),
+            world_box,
+            voxel_size: 0.5,
+            seed: 7,
+        }
+    }
+
+    #[test]
+    fn every_frame_of_every_scenario_makes_a_picture() {
+        let setting = setting();
+        for scenario in Scenario::ALL {
+            let mut last = None;
+            for frame in 0..=300 {
+                let scene = setting.at(scenario, frame, 300);
+                let camera = scene.camera.unwrap();
+                camera.rays(64, 48).unwrap_or_else(|e| panic!("{} {frame}: {e}", scenario.name()));
+                scene.transfer.unwrap().validate().unwrap();
+                // Legs of a random flight meet: no jump is longer than a few frames' way.
+                let jump = last.map_or(0.0, |eye: DVec3| eye.distance(camera.eye));
+                assert!(jump < 25.0, "{} {frame}: {jump}", scenario.name());
+                last = Some(camera.eye);
+            }
+        }
+    }
+
+    #[test]
+    fn scenarios_end_where_they_say() {
+        let setting = setting();
+        let eye = |scenario, frame| setting.at(scenario, frame, 100).camera.unwrap().eye;
+        let (start, target) = (setting.camera.eye, setting.camera.target);
+        assert!(eye(Scenario::Orbit, 100).distance(start) < 1e-9 && eye(Scenario::Orbit, 50).distance(start) > 100.0);
+        assert!(eye(Scenario::Fly, 100).distance(2.0 * target - start) < 1e-9);
+        assert!((eye(Scenario::Zoom, 100).distance(target) - 2.0).abs() < 1e-9);
+        assert_eq!(setting.at(Scenario::Sweep, 0, 100).transfer.unwrap(), setting.transfer);
+        assert_ne!(setting.at(Scenario::Sweep, 25, 100).transfer.unwrap(), setting.transfer);
+    }
+}
