@@ -54,6 +54,65 @@ impl std::str::FromStr for Downsample {
     }
 }
 
+/// How a store's coarser levels are made: in one way, or in two (`mean,max`), as two pyramids that share level 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Reductions {
+    main: Downsample,
+    second: Option<Downsample>,
+}
+
+impl Reductions {
+    /// The way that everyone sees: the store's own levels.
+    pub const fn main(self) -> Downsample {
+        self.main
+    }
+
+    /// The other one, if there are two.
+    pub const fn second(self) -> Option<Downsample> {
+        self.second
+    }
+}
+
+impl From<Downsample> for Reductions {
+    fn from(main: Downsample) -> Self {
+        Self { main, second: None }
+    }
+}
+
+impl std::str::FromStr for Reductions {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let Some((main, second)) = s.split_once(',') else { return Ok(s.parse::<Downsample>()?.into()) };
+        let (main, second) = (main.parse()?, second.parse()?);
+        if main == second {
+            return Err(format!("'{s}' is one downsampling twice: expected one, or two that differ, e.g. mean,max"));
+        }
+        Ok(Self { main, second: Some(second) })
+    }
+}
+
+impl std::fmt::Display for Reductions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.main.name())?;
+        self.second.map_or(Ok(()), |second| write!(f, ",{}", second.name()))
+    }
+}
+
+impl TryFrom<String> for Reductions {
+    type Error = String;
+    fn try_from(s: String) -> Result<Self, String> {
+        s.parse()
+    }
+}
+
+impl From<Reductions> for String {
+    fn from(reductions: Reductions) -> String {
+        reductions.to_string()
+    }
+}
+
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
     /// What a row of input voxels is summed in.
@@ -320,6 +379,21 @@ mod tests {
         assert_eq!(one(Downsample::Mode, mixed), 1.0);
         for method in [Downsample::Mean, Downsample::Max, Downsample::Min, Downsample::Mode] {
             assert!(one(method, [inf, nan, inf, -inf, nan, nan, inf, inf]).is_nan(), "{method:?}");
+        }
+    }
+
+    #[test]
+    fn one_method_or_two_that_differ() {
+        for good in ["mean", "mean,max", "min,nearest"] {
+            let reductions: Reductions = good.parse().unwrap();
+            assert_eq!(reductions.to_string(), good);
+            assert_eq!(serde_json::from_value::<Reductions>(serde_json::json!(good)).unwrap(), reductions);
+        }
+        let two: Reductions = "mean,max".parse().unwrap();
+        assert_eq!((two.main(), two.second()), (Downsample::Mean, Some(Downsample::Max)));
+        for bad in ["", "average", "mean,", "mean,mean", "mean,max,min", "mean, max"] {
+            let error = bad.parse::<Reductions>().unwrap_err();
+            assert!(error.contains("expected one"), "{bad}: {error}");
         }
     }
 

@@ -1,5 +1,6 @@
 //! What can go wrong with a store, by what the caller can do about it.
 
+use crate::downsample::{Downsample, Reductions};
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
@@ -31,6 +32,19 @@ pub enum OpenError {
         path: PathBuf,
         /// What it uses, and what to do.
         feature: String,
+    },
+    /// The store's levels are made in other ways.
+    #[error(
+        "{path}: no level is made by {asked}, only by {found}; pack it with '--downsample {main},{asked}'",
+        path = path.display(), asked = asked.name(), main = found.main().name()
+    )]
+    NoReduction {
+        /// The store.
+        path: PathBuf,
+        /// What was asked for.
+        asked: Downsample,
+        /// What is there.
+        found: Reductions,
     },
     /// A field contradicts the format or another field.
     #[error("{path}: {field}: expected {expected}, found {found}", path = path.display())]

@@ -6,8 +6,10 @@
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
 //! STORE/K/.brickyard/{minmax,occupancy,shards}/   its side data
+//! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
 //! ```
 
+use crate::downsample::Downsample;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
 use std::path::{Path, PathBuf};
 
@@ -17,6 +19,9 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 /// Present in a store directory exactly while a pack is unfinished. Its first line is a JSON object whose `shards` is the
 /// number of shards to come; every further complete line is one finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
+
+/// The folder inside a level's own that other readers leave alone.
+const SIDE_NAME: &str = ".brickyard";
 
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -46,13 +51,25 @@ pub struct Layout {
     pub channels: u32,
     /// Most bricks along a shard's edge.
     max_shard_bricks: u32,
+    /// What names the folders of levels 1 and up, if they are a second pyramid's.
+    second: Option<Downsample>,
 }
 
 impl Layout {
     /// A layout with shards of at most `shard_edge` voxels an axis (at least one brick).
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
-        Self { pyramid, times, channels, max_shard_bricks }
+        Self { pyramid, times, channels, max_shard_bricks, second: None }
+    }
+
+    /// The same with levels 1 and up in the folders of a second pyramid, made by `method`.
+    pub fn of_second(&self, method: Downsample) -> Self {
+        Self { second: Some(method), ..self.clone() }
+    }
+
+    /// How the levels are made if they are a second pyramid's; `None` for the main one.
+    pub fn second(&self) -> Option<Downsample> {
+        self.second
     }
 
     /// The store's axes, slowest first: `t` and `c` only where there is more than one of them, then `z`, `y`, `x`.
@@ -138,9 +155,22 @@ impl Layout {
         (volume * grid.volume() + grid.linear([id.x, id.y, id.z])) as usize
     }
 
+    /// A level's folder, below the store.
+    pub fn level_path(&self, level: Level) -> String {
+        match self.second {
+            Some(method) if level > Level(0) => format!("{level}/{SIDE_NAME}/{}", method.name()),
+            _ => level.to_string(),
+        }
+    }
+
+    /// The folder of a level's side data.
+    pub fn side_dir(&self, store: &Path, level: Level) -> PathBuf {
+        store.join(self.level_path(level)).join(SIDE_NAME)
+    }
+
     /// The shard's file.
     pub fn shard_path(&self, store: &Path, id: ShardId) -> PathBuf {
-        let mut path = store.join(id.level.to_string());
+        let mut path = store.join(self.level_path(id.level));
         path.push("c");
         path.extend(self.per_axis(id.time, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
         path
@@ -153,11 +183,6 @@ impl Layout {
             && id.level <= self.pyramid.coarsest()
             && self.pyramid.level(id.level).bricks.contains(id.index.to_array())
     }
-}
-
-/// The folder of a level's side data.
-pub fn side_dir(store: &Path, level: Level) -> PathBuf {
-    store.join(level.to_string()).join(".brickyard")
 }
 
 /// How much of an unfinished store its journal says is there, 0 to 99; `None` if the journal cannot be read.
@@ -203,6 +228,17 @@ mod tests {
         assert_eq!(path(layout(2, 3), shard), "a.zarr/0/c/1/2/3/0/1");
         assert_eq!(path(layout(1, 3), ShardId { time: 0, ..shard }), "a.zarr/0/c/2/3/0/1");
         assert_eq!(path(layout(1, 1), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/3/0/1");
+    }
+
+    #[test]
+    fn a_second_pyramid_shares_level_0_and_nothing_else() {
+        let (main, store) = (layout(1, 1), Path::new("a.zarr"));
+        let second = main.of_second(Downsample::Max);
+        let shard = |level| ShardId { time: 0, channel: 0, level: Level(level), z: 0, y: 0, x: 1 };
+        assert_eq!(second.shard_path(store, shard(0)), main.shard_path(store, shard(0)));
+        assert_eq!(second.side_dir(store, Level(0)), main.side_dir(store, Level(0)));
+        assert_eq!(second.shard_path(store, shard(2)), Path::new("a.zarr/2/.brickyard/max/c/0/0/1"));
+        assert_eq!(second.side_dir(store, Level(2)), Path::new("a.zarr/2/.brickyard/max/.brickyard"));
     }
 
     #[test]

@@ -22,7 +22,7 @@ mod test_store;
 pub mod verify;
 
 pub use codec::{BrickCodec, Codec, Scratch};
-pub use downsample::Downsample;
+pub use downsample::{Downsample, Reductions};
 pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
 pub use export::{ExportRequest, export};
 pub use layout::{Layout, ShardId};

@@ -5,7 +5,7 @@
 //! expects and compares. Unknown keys are left alone, so other tools may add theirs.
 
 use crate::codec::Codec;
-use crate::downsample::Downsample;
+use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::Layout;
 use brickyard_volume::{Extent, Geometry, Level, OccupancyBins, Pyramid, VoxelType};
@@ -112,7 +112,7 @@ pub struct StoreInfo {
     /// How bricks are compressed.
     pub codec: Codec,
     /// How coarser levels were made.
-    pub downsample: Downsample,
+    pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
     /// Spacing (`[x, y, z]`) that the levels' factors were chosen by. Where voxels stand is `attributes.ome`'s to say.
@@ -168,20 +168,27 @@ impl StoreInfo {
     }
 }
 
-/// The root group's document.
+/// The root group's document, from the layout of the main pyramid.
+///
+/// A second pyramid's multiscale stands in `attributes.brickyard`, since not every reader of `attributes.ome` keeps to
+/// the first one.
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
-    let mut ome = json!({
-        "version": "0.5",
-        "multiscales": [{
+    let multiscale = |layout: &Layout, method: Downsample| {
+        json!([{
             "axes": axes(layout, geometry),
             "datasets": datasets(layout, geometry),
-            "type": info.downsample.name(),
-        }],
-    });
+            "type": method.name(),
+        }])
+    };
+    let mut ome = json!({ "version": "0.5", "multiscales": multiscale(layout, info.downsample.main()) });
     if info.kind == Kind::Image {
         ome["omero"] = omero(info);
     }
-    json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": info } })
+    let mut ours = json!(info);
+    if let Some(second) = info.downsample.second() {
+        ours["multiscales"] = multiscale(&layout.of_second(second), second);
+    }
+    json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } })
 }
 
 fn axes(layout: &Layout, geometry: &Geometry) -> Value {
@@ -200,7 +207,7 @@ fn datasets(layout: &Layout, geometry: &Geometry) -> Value {
     let dataset = |(k, level): (usize, &brickyard_volume::LevelGrid)| {
         let (scale, translation) = geometry.level_placement(level.factor);
         json!({
-            "path": k.to_string(),
+            "path": layout.level_path(Level(k as u8)),
             "coordinateTransformations": [
                 { "type": "scale", "scale": layout.per_axis(1.0, 1.0, scale.to_array()) },
                 { "type": "translation", "translation": layout.per_axis(0.0, 0.0, translation.to_array()) },
@@ -362,20 +369,22 @@ pub(crate) fn parse_layout(
     Ok(Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard))
 }
 
-/// Placement from the OME metadata, every level of which must agree with level 0's.
+/// Placement from the pyramid's multiscale, every level of which must agree with level 0's.
 pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
-    let multiscale = &root["attributes"]["ome"]["multiscales"][0];
-    let field = |k: usize, what: &str| format!("attributes.ome.multiscales[0].datasets[{k}]{what}");
+    let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
+    let multiscale = &root["attributes"][owner]["multiscales"][0];
+    let field = |k: usize, what: &str| format!("attributes.{owner}.multiscales[0].datasets[{k}]{what}");
     let datasets = multiscale["datasets"].as_array().map_or(&[][..], |d| d);
     let levels = layout.pyramid.levels();
     if datasets.len() != levels.len() {
-        let field = "attributes.ome.multiscales[0].datasets";
+        let field = format!("attributes.{owner}.multiscales[0].datasets");
         return Err(OpenError::invalid(path, field, format!("{} levels", levels.len()), datasets.len()));
     }
     let mut placements = Vec::new();
     for (k, dataset) in datasets.iter().enumerate() {
-        if dataset["path"] != json!(k.to_string()) {
-            return Err(OpenError::invalid(path, field(k, ".path"), k, &dataset["path"]));
+        let expected = layout.level_path(Level(k as u8));
+        if dataset["path"] != json!(expected) {
+            return Err(OpenError::invalid(path, field(k, ".path"), expected, &dataset["path"]));
         }
         let axes = layout.axes().len();
         let transforms = &dataset["coordinateTransformations"];

@@ -1,9 +1,9 @@
 //! Packing: any [`Source`] becomes a brick store in one streaming pass.
 //!
 //! Bricks are read straight from sources that read boxes; each gives its encoded core, its ranges (and those of what it
-//! shares with each neighbour), and its part of the next level, which goes to that level's *window*, one layer of it. So
-//! all levels cascade from data still at hand, and memory does not depend on the volume: windows that do not fit it are
-//! rings in a scratch file. `pack/plan.rs` has the formula.
+//! shares with each neighbour), and its part of the next level, which goes to that level's *window*, one layer of it; level
+//! 0's bricks give a part to each pyramid, where there are two. So all levels cascade from data still at hand, and memory
+//! does not depend on the volume: windows that do not fit it are rings in a scratch file. `pack/plan.rs` has the formula.
 //!
 //! Output does not depend on threads, memory or interruptions: results pass through one sequence in the bricks' order, so
 //! stores from the same source and settings are equal byte for byte.
@@ -30,14 +30,15 @@ mod window;
 pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
-use crate::downsample::Downsample;
+use crate::downsample::{Downsample, Reductions};
 use crate::layout::DEFAULT_SHARD_EDGE;
 use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document};
 use brickyard_import::{ImportError, Source};
-use brickyard_volume::{DEFAULT_BRICK_EDGE, Level, VoxelType, with_voxel_type};
+use brickyard_volume::{DEFAULT_BRICK_EDGE, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::Disk;
 use output::{Output, Start};
+use plan::Stage;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -64,7 +65,7 @@ pub struct PackOptions {
     /// How bricks are compressed. zstd 3 is 3 % smaller than 1 at twice the time.
     pub codec: Codec,
     /// How coarser levels are made.
-    pub downsample: Downsample,
+    pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
     /// Most anonymous memory.
@@ -82,7 +83,7 @@ impl PackOptions {
             edge: DEFAULT_BRICK_EDGE,
             shard_edge: DEFAULT_SHARD_EDGE,
             codec: Codec::default_for(voxel_type),
-            downsample: Downsample::Mean,
+            downsample: Downsample::Mean.into(),
             kind: Kind::Image,
             memory_bytes: 2 << 30,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
@@ -260,10 +261,7 @@ fn pack_on(
 ) -> Result<PackReport, PackError> {
     let plan = plan(source, options)?;
     let settings = settings(source, options);
-    let layout = &plan.layout;
-    let volumes = layout.times as u64 * layout.channels as u64;
-    let levels = (0..layout.pyramid.levels().len()).map(|k| Level(k as u8));
-    let shards = volumes * levels.map(|level| layout.shard_grid(level).volume()).sum::<u64>();
+    let shards = plan.shard_count();
     let report = |resumed, written_bytes, non_finite, was_complete| PackReport {
         plan: plan.clone(),
         shards,
@@ -294,7 +292,7 @@ fn pack_on(
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
     let dir = output.dir.clone();
     finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
-        let needed_bytes = plan.layout.pyramid.brick_count() * 24;
+        let needed_bytes = plan.brick_count() * 24;
         PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
     })?;
     Ok(report(resumed, written_bytes, non_finite, false))
@@ -331,9 +329,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, plan: &PackPlan, total: 
         Stop::Threads(problem) => PackError::Threads(problem),
         Stop::Source(error) => PackError::Source { error, store, done, total },
         Stop::Disk(disk::DiskError { path, error }) => {
-            let layout = &plan.layout;
-            let volumes = layout.times as u64 * layout.channels as u64;
-            let voxels = volumes * layout.pyramid.levels()[0].extent.volume();
+            let voxels = plan.input_voxels();
             let left = 1.0 - reached.voxels as f64 / voxels as f64;
             // As the data compressed so far; by half as long as nothing is known.
             let rate = match reached.written_bytes {
@@ -388,11 +384,10 @@ fn write_metadata(
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
-    for (k, side) in passed.sides.iter().enumerate() {
-        let level = Level(k as u8);
-        let document = document_bytes(&level_document(layout, level, &store_info));
-        let document = (PathBuf::from(k.to_string()).join("zarr.json"), document);
-        for (path, bytes) in side.files(layout, level).into_iter().chain([document]) {
+    for (Stage { layout, level, .. }, side) in plan.stages.iter().zip(&passed.sides) {
+        let document = document_bytes(&level_document(layout, *level, &store_info));
+        let document = (Path::new(&layout.level_path(*level)).join("zarr.json"), document);
+        for (path, bytes) in side.files(layout, *level).into_iter().chain([document]) {
             let path = dir.join(path);
             if let Some(parent) = path.parent() {
                 disk.create_dir_all(parent)?;

@@ -10,7 +10,7 @@
 //! 8 bytes and two voxels per brick.
 
 use crate::error::OpenError;
-use crate::layout::{Layout, side_dir};
+use crate::layout::Layout;
 use crate::metadata::{array_document, bytes_codec, check_array, document_bytes};
 use crate::shard::Fingerprint;
 use brickyard_volume::{Extent, Level, Occupancy, VoxelType};
@@ -68,7 +68,7 @@ impl SideData {
             [&self.minmax, bytemuck::cast_slice(&self.occupancy), bytemuck::cast_slice(&self.shards)];
         let mut files = Vec::new();
         for (array, bytes) in SideArray::of_level(layout, level, self.voxel_type).iter().zip(contents) {
-            let dir = side_dir(Path::new(""), level).join(array.name);
+            let dir = layout.side_dir(Path::new(""), level).join(array.name);
             files.push((dir.join("zarr.json"), document_bytes(&array.document())));
             files.push((dir.join(array.chunk_path()), encode(bytes)));
         }
@@ -78,7 +78,7 @@ impl SideData {
     /// Reads and checks a level's side data.
     pub(crate) fn read(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Result<Self, OpenError> {
         let [minmax, occupancy, shards] = SideArray::of_level(layout, level, voxel_type);
-        let dir = side_dir(store, level);
+        let dir = layout.side_dir(store, level);
         Ok(Self {
             voxel_type,
             minmax: minmax.read(&dir)?,

@@ -6,6 +6,7 @@
 //! Reading never writes. All methods may be called from many threads.
 
 use crate::codec::{BrickCodec, Scratch};
+use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::layout::{JOURNAL_NAME, Layout, ShardId, journal_percent};
 use crate::metadata::{StoreInfo, check_array, level_document, parse_geometry, parse_info, parse_layout};
@@ -18,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// A finished brick store.
+/// A finished brick store: one of its pyramids, if it has two.
 pub struct Store {
     path: PathBuf,
     layout: Layout,
@@ -51,22 +52,41 @@ impl Store {
     /// # Errors
     /// As [`Store::open`].
     pub fn open_with(path: impl Into<PathBuf>, mode: IoMode) -> Result<Self, OpenError> {
-        let path = path.into();
+        Self::open_view(path.into(), mode, None)
+    }
+
+    /// Opens a store as one whose coarser levels are all made by `method`: the main pyramid or the second.
+    ///
+    /// # Errors
+    /// As [`Store::open`], or if neither is made that way.
+    pub fn open_reduced(path: impl Into<PathBuf>, method: Downsample, mode: IoMode) -> Result<Self, OpenError> {
+        Self::open_view(path.into(), mode, Some(method))
+    }
+
+    /// Opens the main pyramid, or the one that is made by `method`.
+    fn open_view(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let root_path = path.join("zarr.json");
         let root = read_root(&path, &root_path)?;
         let info = parse_info(&root_path, &root)?;
         if !info.complete {
             return Err(OpenError::Incomplete { percent: journal_percent(&path).unwrap_or(0), path });
         }
-        let level_path = |k: usize| path.join(k.to_string()).join("zarr.json");
-        let level_0 = read_json(&level_path(0))?;
-        let layout = parse_layout(&root_path, &root, &level_path(0), &level_0, &info)?;
+        let level_0_path = path.join("0/zarr.json");
+        let level_0 = read_json(&level_0_path)?;
+        let mut layout = parse_layout(&root_path, &root, &level_0_path, &level_0, &info)?;
+        if let Some(asked) = method.filter(|m| *m != info.downsample.main()) {
+            if Some(asked) != info.downsample.second() {
+                return Err(OpenError::NoReduction { path, asked, found: info.downsample });
+            }
+            layout = layout.of_second(asked);
+        }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let mut levels = Vec::new();
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
-            let document = read_json(&level_path(k))?;
-            check_array(&level_path(k), &level_document(&layout, level, &info), &document)?;
+            let document_path = path.join(layout.level_path(level)).join("zarr.json");
+            let document = read_json(&document_path)?;
+            check_array(&document_path, &level_document(&layout, level, &info), &document)?;
             let side = SideData::read(&path, &layout, level, info.voxel_type)?;
             let shards = side.shards.iter().map(|_| OnceLock::new()).collect();
             levels.push(LevelShards { side, shards });
@@ -84,6 +104,11 @@ impl Store {
     /// Settings and statistics.
     pub fn info(&self) -> &StoreInfo {
         &self.info
+    }
+
+    /// How the coarser levels of this view are made.
+    pub fn downsample(&self) -> Downsample {
+        self.layout.second().unwrap_or(self.info.downsample.main())
     }
 
     /// Which file holds what.

@@ -123,7 +123,7 @@ impl TestStore {
             shard: self.shard,
             voxel_type: self.voxel_type,
             codec: self.codec,
-            downsample: Downsample::Mean,
+            downsample: Downsample::Mean.into(),
             kind: Kind::Image,
             spacing: self.spacing,
             calibrated: true,

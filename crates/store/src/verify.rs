@@ -1,20 +1,22 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
 //! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children,
-//! that each level is what the finer one gives, and the statistics in the root document. It goes on after a problem and
-//! reports them all; a brick that cannot be read is reported once, not again by what depends on it.
+//! that each level is what the finer one gives, and the statistics in the root document; for both pyramids, if there are
+//! two, in one pass over level 0. It goes on after a problem and reports them all; a brick that cannot be read is reported
+//! once, not again by what depends on it.
 //!
 //! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around: each brick is decoded about 3.4
-//! times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it. Blocks where nothing is stored are not
-//! looked at voxel by voxel.
+//! times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing is stored
+//! are not looked at voxel by voxel.
 
 use crate::error::{OpenError, ReadError};
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
-use crate::pack::brick::{Cut, Workspace};
+use crate::pack::brick::Workspace;
+use crate::shard_file::IoMode;
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
-use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Occupancy, VoxelBox, with_voxel_type};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Occupancy, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -61,11 +63,15 @@ pub struct VerifyReport {
 /// If the store cannot even be opened; everything else is in the report.
 pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, OpenError> {
     let store = Store::open(path)?;
-    Ok(with_voxel_type!(store.voxel_type(), T => Verifier::new(&store, &progress).run::<T>()))
+    let second = store.info().downsample.second();
+    let second = second.map(|method| Store::open_reduced(path, method, IoMode::default())).transpose()?;
+    let views: Vec<Store> = std::iter::once(store).chain(second).collect();
+    Ok(with_voxel_type!(views[0].voxel_type(), T => Verifier::new(&views, &progress).run::<T>()))
 }
 
 struct Verifier<'a> {
-    store: &'a Store,
+    /// The main pyramid, whose level 0 counts, and the second one.
+    views: &'a [Store],
     progress: &'a (dyn Fn(u64, u64) + Sync),
     bricks_done: AtomicU64,
     /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
@@ -76,7 +82,9 @@ struct Verifier<'a> {
 
 /// Some bricks of a level that are read together.
 #[derive(Clone, Copy)]
-struct Block {
+struct Block<'a> {
+    /// Their pyramid.
+    store: &'a Store,
     time: u32,
     channel: u32,
     level: Level,
@@ -89,27 +97,26 @@ struct Buffers<T> {
     workspace: Workspace<T>,
     /// The block and one voxel around it.
     fine: Vec<T>,
-    /// The block's part of the next level.
-    coarse: Vec<T>,
+    /// The block's part of each next level; empty where it could not be read.
+    coarse: Vec<Vec<T>>,
     brick: Vec<u8>,
 }
 
 impl<'a> Verifier<'a> {
-    fn new(store: &'a Store, progress: &'a (dyn Fn(u64, u64) + Sync)) -> Self {
-        let totals = (0..store.channels()).map(|_| ChannelTotals::new(store.voxel_type())).collect();
-        Self { store, progress, bricks_done: 0.into(), level_0_unread: false.into(), totals: Mutex::new(totals) }
+    fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync)) -> Self {
+        let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
+        Self { views, progress, bricks_done: 0.into(), level_0_unread: false.into(), totals: Mutex::new(totals) }
     }
 
     fn run<T: Measure>(&self) -> VerifyReport {
         let mut report = VerifyReport { bricks: self.brick_count(), ..VerifyReport::default() };
-        for k in 0..self.store.pyramid().levels().len() {
-            let level = Level(k as u8);
-            let files = self.store.side(level).shards.iter().filter(|f| f.has_file());
+        for (store, level) in self.levels() {
+            let files = store.side(level).shards.iter().filter(|f| f.has_file());
             let (shards, bytes) = files.fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes));
             report.shards += shards;
             report.bytes += bytes;
-            let shards: Vec<ShardId> = self.store.layout().shards(level).collect();
-            report.problems.par_extend(shards.into_par_iter().filter_map(|id| self.check_shard(id)));
+            let shards: Vec<ShardId> = store.layout().shards(level).collect();
+            report.problems.par_extend(shards.into_par_iter().filter_map(|id| check_shard(store, id)));
         }
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().into_par_iter().map_init(buffers, |b, block| self.check_block(b, block));
@@ -120,27 +127,52 @@ impl<'a> Verifier<'a> {
         report
     }
 
+    /// All levels of the main pyramid, then those that the second does not share.
+    fn levels(&self) -> impl Iterator<Item = (&'a Store, Level)> {
+        let levels = |(i, store): (usize, &'a Store)| {
+            (i.min(1)..self.pyramid().levels().len()).map(move |k| (store, Level(k as u8)))
+        };
+        self.views.iter().enumerate().flat_map(levels)
+    }
+
+    /// The pyramids in which a block has a next level.
+    fn coarser(&self, block: Block<'a>) -> &'a [Store] {
+        match block.level {
+            level if level == self.pyramid().coarsest() => &[],
+            Level(0) => self.views,
+            _ => std::slice::from_ref(block.store),
+        }
+    }
+
+    /// The grids, which both have in common.
+    fn pyramid(&self) -> &'a Pyramid {
+        self.views[0].pyramid()
+    }
+
     fn brick_count(&self) -> u64 {
-        self.store.pyramid().brick_count() * self.store.times() as u64 * self.store.channels() as u64
+        let bricks = |(_, level)| self.pyramid().level(level).bricks.volume();
+        let volumes = self.views[0].times() as u64 * self.views[0].channels() as u64;
+        volumes * self.levels().map(bricks).sum::<u64>()
     }
 
     fn buffers<T: Measure>(&self) -> Buffers<T> {
-        let workspace = Workspace::new(self.store.pyramid().edge() as usize);
-        Buffers { workspace, fine: Vec::new(), coarse: Vec::new(), brick: vec![0; self.store.core_bytes()] }
+        let workspace = Workspace::new(self.pyramid().edge() as usize);
+        let coarse = self.views.iter().map(|_| Vec::new()).collect();
+        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()] }
     }
 
-    fn blocks(&self) -> Vec<Block> {
+    fn blocks(&self) -> Vec<Block<'a>> {
         const BLOCK_EDGE: u32 = 256;
         let mut blocks = Vec::new();
-        for time in 0..self.store.times() {
-            for channel in 0..self.store.channels() {
-                for (k, grid) in self.store.pyramid().levels().iter().enumerate() {
+        for time in 0..self.views[0].times() {
+            for channel in 0..self.views[0].channels() {
+                for (store, level) in self.levels() {
+                    let whole = self.pyramid().level(level).extent.full_box();
                     // Brick edges divide 256, so blocks are whole bricks.
-                    for index in bricks_of(grid.extent.full_box(), BLOCK_EDGE) {
+                    for index in bricks_of(whole, BLOCK_EDGE) {
                         let corner = index.to_array().map(|i| i * BLOCK_EDGE);
                         let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(BLOCK_EDGE)));
-                        let core = core.intersect(grid.extent.full_box());
-                        blocks.push(Block { time, channel, level: Level(k as u8), core });
+                        blocks.push(Block { store, time, channel, level, core: core.intersect(whole) });
                     }
                 }
             }
@@ -148,22 +180,12 @@ impl<'a> Verifier<'a> {
         blocks
     }
 
-    fn check_shard(&self, id: ShardId) -> Option<VerifyProblem> {
-        let path = self.store.layout().shard_path(self.store.path(), id);
-        let what = match self.store.shard(id) {
-            Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
-            Ok(_) => return None,
-            Err(error) => without_path(&error, &path),
-        };
-        Some(VerifyProblem { brick: None, path, what })
-    }
-
-    fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block) -> Vec<VerifyProblem> {
+    fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block<'a>) -> Vec<VerifyProblem> {
         let mut problems = Vec::new();
         if !self.check_empty_block::<T>(buffers, block, &mut problems) {
             let unread = self.read_block(buffers, block, &mut problems);
             let mut tally = Tally::default();
-            for index in bricks_of(block.core, self.store.pyramid().edge()) {
+            for index in bricks_of(block.core, self.pyramid().edge()) {
                 if !unread.contains(&index) {
                     self.check_brick(buffers, block, index, &unread, &mut tally, &mut problems);
                 }
@@ -174,9 +196,9 @@ impl<'a> Verifier<'a> {
                 totals[block.channel as usize].add_tally(&tally);
             }
         }
-        let bricks = bricks_of(block.core, self.store.pyramid().edge()).count() as u64;
+        let bricks = bricks_of(block.core, self.pyramid().edge()).count() as u64;
         let done = self.bricks_done.fetch_add(bricks, Ordering::Relaxed) + bricks;
-        let core_bytes = self.store.core_bytes() as u64;
+        let core_bytes = block.store.core_bytes() as u64;
         (self.progress)(done * core_bytes, self.brick_count() * core_bytes);
         problems
     }
@@ -185,25 +207,26 @@ impl<'a> Verifier<'a> {
     fn check_empty_block<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
-        block: Block,
+        block: Block<'a>,
         problems: &mut Vec<VerifyProblem>,
     ) -> bool {
-        let edge = self.store.pyramid().edge();
-        let empty = |level, region| {
+        let edge = self.pyramid().edge();
+        let empty = |store: &Store, level, region| {
             bricks_of(region, edge).all(|index| {
                 let id = BrickId { time: block.time, channel: block.channel, level, index };
-                self.store.is_stored(id).is_ok_and(|stored| !stored)
+                store.is_stored(id).is_ok_and(|stored| !stored)
             })
         };
-        let coarse = self.coarse_box(block.level, block.core);
-        if !empty(block.level, self.padded(block.level, block.core))
-            || !coarse.is_none_or(|region| empty(Level(block.level.0 + 1), region))
+        let padded = self.padded(block.level, block.core);
+        let mut coarser = self.coarser(block).iter();
+        if !empty(block.store, block.level, padded)
+            || !coarser.all(|store| empty(store, Level(block.level.0 + 1), self.coarse_box(block.level, block.core)))
         {
             return false;
         }
         let zero = T::range(&[T::default()]);
         for index in bricks_of(block.core, edge) {
-            self.check_entry(block.brick(index), zero, Some(zero), problems);
+            check_entry(block.store, block.brick(index), zero, Some(zero), problems);
         }
         if block.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -219,26 +242,24 @@ impl<'a> Verifier<'a> {
     fn read_block<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
-        block: Block,
+        block: Block<'a>,
         problems: &mut Vec<VerifyProblem>,
     ) -> BTreeSet<BrickIndex> {
-        let region = self.padded(block.level, block.core);
-        let edge = self.store.pyramid().edge();
+        let (store, region) = (block.store, self.padded(block.level, block.core));
+        let edge = self.pyramid().edge();
         let own: BTreeSet<BrickIndex> = bricks_of(block.core, edge).collect();
         let mut unread = BTreeSet::new();
         buffers.fine.resize(region.extent().volume() as usize, T::default());
         for index in bricks_of(region, edge) {
             let id = block.brick(index);
-            match self.store.read_core(id, &mut buffers.brick) {
-                Ok(()) => {
-                    self.store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine))
-                }
+            match store.read_core(id, &mut buffers.brick) {
+                Ok(()) => store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine)),
                 Err(error) => {
                     unread.insert(index);
                     self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
                     // What is wrong with a whole shard is reported as such.
                     if own.contains(&index) && matches!(error, ReadError::CorruptBrick { .. }) {
-                        let path = self.shard_path(id);
+                        let path = shard_path(store, id);
                         let what = without_path(&error, &path);
                         let what = what.strip_prefix(&format!("{id}: ")).unwrap_or(&what).to_owned();
                         problems.push(VerifyProblem { brick: Some(id), path, what });
@@ -246,13 +267,13 @@ impl<'a> Verifier<'a> {
                 }
             }
         }
-        buffers.coarse.clear();
-        if let Some(region) = self.coarse_box(block.level, block.core) {
-            buffers.coarse.resize(region.extent().volume() as usize, T::default());
-            let bytes = bytemuck::cast_slice_mut(&mut buffers.coarse);
-            if self.store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes).is_err() {
+        for (store, coarse) in self.coarser(block).iter().zip(&mut buffers.coarse) {
+            let region = self.coarse_box(block.level, block.core);
+            coarse.resize(region.extent().volume() as usize, T::default());
+            let bytes = bytemuck::cast_slice_mut(coarse);
+            if store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes).is_err() {
                 // Reported where those bricks are checked.
-                buffers.coarse.clear();
+                coarse.clear();
             }
         }
         unread
@@ -261,89 +282,47 @@ impl<'a> Verifier<'a> {
     fn check_brick<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
-        block: Block,
+        block: Block<'a>,
         index: BrickIndex,
         unread: &BTreeSet<BrickIndex>,
         tally: &mut Tally,
         problems: &mut Vec<VerifyProblem>,
     ) {
-        let id = block.brick(index);
-        let core = self.store.pyramid().brick_box(id.level, index);
-        let padded = self.padded(id.level, core);
+        let (store, id) = (block.store, block.brick(index));
+        let core = self.pyramid().brick_box(id.level, index);
         let fine_box = self.padded(id.level, block.core);
         let shape = core.extent().to_array().map(|n| n as usize);
         copy_box(&buffers.fine, fine_box, core, buffers.workspace.core_mut(0));
         buffers.workspace.spread(0, shape);
-        let coarse = self.coarse_box(id.level, core);
-        let factor = coarse.map(|_| self.factor(id.level).map(|f| f as usize));
-        let cut = Cut { shape, factor };
-        let summary = buffers.workspace.digest(0, &cut, self.store.info().downsample, id.level == Level(0));
+        let summary = buffers.workspace.digest(0, shape, id.level == Level(0));
         tally.add(&summary.tally);
         if id.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             totals[id.channel as usize].add_range(summary.parts.whole().to_f64());
         }
-        let neighbours_read = bricks_of(padded, self.store.pyramid().edge()).all(|i| !unread.contains(&i));
+        let padded = self.padded(id.level, core);
+        let neighbours_read = bricks_of(padded, self.pyramid().edge()).all(|i| !unread.contains(&i));
         let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded));
-        self.check_entry(id, summary.parts.whole(), reach, problems);
-        if let Some(region) = coarse.filter(|_| !buffers.coarse.is_empty()) {
-            let whole = self.coarse_box(id.level, block.core).unwrap_or(region);
-            let wrong = count_differences(&buffers.workspace.coarse, region, &buffers.coarse, whole);
+        check_entry(store, id, summary.parts.whole(), reach, problems);
+        for (store, coarse) in self.coarser(block).iter().zip(&buffers.coarse).filter(|(_, coarse)| !coarse.is_empty())
+        {
+            let (region, whole) = (self.coarse_box(id.level, core), self.coarse_box(id.level, block.core));
+            let factor = self.factor(id.level).map(|f| f as usize);
+            buffers.workspace.reduce(0, shape, factor, store.downsample());
+            let wrong = count_differences(&buffers.workspace.coarse, region, coarse, whole);
             if wrong > 0 {
-                let parent = self.store.pyramid().parent(id.level, index).unwrap_or(index);
+                let parent = self.pyramid().parent(id.level, index).unwrap_or(index);
                 let parent = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
-                let method = self.store.info().downsample.name();
-                let count = region.extent().volume();
+                let (method, count) = (store.downsample().name(), region.extent().volume());
                 let what = format!("{wrong} of {count} voxels are not the {method} of those of brick {id}");
-                problems.push(VerifyProblem { brick: Some(parent), path: self.shard_path(parent), what });
-            }
-        }
-    }
-
-    /// Compares what is stored of a brick with its voxels' and its children's.
-    fn check_entry<T: Measure>(
-        &self,
-        id: BrickId,
-        core: Range<T>,
-        reach: Option<Range<T>>,
-        problems: &mut Vec<VerifyProblem>,
-    ) {
-        let mut range = core.to_f64();
-        let mut children = Occupancy::NONE;
-        for child in self.store.pyramid().children(id.level, id.index) {
-            let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
-            let below = Some(self.store.minmax(child)).filter(|(low, high)| low <= high);
-            range = match (range, below) {
-                (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-                (a, b) => a.or(b),
-            };
-            children = children.union(self.store.occupancy(child));
-        }
-        let mut problem = |array: &str, expected: String, found: String| {
-            let path = crate::layout::side_dir(self.store.path(), id.level).join(array);
-            let what = format!("{array}: expected {expected}, found {found}");
-            problems.push(VerifyProblem { brick: Some(id), path, what });
-        };
-        let stored = Some(self.store.minmax(id)).filter(|(low, high)| low <= high);
-        if stored != range {
-            let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
-            problem("minmax", show(range), show(stored));
-        }
-        if let Some(reach) = reach {
-            let bins = self.store.occupancy_bins();
-            let own = reach.to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
-            let (expected, found) = (own.union(children).0, self.store.occupancy(id).0);
-            // Between what must be set and everything from the first such bin to the last.
-            let most = if expected == 0 { 0 } else { Occupancy::span(expected.trailing_zeros(), expected.ilog2()).0 };
-            if expected & !found != 0 || found & !most != 0 {
-                problem("occupancy", format!("{expected:016x}"), format!("{found:016x}"));
+                problems.push(VerifyProblem { brick: Some(parent), path: shard_path(store, parent), what });
             }
         }
     }
 
     fn check_statistics(&self, problems: &mut Vec<VerifyProblem>) {
         let totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        for (c, (totals, stored)) in totals.iter().zip(&self.store.info().channels).enumerate() {
+        for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
             // A float's mean depends in its last digits on the order of summation; the window is a choice.
             let near = (computed.mean - stored.mean).abs() <= 1e-9 * stored.range[0].abs().max(stored.range[1].abs());
@@ -352,15 +331,11 @@ impl<'a> Verifier<'a> {
             }
             computed.window = stored.window;
             if computed != *stored {
-                let path = self.store.path().join("zarr.json");
+                let path = self.views[0].path().join("zarr.json");
                 let what = format!("attributes.brickyard.channels[{c}]: {}", difference(&computed, stored));
                 problems.push(VerifyProblem { brick: None, path, what });
             }
         }
-    }
-
-    fn shard_path(&self, id: BrickId) -> PathBuf {
-        self.store.layout().shard_path(self.store.path(), self.store.layout().shard_of(id).0)
     }
 
     /// A box with one voxel around it, inside the level.
@@ -369,33 +344,83 @@ impl<'a> Verifier<'a> {
             region.min.to_array().map(|v| v.saturating_sub(1)),
             region.max.to_array().map(|v| v.saturating_add(1)),
         );
-        grown.intersect(self.store.pyramid().level(level).extent.full_box())
+        grown.intersect(self.pyramid().level(level).extent.full_box())
     }
 
     /// Voxels of a level per voxel of the next.
     fn factor(&self, level: Level) -> [u32; 3] {
-        let factor = |k: u8| self.store.pyramid().level(Level(k)).factor;
+        let factor = |k: u8| self.pyramid().level(Level(k)).factor;
         let (fine, coarse) = (factor(level.0), factor(level.0 + 1));
         std::array::from_fn(|a| coarse[a] / fine[a])
     }
 
-    /// The box of the next level that a box of whole bricks becomes; `None` at the coarsest level.
-    fn coarse_box(&self, level: Level, region: VoxelBox) -> Option<VoxelBox> {
-        (level < self.store.pyramid().coarsest()).then(|| {
-            let factor = self.factor(level);
-            let (min, max) = (region.min.to_array(), region.max.to_array());
-            VoxelBox::new(
-                std::array::from_fn(|a| min[a] / factor[a]),
-                std::array::from_fn(|a| max[a].div_ceil(factor[a])),
-            )
-        })
+    /// The box of the next level, which there must be, that a box of whole bricks becomes.
+    fn coarse_box(&self, level: Level, region: VoxelBox) -> VoxelBox {
+        let factor = self.factor(level);
+        let (min, max) = (region.min.to_array(), region.max.to_array());
+        VoxelBox::new(std::array::from_fn(|a| min[a] / factor[a]), std::array::from_fn(|a| max[a].div_ceil(factor[a])))
     }
 }
 
-impl Block {
+impl Block<'_> {
     fn brick(&self, index: BrickIndex) -> BrickId {
         BrickId { time: self.time, channel: self.channel, level: self.level, index }
     }
+}
+
+/// Compares what is stored of a brick with its voxels' and its children's.
+fn check_entry<T: Measure>(
+    store: &Store,
+    id: BrickId,
+    core: Range<T>,
+    reach: Option<Range<T>>,
+    problems: &mut Vec<VerifyProblem>,
+) {
+    let mut range = core.to_f64();
+    let mut children = Occupancy::NONE;
+    for child in store.pyramid().children(id.level, id.index) {
+        let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
+        let below = Some(store.minmax(child)).filter(|(low, high)| low <= high);
+        range = match (range, below) {
+            (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+            (a, b) => a.or(b),
+        };
+        children = children.union(store.occupancy(child));
+    }
+    let mut problem = |array: &str, expected: String, found: String| {
+        let path = store.layout().side_dir(store.path(), id.level).join(array);
+        let what = format!("{array}: expected {expected}, found {found}");
+        problems.push(VerifyProblem { brick: Some(id), path, what });
+    };
+    let stored = Some(store.minmax(id)).filter(|(low, high)| low <= high);
+    if stored != range {
+        let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
+        problem("minmax", show(range), show(stored));
+    }
+    if let Some(reach) = reach {
+        let bins = store.occupancy_bins();
+        let own = reach.to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
+        let (expected, found) = (own.union(children).0, store.occupancy(id).0);
+        // Between what must be set and everything from the first such bin to the last.
+        let most = if expected == 0 { 0 } else { Occupancy::span(expected.trailing_zeros(), expected.ilog2()).0 };
+        if expected & !found != 0 || found & !most != 0 {
+            problem("occupancy", format!("{expected:016x}"), format!("{found:016x}"));
+        }
+    }
+}
+
+fn shard_path(store: &Store, id: BrickId) -> PathBuf {
+    store.layout().shard_path(store.path(), store.layout().shard_of(id).0)
+}
+
+fn check_shard(store: &Store, id: ShardId) -> Option<VerifyProblem> {
+    let path = store.layout().shard_path(store.path(), id);
+    let what = match store.shard(id) {
+        Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
+        Ok(_) => return None,
+        Err(error) => without_path(&error, &path),
+    };
+    Some(VerifyProblem { brick: None, path, what })
 }
 
 /// A read error's message without the file, which a problem names by itself.

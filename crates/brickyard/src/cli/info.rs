@@ -115,6 +115,10 @@ fn text(info: &Info<'_>, store: &Store) -> String {
             triple(level.spacing)
         ));
     }
+    if let Some(second) = info.store.downsample.second() {
+        let (main, second) = (info.store.downsample.main().name(), second.name());
+        lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
+    }
     lines.join("\n")
 }
 

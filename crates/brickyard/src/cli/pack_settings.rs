@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::import::Source;
-use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan};
+use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions};
 use brickyard::volume::VoxelType;
 use clap::{Args, ValueEnum};
 use std::path::Path;
@@ -25,9 +25,10 @@ pub(crate) struct PackSettings {
     /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
     #[arg(long)]
     codec: Option<Codec>,
-    /// How a level follows from the finer one [default: mean for images, mode for labels]
-    #[arg(long, value_enum)]
-    downsample: Option<DownsampleArgument>,
+    /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so that maximum
+    /// projections are exact at every level [default: mean for images, mode for labels]
+    #[arg(long, value_name = "METHOD[,METHOD]")]
+    downsample: Option<Reductions>,
     /// Limit of the process's own memory
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
@@ -51,15 +52,6 @@ enum KindArgument {
     Labels,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DownsampleArgument {
-    Mean,
-    Max,
-    Min,
-    Mode,
-    Nearest,
-}
-
 impl PackSettings {
     /// Whether an existing output may be replaced.
     pub(crate) fn overwrite(&self) -> bool {
@@ -76,12 +68,9 @@ impl PackSettings {
             KindArgument::Image => Kind::Image,
             KindArgument::Labels => Kind::Labels,
         };
-        let downsample = match (self.downsample, kind) {
-            (Some(DownsampleArgument::Mean), _) | (None, Kind::Image) => Downsample::Mean,
-            (Some(DownsampleArgument::Mode), _) | (None, Kind::Labels) => Downsample::Mode,
-            (Some(DownsampleArgument::Max), _) => Downsample::Max,
-            (Some(DownsampleArgument::Min), _) => Downsample::Min,
-            (Some(DownsampleArgument::Nearest), _) => Downsample::Nearest,
+        let by_kind = match kind {
+            Kind::Image => Downsample::Mean,
+            Kind::Labels => Downsample::Mode,
         };
         let exists = match (self.resume, self.overwrite) {
             (true, _) => Exists::Resume,
@@ -93,7 +82,7 @@ impl PackSettings {
             edge: self.brick,
             shard_edge: self.shard,
             codec: self.codec.unwrap_or(defaults.codec),
-            downsample,
+            downsample: self.downsample.unwrap_or(by_kind.into()),
             kind,
             memory_bytes: self.memory,
             threads: self.threads.unwrap_or(defaults.threads),

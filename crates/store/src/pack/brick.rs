@@ -29,22 +29,6 @@ pub(crate) struct Workspace<T> {
     pub(crate) counter: WordCounter,
 }
 
-/// How a brick is measured and brought to the next level.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cut {
-    /// The core's extent, at most `edge`.
-    pub(crate) shape: [usize; 3],
-    /// Voxels per coarser voxel; `None` at the coarsest level.
-    pub(crate) factor: Option<[usize; 3]>,
-}
-
-impl Cut {
-    /// The core's voxels.
-    pub(crate) fn voxels(&self) -> usize {
-        self.shape.iter().product()
-    }
-}
-
 /// What is known of a brick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Summary<T> {
@@ -113,40 +97,29 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Measures core `i`; counts its voxels if `finest`; makes its part of the next level.
-    pub(crate) fn digest(&mut self, i: usize, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
+    /// Measures core `i`, whose extent is `shape`; counts its voxels if `finest`.
+    pub(crate) fn digest(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             #[target_feature(enable = "avx2")]
-            fn digest_avx2<T: Measure>(
-                w: &mut Workspace<T>,
-                i: usize,
-                cut: &Cut,
-                m: Downsample,
-                finest: bool,
-            ) -> Summary<T> {
-                w.digest_any(i, cut, m, finest)
+            fn digest_avx2<T: Measure>(w: &mut Workspace<T>, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
+                w.digest_any(i, shape, finest)
             }
             // SAFETY: the processor has the feature.
-            return unsafe { digest_avx2(self, i, cut, method, finest) };
+            return unsafe { digest_avx2(self, i, shape, finest) };
         }
-        self.digest_any(i, cut, method, finest)
+        self.digest_any(i, shape, finest)
     }
 
     #[inline(always)]
-    fn digest_any(&mut self, i: usize, cut: &Cut, method: Downsample, finest: bool) -> Summary<T> {
+    fn digest_any(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         let core = &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
-        fill_up(core, self.edge, cut.shape);
+        fill_up(core, self.edge, shape);
         let mut tally = Tally::default();
         if finest {
-            count(core, self.edge, cut.shape, &mut self.counter, &mut tally);
+            count(core, self.edge, shape, &mut self.counter, &mut tally);
         }
-        let parts = Parts::of(core, self.edge, cut.shape);
-        if let Some(factor) = cut.factor {
-            // Odd extents include one of the voxels that fill the core up.
-            let shape = std::array::from_fn(|a| cut.shape[a].next_multiple_of(factor[a]));
-            downsample(method, core, self.edge, shape, factor, &mut self.coarse);
-        }
+        let parts = Parts::of(core, self.edge, shape);
         let Range { low, high } = parts.whole();
         let is_fill =
             low == T::default() && high == T::default() && bytemuck::cast_slice::<T, u8>(core).iter().all(|&b| b == 0);
@@ -154,16 +127,37 @@ impl<T: Measure> Workspace<T> {
     }
 
     /// The same as [`Workspace::digest`] at level 0 for a brick of which every voxel is `value`, which is finite.
-    pub(crate) fn digest_constant(&mut self, i: usize, cut: &Cut, value: T) -> Summary<T> {
+    pub(crate) fn digest_constant(&mut self, i: usize, shape: [usize; 3], value: T) -> Summary<T> {
+        let voxels = shape.iter().product::<usize>();
         self.core_mut(i).fill(value);
-        self.counter.constant(value, cut.voxels() as u64);
-        if let Some(factor) = cut.factor {
-            let n = (0..3).map(|a| cut.shape[a].div_ceil(factor[a])).product();
-            self.coarse[..n].fill(value);
-        }
+        self.counter.constant(value, voxels as u64);
         let parts = Parts::uniform(Range { low: value, high: value });
-        let tally = Tally { sum: value.to_f64() * cut.voxels() as f64, ..Tally::default() };
+        let tally = Tally { sum: value.to_f64() * voxels as f64, ..Tally::default() };
         Summary { parts, tally, is_fill: bytemuck::bytes_of(&value).iter().all(|&b| b == 0) }
+    }
+
+    /// Makes the part of the next level of core `i`, which was digested, from `factor` voxels each.
+    pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
+        // Odd extents include one of the voxels that fill the core up.
+        let shape = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
+        let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            #[target_feature(enable = "avx2")]
+            fn downsample_avx2<T: Measure>(
+                method: Downsample,
+                core: &[T],
+                edge: usize,
+                shape: [usize; 3],
+                factor: [usize; 3],
+                out: &mut [T],
+            ) {
+                downsample(method, core, edge, shape, factor, out);
+            }
+            // SAFETY: the processor has the feature.
+            return unsafe { downsample_avx2(method, core, self.edge, shape, factor, &mut self.coarse) };
+        }
+        downsample(method, core, self.edge, shape, factor, &mut self.coarse);
     }
 }
 

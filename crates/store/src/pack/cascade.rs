@@ -3,19 +3,21 @@
 //! ```text
 //! source ──► workers (one brick each) ──► sequence ──► writer ──► shard files ──► settler (sync, rename, journal)
 //!               ▲        │ coarse part                   └─► statistics
-//!               └── windows[k + 1] ◄┘
+//!               └── coarser windows ◄┘
 //! ```
+//!
+//! A *stage* is one level of one pyramid; level 0 gives a coarse part to the next stage of each.
 //!
 //! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
 
 use crate::codec::{BrickCodec, Scratch};
-use crate::layout::Layout;
+use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
-use crate::pack::brick::{Cut, Summary, Workspace, run_length};
+use crate::pack::brick::{Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
 use crate::pack::parts::directions;
-use crate::pack::plan::{PackPlan, WindowPlan, bricks_ahead};
+use crate::pack::plan::{PackPlan, Stage, bricks_ahead};
 use crate::pack::sequence::Sequence;
 use crate::pack::shards::{Finished, ShardWriter, settle};
 use crate::pack::window::Window;
@@ -24,7 +26,8 @@ use crate::shard::Fingerprint;
 use crate::side::SideData;
 use crate::stats::{ChannelTotals, Measure, Range, Tally, occupancy_bins};
 use brickyard_import::{Access, ImportError, Source};
-use brickyard_volume::{BrickId, BrickIndex, Level, LevelGrid, Occupancy, OccupancyBins, VoxelBox};
+use brickyard_volume::{BrickId, BrickIndex, Level, Occupancy, OccupancyBins, VoxelBox};
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
@@ -65,6 +68,7 @@ pub(crate) struct Pass<'a> {
 
 /// A brick on its way to the writer.
 struct Packed<T> {
+    stage: usize,
     id: BrickId,
     summary: Summary<T>,
     voxels: u64,
@@ -84,7 +88,8 @@ struct Shared<'a, T> {
     codec: BrickCodec,
     workers: Vec<Mutex<Worker<T>>>,
     sequence: Sequence<Packed<T>>,
-    finished_before: &'a (dyn Fn(BrickId) -> Option<Fingerprint> + Sync),
+    /// Per stage, the shards that earlier runs finished.
+    earlier: Vec<HashMap<ShardId, Fingerprint>>,
     /// Buffers of written bricks, to be used again.
     spare: Mutex<Vec<Vec<u8>>>,
     stop: Mutex<Option<Stop>>,
@@ -105,28 +110,26 @@ impl<T> Shared<'_, T> {
 impl Pass<'_> {
     /// Packs all volumes. On failure what is finished stays, noted in the journal.
     pub(crate) fn run<T: Measure>(&self, journal: &mut Journal) -> Result<Passed, (Stop, Reached)> {
-        let layout = &self.plan.layout;
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), Reached::default()))?;
-        let earlier: std::collections::HashMap<_, _> = (0..layout.pyramid.levels().len())
-            .flat_map(|k| layout.shards(Level(k as u8)))
-            .filter_map(|shard| Some((shard, journal.finished(layout, shard)?)))
-            .collect();
-        let finished_before = |id: BrickId| earlier.get(&layout.shard_of(id).0).copied();
+        let earlier = |stage: &Stage| {
+            let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
+            stage.layout.shards(stage.level).filter_map(finished).collect()
+        };
         let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge), scratch: Scratch::default() });
         let shared = Shared {
             pass: self,
             codec: BrickCodec::new(self.options.codec, T::TYPE, self.options.edge),
             workers: (0..threads).map(|_| worker()).collect(),
             sequence: Sequence::new(bricks_ahead(threads)),
-            finished_before: &finished_before,
+            earlier: self.plan.stages.iter().map(earlier).collect(),
             spare: Mutex::default(),
             stop: Mutex::default(),
         };
         let mut reached = Reached { shards: journal.finished_count(), ..Reached::default() };
-        let mut channels: Vec<_> = (0..layout.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
+        let mut channels: Vec<_> = (0..self.plan.layout.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
         let statistics = std::thread::scope(|scope| {
             let (to_settler, finished) = mpsc::channel();
             let writer = scope.spawn(|| shared.write(to_settler, &mut reached));
@@ -187,39 +190,37 @@ impl<T: Measure> Shared<'_, T> {
 
     fn windows(&self) -> Result<Vec<RwLock<Window>>, DiskError> {
         let Pass { plan, store, .. } = *self.pass;
-        let levels = plan.layout.pyramid.levels().iter();
-        let window = |(level, window): (&LevelGrid, &WindowPlan)| {
-            let scratch = (!window.in_memory).then_some(store);
-            Window::new(level.extent, size_of::<T>(), window.capacity, scratch)
+        let window = |stage: &Stage| {
+            let scratch = (!stage.window.in_memory).then_some(store);
+            Window::new(stage.grid().extent, size_of::<T>(), stage.window.capacity, scratch)
                 .map(RwLock::new)
                 .map_err(|error| DiskError { path: store.into(), error })
         };
-        levels.zip(&plan.windows).map(window).collect()
+        plan.stages.iter().map(window).collect()
     }
 
     /// The writer: shards and statistics, brick by brick in order.
-    fn write(&self, to_settler: mpsc::Sender<Finished>, reached: &mut Reached) -> Statistics<T> {
+    fn write(&self, to_settler: mpsc::Sender<(usize, Finished)>, reached: &mut Reached) -> Statistics<T> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
-        let layout = &plan.layout;
-        let volumes = layout.times as u64 * layout.channels as u64;
-        let total = volumes * layout.pyramid.levels()[0].extent.volume();
+        let total = plan.input_voxels();
         let mut statistics = Statistics::new(plan);
-        let mut shards = ShardWriter::new(disk, store, layout);
+        let mut writers: Vec<_> =
+            plan.stages.iter().map(|stage| ShardWriter::new(disk, store, &stage.layout)).collect();
         while let Some(brick) = self.sequence.take() {
-            statistics.add(layout, &brick);
-            let done_before = |_| (self.finished_before)(brick.id);
-            match shards.add(brick.id, brick.encoded.as_deref(), done_before) {
+            let s = brick.stage;
+            statistics.add(plan, &brick);
+            let done_before = |shard| self.earlier[s].get(&shard).copied();
+            match writers[s].add(brick.id, brick.encoded.as_deref(), done_before) {
                 Ok(Some(finished)) => {
-                    statistics.sides[brick.id.level.index()].shards[layout.shard_place(finished.id)] =
-                        finished.fingerprint;
+                    statistics.sides[s].shards[plan.layout.shard_place(finished.id)] = finished.fingerprint;
                     // The settler is gone only after it failed, which stops the sequence.
-                    let _ = to_settler.send(finished);
+                    let _ = to_settler.send((s, finished));
                 }
                 Ok(None) => {}
                 Err(error) => self.fail(Stop::Disk(error)),
             }
-            reached.written_bytes = shards.written_bytes;
-            if brick.id.level == Level(0) {
+            reached.written_bytes = writers.iter().map(|writer| writer.written_bytes).sum();
+            if s == 0 {
                 reached.voxels += brick.voxels;
                 progress.advanced(reached.voxels, total);
             }
@@ -232,11 +233,11 @@ impl<T: Measure> Shared<'_, T> {
     }
 
     /// The settler: makes shards last. Returns how many.
-    fn settle(&self, finished: mpsc::Receiver<Finished>, journal: &mut Journal) -> u64 {
+    fn settle(&self, finished: mpsc::Receiver<(usize, Finished)>, journal: &mut Journal) -> u64 {
         let Pass { plan, store, disk, .. } = *self.pass;
         let mut settled = 0;
-        for shard in finished {
-            match settle(disk, store, &plan.layout, journal, &shard) {
+        for (s, shard) in finished {
+            match settle(disk, store, &plan.stages[s].layout, journal, &shard) {
                 Ok(made) => settled += made as u64,
                 Err(error) => {
                     self.fail(Stop::Disk(error));
@@ -259,7 +260,11 @@ struct Volume<'a, T> {
     number: u64,
 }
 
-impl<T: Measure> Volume<'_, T> {
+impl<'a, T: Measure> Volume<'a, T> {
+    fn plan(&self) -> &'a PackPlan {
+        self.shared.pass.plan
+    }
+
     fn stream(&mut self) -> Result<(), Stop> {
         if self.by_planes() {
             self.read_planes(self.slices_for(0, 0)).map_err(Stop::Source)?;
@@ -271,39 +276,38 @@ impl<T: Measure> Volume<'_, T> {
         Ok(())
     }
 
-    /// Packs a level's next layer, and then all that it makes possible on coarser levels: at once, since their windows
-    /// hold no more than they need.
-    fn advance(&mut self, k: usize, next_layer: &mut [u32]) -> Result<(), Stop> {
-        self.layer(k, next_layer[k])?;
-        next_layer[k] += 1;
-        let coarser = k + 1;
-        while coarser < next_layer.len()
-            && next_layer[coarser] < self.layers(coarser)
-            && self.filled(coarser) >= self.slices_for(coarser, next_layer[coarser])
-        {
-            self.advance(coarser, next_layer)?;
+    /// Packs a stage's next layer, and then all that it makes possible on coarser ones: at once, since their windows hold
+    /// no more than they need.
+    fn advance(&mut self, s: usize, next_layer: &mut [u32]) -> Result<(), Stop> {
+        self.layer(s, next_layer[s])?;
+        next_layer[s] += 1;
+        for (coarser, _) in self.plan().coarser(s) {
+            while next_layer[coarser] < self.layers(coarser)
+                && self.filled(coarser) >= self.slices_for(coarser, next_layer[coarser])
+            {
+                self.advance(coarser, next_layer)?;
+            }
         }
         Ok(())
     }
 
-    /// Layers of bricks of a level.
-    fn layers(&self, k: usize) -> u32 {
-        self.shared.pass.plan.layout.pyramid.levels()[k].bricks.z
+    /// Layers of bricks of a stage.
+    fn layers(&self, s: usize) -> u32 {
+        self.plan().stages[s].grid().bricks.z
     }
 
     fn by_planes(&self) -> bool {
         self.shared.pass.source.access() == Access::Planes
     }
 
-    fn filled(&self, k: usize) -> u32 {
-        self.windows[k].read().unwrap_or_else(PoisonError::into_inner).filled
+    fn filled(&self, s: usize) -> u32 {
+        self.windows[s].read().unwrap_or_else(PoisonError::into_inner).filled
     }
 
     /// Slices that must have been made before a layer can be packed.
-    fn slices_for(&self, k: usize, layer: u32) -> u32 {
-        let pyramid = &self.shared.pass.plan.layout.pyramid;
-        let end = (layer as u64 + 1) * pyramid.edge() as u64;
-        end.min(pyramid.levels()[k].extent.z as u64) as u32
+    fn slices_for(&self, s: usize, layer: u32) -> u32 {
+        let end = (layer as u64 + 1) * self.plan().layout.pyramid.edge() as u64;
+        end.min(self.plan().stages[s].grid().extent.z as u64) as u32
     }
 
     /// Decodes the source's planes up to `end` into level 0's window.
@@ -325,13 +329,13 @@ impl<T: Measure> Volume<'_, T> {
     }
 
     /// Packs one layer of bricks; meanwhile reads the planes of the next.
-    fn layer(&mut self, k: usize, layer: u32) -> Result<(), Stop> {
-        let (runs, bricks) = self.runs(k, layer);
+    fn layer(&mut self, s: usize, layer: u32) -> Result<(), Stop> {
+        let (runs, bricks) = self.runs(s, layer);
         let first_number = self.number;
         self.number += bricks;
         let next = AtomicUsize::new(0);
         let this = &*self;
-        if k == 0 {
+        if s == 0 {
             this.announce(0, layer);
         }
         let work = || {
@@ -340,13 +344,13 @@ impl<T: Measure> Volume<'_, T> {
                 loop {
                     let i = next.fetch_add(1, Ordering::Relaxed);
                     let Some(run) = runs.get(i) else { break };
-                    if !this.run(worker, k, run, first_number) {
+                    if !this.run(worker, s, run, first_number) {
                         break;
                     }
                 }
             });
         };
-        if k == 0 && this.by_planes() {
+        if s == 0 && this.by_planes() {
             let end = this.slices_for(0, layer + 1);
             std::thread::scope(|scope| {
                 let reader = scope.spawn(|| this.read_planes(end));
@@ -357,20 +361,20 @@ impl<T: Measure> Volume<'_, T> {
         } else {
             work();
         }
-        if let Some(coarse) = self.windows.get(k + 1) {
-            let pyramid = &self.shared.pass.plan.layout.pyramid;
-            let (fine, level) = (pyramid.levels()[k], pyramid.levels()[k + 1]);
-            let made = (layer + 1) * pyramid.edge() / (level.factor[2] / fine.factor[2]);
-            coarse.write().unwrap_or_else(PoisonError::into_inner).filled = made.min(level.extent.z);
+        let fine = self.plan().stages[s].grid();
+        for (coarser, _) in self.plan().coarser(s) {
+            let grid = self.plan().stages[coarser].grid();
+            let made = (layer + 1) * self.plan().layout.pyramid.edge() / (grid.factor[2] / fine.factor[2]);
+            self.windows[coarser].write().unwrap_or_else(PoisonError::into_inner).filled = made.min(grid.extent.z);
         }
         Ok(())
     }
 
     /// A layer's bricks, shard by shard, each shard's in the order of its index; in runs, and how many.
-    fn runs(&self, k: usize, layer: u32) -> (Vec<Run>, u64) {
-        let layout = &self.shared.pass.plan.layout;
-        let grid = layout.pyramid.levels()[k].bricks;
-        let shard = layout.shard_bricks(Level(k as u8));
+    fn runs(&self, s: usize, layer: u32) -> (Vec<Run>, u64) {
+        let Stage { layout, level, .. } = &self.plan().stages[s];
+        let grid = layout.pyramid.level(*level).bricks;
+        let shard = layout.shard_bricks(*level);
         let longest = run_length(layout.pyramid.edge() as usize, size_of::<T>());
         let (mut runs, mut number) = (Vec::new(), 0);
         for shard_y in (0..grid.y).step_by(shard.y as usize) {
@@ -400,18 +404,18 @@ impl<T: Measure> Volume<'_, T> {
     }
 
     /// Packs a run of bricks. False once the pass is to stop.
-    fn run(&self, worker: &mut Worker<T>, k: usize, run: &Run, first_number: u64) -> bool {
-        if k == 0 && run.first.x == 0 {
+    fn run(&self, worker: &mut Worker<T>, s: usize, run: &Run, first_number: u64) -> bool {
+        if s == 0 && run.first.x == 0 {
             self.announce(run.first.y + 1, run.first.z);
         }
-        let gathered = self.gather(&mut worker.workspace, k, run);
+        let gathered = self.gather(&mut worker.workspace, s, run);
         (0..run.count).all(|i| {
             let (index, number) = (run.brick(i), first_number + run.number + i as u64);
             if gathered {
-                return self.brick(worker, k, index, i as usize, None, number);
+                return self.brick(worker, s, index, i as usize, None, number);
             }
             match self.read(&mut worker.workspace, index) {
-                Ok(constant) => self.brick(worker, k, index, 0, constant, number),
+                Ok(constant) => self.brick(worker, s, index, 0, constant, number),
                 Err(error) => {
                     self.shared.fail(Stop::Source(error));
                     false
@@ -424,46 +428,49 @@ impl<T: Measure> Volume<'_, T> {
     fn brick(
         &self,
         worker: &mut Worker<T>,
-        k: usize,
+        s: usize,
         index: BrickIndex,
         i: usize,
         constant: Option<T>,
         number: u64,
     ) -> bool {
-        let shared = self.shared;
-        let Pass { options, plan, .. } = *shared.pass;
-        let pyramid = &plan.layout.pyramid;
-        let id = BrickId { time: self.time, channel: self.channel, level: Level(k as u8), index };
-        let core = pyramid.brick_box(id.level, index);
-        let coarser = pyramid.levels().get(k + 1);
-        let fine = pyramid.level(id.level).factor;
-        let factor = coarser.map(|c| std::array::from_fn(|a| (c.factor[a] / fine[a]) as usize));
-        let cut = Cut { shape: shape(core), factor };
+        let (shared, stage) = (self.shared, &self.plan().stages[s]);
+        let id = BrickId { time: self.time, channel: self.channel, level: stage.level, index };
+        let core = stage.layout.pyramid.brick_box(id.level, index);
         let workspace = &mut worker.workspace;
         let summary = match constant {
-            Some(value) => workspace.digest_constant(i, &cut, value),
-            None => workspace.digest(i, &cut, options.downsample, k == 0),
+            Some(value) => workspace.digest_constant(i, shape(core), value),
+            None => workspace.digest(i, shape(core), s == 0),
         };
-        if let Some(factor) = factor {
+        for (coarser, method) in self.plan().coarser(s) {
+            let (fine, coarse) = (stage.grid().factor, self.plan().stages[coarser].grid().factor);
+            let factor = std::array::from_fn(|a| (coarse[a] / fine[a]) as usize);
             let region = coarse_box(core, factor);
-            let coarse = bytemuck::cast_slice(&workspace.coarse[..region.extent().volume() as usize]);
-            self.windows[k + 1].write().unwrap_or_else(PoisonError::into_inner).write_box(region, coarse);
+            let voxels = region.extent().volume() as usize;
+            match constant {
+                Some(value) => workspace.coarse[..voxels].fill(value),
+                None => workspace.reduce(i, shape(core), factor, method),
+            }
+            let part = bytemuck::cast_slice(&workspace.coarse[..voxels]);
+            self.windows[coarser].write().unwrap_or_else(PoisonError::into_inner).write_box(region, part);
         }
-        let encoded = (!summary.is_fill && (shared.finished_before)(id).is_none()).then(|| {
+        let is_finished = shared.earlier[s].contains_key(&stage.layout.shard_of(id).0);
+        let encoded = (!summary.is_fill && !is_finished).then(|| {
             let mut encoded = lock(&shared.spare).pop().unwrap_or_default();
             shared.codec.encode(&mut worker.scratch, bytemuck::cast_slice(workspace.core(i)), &mut encoded);
             encoded
         });
-        shared.sequence.put(number, Packed { id, summary, voxels: cut.voxels() as u64, encoded })
+        let voxels = core.extent().volume();
+        shared.sequence.put(number, Packed { stage: s, id, summary, voxels, encoded })
     }
 
     /// Fetches the cores of a run from where they lie in memory, if they do.
-    fn gather(&self, workspace: &mut Workspace<T>, k: usize, run: &Run) -> bool {
-        let pyramid = &self.shared.pass.plan.layout.pyramid;
-        let [first, last] = [0, run.count - 1].map(|i| pyramid.brick_box(Level(k as u8), run.brick(i)));
+    fn gather(&self, workspace: &mut Workspace<T>, s: usize, run: &Run) -> bool {
+        let Stage { layout, level, .. } = &self.plan().stages[s];
+        let [first, last] = [0, run.count - 1].map(|i| layout.pyramid.brick_box(*level, run.brick(i)));
         let region = VoxelBox { min: first.min, max: last.max };
-        if k > 0 || self.by_planes() {
-            let window = self.windows[k].read().unwrap_or_else(PoisonError::into_inner);
+        if s > 0 || self.by_planes() {
+            let window = self.windows[s].read().unwrap_or_else(PoisonError::into_inner);
             workspace.gather(window.lend(region), shape(region));
             return true;
         }
@@ -513,10 +520,10 @@ fn coarse_box(core: VoxelBox, factor: [usize; 3]) -> VoxelBox {
     )
 }
 
-/// What the writer collects.
+/// What the writer collects, per stage.
 struct Statistics<T> {
     sides: Vec<SideData>,
-    /// Per level and brick, the range of the brick and one voxel around it.
+    /// Per brick, the range of the brick and one voxel around it.
     reach: Vec<Vec<Range<T>>>,
     core: Vec<Vec<Range<T>>>,
     /// Per channel, of level 0.
@@ -525,29 +532,28 @@ struct Statistics<T> {
 
 impl<T: Measure> Statistics<T> {
     fn new(plan: &PackPlan) -> Self {
-        let layout = &plan.layout;
-        let levels = || (0..layout.pyramid.levels().len()).map(|k| Level(k as u8));
-        let sides: Vec<_> = levels().map(|level| SideData::new(layout, level, T::TYPE)).collect();
+        let side = |stage: &Stage| SideData::new(&stage.layout, stage.level, T::TYPE);
+        let sides: Vec<_> = plan.stages.iter().map(side).collect();
         let empty: Vec<_> = sides.iter().map(|side| vec![T::EMPTY; side.occupancy.len()]).collect();
-        let channels = vec![(T::EMPTY, Default::default()); layout.channels as usize];
+        let channels = vec![(T::EMPTY, Default::default()); plan.layout.channels as usize];
         Self { sides, reach: empty.clone(), core: empty, channels }
     }
 
-    fn add(&mut self, layout: &Layout, brick: &Packed<T>) {
-        let k = brick.id.level.index();
+    fn add(&mut self, plan: &PackPlan, brick: &Packed<T>) {
+        let (s, layout) = (brick.stage, &plan.layout);
         let whole = brick.summary.parts.whole();
-        self.core[k][layout.brick_place(brick.id)] = whole;
-        let (index, bricks) = (brick.id.index.to_array(), layout.pyramid.levels()[k].bricks.to_array());
+        self.core[s][layout.brick_place(brick.id)] = whole;
+        let (index, bricks) = (brick.id.index.to_array(), plan.stages[s].grid().bricks.to_array());
         for d in directions() {
             let neighbour: [_; 3] =
                 std::array::from_fn(|a| index[a].checked_add_signed(d[a]).filter(|&i| i < bricks[a]));
             if let [Some(x), Some(y), Some(z)] = neighbour {
                 let neighbour = BrickId { index: BrickIndex::new(x, y, z), ..brick.id };
-                let reach = &mut self.reach[k][layout.brick_place(neighbour)];
+                let reach = &mut self.reach[s][layout.brick_place(neighbour)];
                 *reach = reach.join(brick.summary.parts.toward(d));
             }
         }
-        if k == 0 {
+        if s == 0 {
             let channel = &mut self.channels[brick.id.channel as usize];
             channel.0 = channel.0.join(whole);
             channel.1.add(&brick.summary.tally);
@@ -556,15 +562,14 @@ impl<T: Measure> Statistics<T> {
 
     /// The side data: parents' ranges cover their children's; ranges become masks.
     fn finish(mut self, plan: &PackPlan, bins: OccupancyBins) -> Vec<SideData> {
-        let layout = &plan.layout;
-        for k in 0..self.sides.len() {
-            self.cover_children(layout, Level(k as u8));
-            for place in 0..self.reach[k].len() {
-                let mask = self.reach[k][place].to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
-                self.sides[k].occupancy[place] = mask;
-                let core = self.core[k][place];
+        for s in 0..self.sides.len() {
+            self.cover_children(plan, s);
+            for place in 0..self.reach[s].len() {
+                let mask = self.reach[s][place].to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
+                self.sides[s].occupancy[place] = mask;
+                let core = self.core[s][place];
                 let [low, high] = if core.is_empty() { [T::INVALID; 2] } else { [core.low, core.high] };
-                let bytes = self.sides[k].minmax_bytes_mut(place);
+                let bytes = self.sides[s].minmax_bytes_mut(place);
                 let (first, second) = bytes.split_at_mut(size_of::<T>());
                 first.copy_from_slice(bytemuck::bytes_of(&low));
                 second.copy_from_slice(bytemuck::bytes_of(&high));
@@ -573,11 +578,9 @@ impl<T: Measure> Statistics<T> {
         self.sides
     }
 
-    fn cover_children(&mut self, layout: &Layout, level: Level) {
-        if level == Level(0) {
-            return;
-        }
-        let k = level.index();
+    fn cover_children(&mut self, plan: &PackPlan, s: usize) {
+        let Stage { layout, level, from: Some((finer, _)), .. } = &plan.stages[s] else { return };
+        let (level, finer) = (*level, *finer);
         let grid = layout.pyramid.level(level).bricks;
         for (time, channel) in (0..layout.times).flat_map(|t| (0..layout.channels).map(move |c| (t, c))) {
             for i in 0..grid.volume() {
@@ -587,8 +590,8 @@ impl<T: Measure> Statistics<T> {
                 for child in layout.pyramid.children(level, index) {
                     let child = BrickId { time, channel, level: Level(level.0 - 1), index: child };
                     let child = layout.brick_place(child);
-                    self.reach[k][place] = self.reach[k][place].join(self.reach[k - 1][child]);
-                    self.core[k][place] = self.core[k][place].join(self.core[k - 1][child]);
+                    self.reach[s][place] = self.reach[s][place].join(self.reach[finer][child]);
+                    self.core[s][place] = self.core[s][place].join(self.core[finer][child]);
                 }
             }
         }

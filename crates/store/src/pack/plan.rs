@@ -3,22 +3,24 @@
 //! ```text
 //! memory = fixed + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + bricks of all levels * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
+//!        + bricks of all stages * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
+//! stages = level 0, and levels k >= 1 of each pyramid
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
 //! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
 //! ```
 //!
-//! Windows are kept in memory, the coarsest first, as far as `memory_bytes` reaches; the others are rings of the same size
+//! Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are rings of the same size
 //! in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
 
 use crate::codec::{BrickCodec, Codec};
+use crate::downsample::{Downsample, Reductions};
 use crate::layout::Layout;
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::{PackError, PackOptions};
 use brickyard_import::{Access, Source};
-use brickyard_volume::{Level, Pyramid, VoxelType};
+use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
@@ -26,7 +28,7 @@ const PROGRAM_BYTES: u64 = 24 * MIB;
 /// What a pack needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackPlan {
-    /// The arrangement of the store.
+    /// The arrangement of the store's main pyramid.
     pub layout: Layout,
     /// Greatest anonymous memory, at most what the options allow.
     pub memory_bytes: u64,
@@ -34,17 +36,64 @@ pub struct PackPlan {
     pub scratch_bytes: u64,
     /// The store's voxels in all levels, uncompressed: it can hardly come out larger.
     pub output_bytes_at_most: u64,
-    /// Per level, what its window holds and whether it is kept in memory.
-    pub(crate) windows: Vec<WindowPlan>,
+    /// Level 0, then levels 1 and up of the main pyramid, then those of the second: each after the one it follows from.
+    pub(crate) stages: Vec<Stage>,
 }
 
-/// One level's window.
+/// One level of one pyramid.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Stage {
+    /// The arrangement of its pyramid.
+    pub(crate) layout: Layout,
+    pub(crate) level: Level,
+    /// The finer stage that its voxels follow from, and how; none at level 0.
+    pub(crate) from: Option<(usize, Downsample)>,
+    pub(crate) window: WindowPlan,
+}
+
+impl Stage {
+    /// Its extent and brick grid.
+    pub(crate) fn grid(&self) -> &LevelGrid {
+        self.layout.pyramid.level(self.level)
+    }
+}
+
+/// One stage's window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WindowPlan {
     /// Slices; 0 where there is no window.
     pub(crate) capacity: u32,
     pub(crate) bytes: u64,
     pub(crate) in_memory: bool,
+}
+
+impl PackPlan {
+    /// The stages that follow from stage `s`, and how.
+    pub(crate) fn coarser(&self, s: usize) -> impl Iterator<Item = (usize, Downsample)> {
+        let follows =
+            move |(i, stage): (usize, &Stage)| stage.from.filter(|(from, _)| *from == s).map(|(_, how)| (i, how));
+        self.stages.iter().enumerate().filter_map(follows)
+    }
+
+    /// Shards of all stages, steps and channels.
+    pub(crate) fn shard_count(&self) -> u64 {
+        let shards = |stage: &Stage| stage.layout.shard_grid(stage.level).volume();
+        self.volumes() * self.stages.iter().map(shards).sum::<u64>()
+    }
+
+    /// Bricks of all stages, steps and channels.
+    pub(crate) fn brick_count(&self) -> u64 {
+        self.volumes() * self.stages.iter().map(|stage| stage.grid().bricks.volume()).sum::<u64>()
+    }
+
+    /// Voxels of level 0, all steps and channels.
+    pub(crate) fn input_voxels(&self) -> u64 {
+        self.volumes() * self.stages[0].grid().extent.volume()
+    }
+
+    fn volumes(&self) -> u64 {
+        self.layout.times as u64 * self.layout.channels as u64
+    }
 }
 
 /// How many encoded bricks may wait for their turn to be written.
@@ -61,44 +110,51 @@ pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, Pack
     let info = source.info();
     let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
     let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
-    let mut windows = windows(&layout.pyramid, source.access(), info.voxel_type);
-    let needed_bytes = fixed_bytes(&layout, info.voxel_type, options) + PROGRAM_BYTES;
+    let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
+    let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
+    let mut plan = PackPlan { layout, memory_bytes: 0, scratch_bytes: 0, output_bytes_at_most: 0, stages };
+    plan.output_bytes_at_most = plan.volumes().saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64);
+    let needed_bytes = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
     if needed_bytes > options.memory_bytes {
         return Err(PackError::Memory { needed_bytes, given_bytes: options.memory_bytes });
     }
-    let mut memory_bytes = needed_bytes;
-    for window in windows.iter_mut().rev() {
-        window.in_memory = memory_bytes + window.bytes <= options.memory_bytes;
-        memory_bytes += if window.in_memory { window.bytes } else { 0 };
+    plan.memory_bytes = needed_bytes;
+    let mut windows: Vec<&mut WindowPlan> = plan.stages.iter_mut().map(|stage| &mut stage.window).collect();
+    windows.sort_by_key(|window| window.bytes);
+    for window in windows {
+        window.in_memory = plan.memory_bytes + window.bytes <= options.memory_bytes;
+        let total = if window.in_memory { &mut plan.memory_bytes } else { &mut plan.scratch_bytes };
+        *total += window.bytes;
     }
-    let volumes = info.times as u64 * info.channels as u64;
-    let voxels: u64 = layout.pyramid.levels().iter().map(|l| l.extent.volume()).sum();
-    Ok(PackPlan {
-        memory_bytes,
-        scratch_bytes: windows.iter().filter(|w| !w.in_memory).map(|w| w.bytes).sum(),
-        output_bytes_at_most: volumes.saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64),
-        layout,
-        windows,
-    })
+    Ok(plan)
 }
 
-fn windows(pyramid: &Pyramid, access: Access, voxel_type: VoxelType) -> Vec<WindowPlan> {
-    let edge = pyramid.edge();
-    let window = |k: usize| {
-        let level = pyramid.levels()[k];
+fn stages(layout: &Layout, access: Access, voxel_type: VoxelType, reductions: Reductions) -> Vec<Stage> {
+    let edge = layout.pyramid.edge();
+    let stage = |layout: &Layout, k: usize, from| {
+        let extent = layout.pyramid.levels()[k].extent;
         let capacity = match k {
             0 if access == Access::Box => 0,
             0 => 2 * edge,
             _ => edge,
         };
-        let capacity = capacity.min(level.extent.z);
-        let slice = level.extent.x as u64 * level.extent.y as u64 * voxel_type.bytes() as u64;
-        WindowPlan { capacity, bytes: slice * capacity as u64, in_memory: true }
+        let capacity = capacity.min(extent.z);
+        let bytes = extent.x as u64 * extent.y as u64 * voxel_type.bytes() as u64 * capacity as u64;
+        let window = WindowPlan { capacity, bytes, in_memory: true };
+        Stage { layout: layout.clone(), level: Level(k as u8), from, window }
     };
-    (0..pyramid.levels().len()).map(window).collect()
+    let mut stages = vec![stage(layout, 0, None)];
+    let second = reductions.second().map(|method| (layout.of_second(method), method));
+    for (layout, method) in [(layout.clone(), reductions.main())].into_iter().chain(second) {
+        for k in 1..layout.pyramid.levels().len() {
+            let finer = if k == 1 { 0 } else { stages.len() - 1 };
+            stages.push(stage(&layout, k, Some((finer, method))));
+        }
+    }
+    stages
 }
 
-fn fixed_bytes(layout: &Layout, voxel_type: VoxelType, options: &PackOptions) -> u64 {
+fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) -> u64 {
     let (threads, edge) = (options.threads as u64, options.edge as usize);
     let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
     let buffers = Workspace::<u8>::bytes(edge, voxel_type.bytes()) as u64;
@@ -113,14 +169,12 @@ fn fixed_bytes(layout: &Layout, voxel_type: VoxelType, options: &PackOptions) ->
             },
         };
     let in_flight = (bricks_ahead(options.threads) + threads + 2) * codec.encoded_cap();
-    let volumes = layout.times as u64 * layout.channels as u64;
-    let bricks = volumes * layout.pyramid.brick_count() * (4 * voxel_type.bytes() as u64 + 40);
-    let open_shards: u64 = (0..layout.pyramid.levels().len())
-        .map(|k| {
-            let grid = layout.shard_grid(Level(k as u8));
-            grid.x as u64 * grid.y as u64 * layout.shard_bricks(Level(k as u8)).volume()
-        })
-        .sum();
-    let channels = layout.channels as u64 * (MIB / 2);
-    threads * (buffers + compressor) + in_flight + bricks + open_shards * OPEN_BYTES_PER_BRICK as u64 + channels
+    let bricks = plan.brick_count() * (4 * voxel_type.bytes() as u64 + 40);
+    let open_shards = |stage: &Stage| {
+        let grid = stage.layout.shard_grid(stage.level);
+        grid.x as u64 * grid.y as u64 * stage.layout.shard_bricks(stage.level).volume()
+    };
+    let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
+    let channels = plan.layout.channels as u64 * (MIB / 2);
+    threads * (buffers + compressor) + in_flight + bricks + indexes + channels
 }

@@ -1,8 +1,8 @@
-//! Writes bricks, in their order, to their shards' files: appended under a temporary name as they come, finished with an
-//! index, synced and renamed by a thread of its own, then noted in the journal.
+//! Writes a stage's bricks, in their order, to their shards' files: appended under a temporary name as they come, finished
+//! with an index, synced and renamed by a thread of its own, then noted in the journal.
 //!
 //! A shard that spans several layers of bricks stays open as a place in memory (its index so far), not as a file: one
-//! file is open at a time.
+//! file a stage is open at a time.
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::disk::{Disk, DiskError, temporary};

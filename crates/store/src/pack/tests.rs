@@ -3,9 +3,10 @@
 use super::disk::Disk;
 use super::*;
 use crate::layout::JOURNAL_NAME;
+use crate::shard_file::IoMode;
 use crate::store::Store;
 use brickyard_import::{Access, SourceInfo};
-use brickyard_volume::{BrickId, BrickIndex, Extent, Geometry, OccupancyBins, Pyramid, Voxel, VoxelBox};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Pyramid, Voxel, VoxelBox};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
@@ -168,36 +169,47 @@ fn coarser<T: Voxel>(fine: &[f64], from: Extent, to: Extent, factor: [u32; 3], m
     coarse
 }
 
+/// Every level of every pyramid against plain loops over the finer one.
 fn check_pyramid<T: Voxel>(source: &Array<T>, options: &PackOptions) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("s.zarr");
     pack(source, &path, options, &()).unwrap();
-    let store = Store::open(&path).unwrap();
     let info = &source.info;
-    for (time, channel) in (0..info.times).flat_map(|t| (0..info.channels).map(move |c| (t, c))) {
-        let volume = (time * info.channels + channel) as usize * info.extent.volume() as usize;
-        let voxels = &source.voxels[volume..volume + info.extent.volume() as usize];
-        let mut expected: Vec<f64> = voxels.iter().map(|v| v.to_f64()).collect();
-        let levels = store.pyramid().levels();
-        for k in 0..levels.len() {
-            if k > 0 {
-                let factor = std::array::from_fn(|a| levels[k].factor[a] / levels[k - 1].factor[a]);
-                let (from, to) = (levels[k - 1].extent, levels[k].extent);
-                expected = coarser::<T>(&expected, from, to, factor, options.downsample);
+    for method in std::iter::once(options.downsample.main()).chain(options.downsample.second()) {
+        let store = Store::open_reduced(&path, method, IoMode::default()).unwrap();
+        assert_eq!(store.downsample(), method);
+        for (time, channel) in (0..info.times).flat_map(|t| (0..info.channels).map(move |c| (t, c))) {
+            let volume = (time * info.channels + channel) as usize * info.extent.volume() as usize;
+            let voxels = &source.voxels[volume..volume + info.extent.volume() as usize];
+            let mut expected: Vec<f64> = voxels.iter().map(|v| v.to_f64()).collect();
+            let levels = store.pyramid().levels();
+            for k in 0..levels.len() {
+                if k > 0 {
+                    let factor = std::array::from_fn(|a| levels[k].factor[a] / levels[k - 1].factor[a]);
+                    let (from, to) = (levels[k - 1].extent, levels[k].extent);
+                    expected = coarser::<T>(&expected, from, to, factor, method);
+                }
+                let found = level_voxels(&store, time, channel, Level(k as u8));
+                let same = |a: f64, b: f64| a == b || a.is_nan() && b.is_nan();
+                let wrong = expected.iter().zip(&found).position(|(a, b)| !same(*a, *b));
+                let what = format!("{} {} t{time} c{channel} level {k}", T::TYPE, method.name());
+                assert_eq!(wrong.map(|i| (i, expected[i], found[i])), None, "{what}");
             }
-            let found = level_voxels(&store, time, channel, Level(k as u8));
-            let same = |a: f64, b: f64| a == b || a.is_nan() && b.is_nan();
-            let wrong = expected.iter().zip(&found).position(|(a, b)| !same(*a, *b));
-            let what = format!("{} {} t{time} c{channel} level {k}", T::TYPE, options.downsample.name());
-            assert_eq!(wrong.map(|i| (i, expected[i], found[i])), None, "{what}");
         }
     }
+    let report = crate::verify::verify(&path, |done, total| assert!(done <= total)).unwrap();
+    assert_eq!(report.problems, [], "{} {}", T::TYPE, options.downsample);
+}
+
+fn mean_and_max() -> Reductions {
+    "mean,max".parse().unwrap()
 }
 
 #[test]
 fn every_level_is_what_plain_loops_make_of_the_finer_one() {
     let extent = [100, 37, 211];
-    for downsample in Downsample::ALL {
+    let alone = Downsample::ALL.map(Reductions::from);
+    for downsample in alone.into_iter().chain([mean_and_max(), "nearest,min".parse().unwrap()]) {
         let with = |t| PackOptions { downsample, ..options(t) };
         check_pyramid(&Array::new(extent, |p| value(p) as u8), &with(VoxelType::U8));
         check_pyramid(&Array::new(extent, |p| (value(p) * 300.0 - 20000.0) as i16), &with(VoxelType::I16));
@@ -218,21 +230,22 @@ fn every_type_and_shape_packs() {
     }
     let mut anisotropic = Array::new([90, 80, 30], |p| value(p) as u8);
     anisotropic.info.geometry.spacing = glam::DVec3::new(0.5, 0.5, 2.0);
-    check_pyramid(&anisotropic, &options(VoxelType::U8));
+    let both = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U8) };
+    check_pyramid(&anisotropic, &both);
     let series = Array::series([40, 20, 35], 3, 2, |i, p| (value(p) as u8).wrapping_add(i as u8 * 10));
-    check_pyramid(&series, &options(VoxelType::U8));
+    check_pyramid(&series, &both);
 }
 
 #[test]
 fn output_does_not_depend_on_threads_memory_or_the_order_of_reading() {
     let mut source = Array::new([150, 90, 110], |p| value(p) as u16);
-    let options = options(VoxelType::U16);
+    let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U16) };
     let expected = packed(&source, &PackOptions { threads: 1, ..options.clone() });
     assert_same(&expected, &packed(&source, &PackOptions { threads: 4, ..options.clone() }), "4 threads");
     let in_memory = plan(&source, &options).unwrap();
     assert_eq!(in_memory.scratch_bytes, 0);
     // One byte less than everything: some window goes to a scratch file; the least: all do.
-    let least = in_memory.memory_bytes - in_memory.windows.iter().map(|w| w.bytes).sum::<u64>();
+    let least = in_memory.memory_bytes - in_memory.stages.iter().map(|s| s.window.bytes).sum::<u64>();
     for memory_bytes in [in_memory.memory_bytes - 1, least] {
         let options = PackOptions { memory_bytes, ..options.clone() };
         let plan = plan(&source, &options).unwrap();
@@ -253,14 +266,16 @@ fn output_does_not_depend_on_threads_memory_or_the_order_of_reading() {
 #[test]
 fn windows_hold_one_layer() {
     let mut source = Array::new([64, 48, 200], |_| 0u16);
-    let windows = |source: &Array<u16>| {
-        let plan = plan(source, &options(VoxelType::U16)).unwrap();
-        plan.windows.iter().map(|w| (w.capacity, w.bytes)).collect::<Vec<_>>()
+    let windows = |source: &Array<u16>, downsample| {
+        let plan = plan(source, &PackOptions { downsample, ..options(VoxelType::U16) }).unwrap();
+        plan.stages.iter().map(|s| (s.window.capacity, s.window.bytes)).collect::<Vec<_>>()
     };
     let coarse = [(16, 16 * 32 * 24 * 2), (16, 16 * 16 * 12 * 2), (16, 16 * 8 * 6 * 2), (13, 13 * 4 * 3 * 2)];
-    assert_eq!(windows(&source), [&[(0, 0)], &coarse[..]].concat());
+    assert_eq!(windows(&source, Downsample::Mean.into()), [&[(0, 0)], &coarse[..]].concat());
+    // A second pyramid has windows of its own, but for level 0.
+    assert_eq!(windows(&source, mean_and_max()), [&[(0, 0)], &coarse[..], &coarse[..]].concat());
     source.access = Access::Planes;
-    assert_eq!(windows(&source), [&[(32, 32 * 64 * 48 * 2)], &coarse[..]].concat());
+    assert_eq!(windows(&source, Downsample::Mean.into()), [&[(32, 32 * 64 * 48 * 2)], &coarse[..]].concat());
 }
 
 #[test]
@@ -299,7 +314,7 @@ fn known_constants_are_not_read() {
         }
     }
     let array = || Array::new([90, 40, 50], |p| if p[0] < 40 { value(p) as i16 } else { -5 });
-    let options = options(VoxelType::I16);
+    let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::I16) };
     let expected = packed(&array(), &options);
     let known = Known(array());
     let dir = tempfile::tempdir().unwrap();
@@ -399,8 +414,10 @@ fn bad_options_are_refused() {
 /// that was finished is written again.
 #[test]
 fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
+    // Of level 0, and two of each pyramid.
+    const SHARDS: u64 = 4 + 2 * 2;
     let source = Array::new([40, 20, 36], |p| value(p) as u16 + 1);
-    let fresh = options(VoxelType::U16);
+    let fresh = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U16) };
     let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
     let expected = packed(&source, &fresh);
     let dir = tempfile::tempdir().unwrap();
@@ -410,7 +427,9 @@ fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
         let disk = Disk { fuse: Some(AtomicI64::new(n)) };
         match pack_on(&disk, &source, &store, &fresh, &()) {
             Ok(_) => break,
-            Err(PackError::Incomplete { done, total, needed_bytes, .. }) => assert!(done <= total && needed_bytes > 0),
+            Err(PackError::Incomplete { done, total, needed_bytes, .. }) => {
+                assert!(done <= total && total == SHARDS && needed_bytes > 0);
+            }
             Err(error) => panic!("change {n}: {error}"),
         }
         assert!(!store.join("zarr.json").exists() || store.join(JOURNAL_NAME).exists() || files(&store) == expected);
@@ -426,7 +445,81 @@ fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
         n += 1 + n / 8;
     }
     // Every shard's file takes at least a create, an append, a sync, a rename and a journal line.
-    assert!(n > 5 * 6 && resumed_most == 6, "{n} changes, {resumed_most} shards");
+    assert!(n > 5 * SHARDS as i64 && resumed_most == SHARDS, "{n} changes, {resumed_most} shards");
+}
+
+#[test]
+fn a_second_pyramid_leaves_the_main_one_as_it_is() {
+    let source = Array::new([70, 40, 75], |p| value(p) as u8 + 1);
+    let alone = options(VoxelType::U8);
+    let both = PackOptions { downsample: mean_and_max(), ..alone.clone() };
+    let shared = |options: &PackOptions| {
+        let mut files = packed(&source, options);
+        files.retain(|path, _| !path.to_string_lossy().contains("/max/") && path != Path::new("zarr.json"));
+        files
+    };
+    assert_same(&shared(&alone), &shared(&both), "the main pyramid");
+
+    // One is not resumed as the other.
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    source.fuse.store(30, Ordering::Relaxed);
+    pack(&source, &store, &alone, &()).unwrap_err();
+    source.fuse.store(i64::MAX, Ordering::Relaxed);
+    let refused = pack(&source, &store, &PackOptions { exists: Exists::Resume, ..both }, &()).unwrap_err().to_string();
+    assert!(refused.contains("downsample was \"mean\", now \"mean,max\""), "{refused}");
+}
+
+#[test]
+fn damage_to_either_pyramid_is_found_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U8) };
+    pack(&Array::new([60, 40, 50], |p| value(p) as u8 + 1), &store, &options, &()).unwrap();
+    let problems = || {
+        let problems = crate::verify::verify(&store, |_, _| {}).unwrap().problems;
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    for (file, named) in [("0/c/0/0/0", "level 0 brick (0,0,0)"), ("2/.brickyard/max/c/0/0/0", "level 2 brick (0,0,0)")]
+    {
+        let path = store.join(file);
+        let sound = std::fs::read(&path).unwrap();
+        let mut bad = sound.clone();
+        bad[9] ^= 1;
+        std::fs::write(&path, bad).unwrap();
+        let found = problems();
+        assert!(found.len() == 1 && found[0].contains(file) && found[0].contains(named), "{found:#?}");
+        std::fs::write(&path, sound).unwrap();
+    }
+    // Level 1 of the second pyramid with the voxels of the main one: sound but for what it means.
+    for file in ["c/0/0/0", ".brickyard/shards/c/0/0/0/0/0/0"] {
+        std::fs::copy(store.join("1").join(file), store.join("1/.brickyard/max").join(file)).unwrap();
+    }
+    let found = problems();
+    let wrong = |p: &String| p.contains("1/.brickyard/max/c/0/0/0") && p.contains("are not the max");
+    assert!(found.iter().any(wrong) && found.iter().all(|p| p.contains("/.brickyard/max/")), "{found:#?}");
+}
+
+#[test]
+fn a_pyramid_is_opened_by_its_method() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U8) };
+    pack(&Array::new([40, 20, 20], |p| value(p) as u8), &store, &options, &()).unwrap();
+    let open = |method| Store::open_reduced(&store, method, IoMode::Pread);
+    let layout = |store: Store| store.layout().clone();
+    assert_eq!(layout(open(Downsample::Mean).unwrap()), layout(Store::open(&store).unwrap()));
+    assert_eq!(open(Downsample::Max).unwrap().layout().second(), Some(Downsample::Max));
+    let refused = open(Downsample::Min).err().unwrap().to_string();
+    assert!(refused.contains("no level is made by min, only by mean,max"), "{refused}");
+    // A contradiction in the second's metadata is no concern of the main one.
+    let path = store.join("zarr.json");
+    let mut root = crate::side::read_json(&path).unwrap();
+    root["attributes"]["brickyard"]["multiscales"][0]["datasets"][1]["path"] = "1".into();
+    std::fs::write(&path, document_bytes(&root)).unwrap();
+    Store::open(&store).unwrap();
+    let refused = open(Downsample::Max).err().unwrap().to_string();
+    assert!(refused.contains("attributes.brickyard.multiscales[0].datasets[1].path"), "{refused}");
 }
 
 /// What the journal says is believed only where the file bears it out.
@@ -515,8 +608,10 @@ proptest! {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("s.zarr");
         let extent = [37, 21, 40];
-        pack(&Array::new(extent, random), &path, &PackOptions { edge: 8, shard_edge: 16, ..options(VoxelType::U16) }, &()).unwrap();
-        let store = Store::open(&path).unwrap();
+        let options = PackOptions { edge: 8, shard_edge: 16, downsample: mean_and_max(), ..options(VoxelType::U16) };
+        pack(&Array::new(extent, random), &path, &options, &()).unwrap();
+        let method = if seed % 2 == 0 { Downsample::Mean } else { Downsample::Max };
+        let store = Store::open_reduced(&path, method, IoMode::default()).unwrap();
         let bins = store.occupancy_bins();
         let pyramid = Pyramid::new(Extent::from_array(extent), [1.0; 3], 8);
         for k in 0..pyramid.levels().len() {
