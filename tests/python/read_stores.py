@@ -1,7 +1,8 @@
 """Stores made by `brickyard pack`, read by zarr-python and tensorstore.
 
 For every voxel type and for volumes of every awkward shape: all readers see what `export` gives, bit for bit; every level
-is the mean of the finer one; the OME metadata places every level right; and nothing but the levels is listed.
+is the mean of the finer one (or, in a second pyramid, the maximum); the OME metadata places every level right; and nothing
+but the levels is listed.
 """
 
 import json
@@ -17,6 +18,7 @@ DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "f4"]
 NAMES = {"u1": "u8", "i1": "i8", "u2": "u16", "i2": "i16", "u4": "u32", "i4": "i32", "f4": "f32"}
 SMALL = ["--brick", "8", "--shard", "16"]
 MEDIUM = ["--brick", "16", "--shard", "64"]
+TWO = ["--downsample", "mean,max"]
 
 
 class Volume:
@@ -51,13 +53,13 @@ def volumes():
     """{name: Volume}."""
     made = {}
     for d in DTYPES:
-        made[f"{d}-odd"] = Volume(noise(d, 43, 21, 37), SMALL)
+        made[f"{d}-odd"] = Volume(noise(d, 43, 21, 37), SMALL + TWO)
         made[f"{d}-anisotropic"] = Volume(
-            noise(d, 19, 40, 33), MEDIUM, spacing=(0.5, 0.7, 2.25), origin=(-11.5, 3.25, 1e3), unit="um")
+            noise(d, 19, 40, 33), MEDIUM + TWO, spacing=(0.5, 0.7, 2.25), origin=(-11.5, 3.25, 1e3), unit="um")
         made[f"{d}-slice"] = Volume(noise(d, 1, 50, 34), SMALL, spacing=(2.0, 3.0, 0.1))
         made[f"{d}-times"] = Volume(noise(d, 3, 1, 18, 17, 19), SMALL)
         made[f"{d}-channels"] = Volume(noise(d, 2, 18, 17, 19), SMALL)
-        made[f"{d}-5d"] = Volume(noise(d, 2, 3, 9, 10, 20), SMALL, unit="mm")
+        made[f"{d}-5d"] = Volume(noise(d, 2, 3, 9, 10, 20), SMALL + TWO, unit="mm")
         made[f"{d}-constant"] = Volume(np.full((1, 1, 20, 30, 40), 7, d), MEDIUM)
         made[f"{d}-zero"] = Volume(np.zeros((1, 1, 20, 30, 40), d), MEDIUM)
         made[f"{d}-plain"] = Volume(noise(d, 20, 30, 40), MEDIUM + ["--codec", "none"])
@@ -71,10 +73,10 @@ def volumes():
     special[0, 0, 1::7, ::2, ::5] = np.inf
     special[0, 0, 2::7, 1::2, ::5] = -np.inf
     special[0, 0, 8:24, 8:24, 8:24] = np.nan  # Whole bricks, and what is left of them in coarser levels.
-    made["f4-not-finite"] = Volume(special, SMALL)
+    made["f4-not-finite"] = Volume(special, SMALL + TWO)
     spots = np.zeros((1, 1, 40, 40, 40), "u2")
     spots[..., 3, 33, 20] = 65535
-    made["u2-spot"] = Volume(spots, SMALL)
+    made["u2-spot"] = Volume(spots, SMALL + TWO)
     return made
 
 
@@ -90,6 +92,20 @@ def mean(fine, factor):
         value = np.pad(value, pad).reshape(shape).sum(axis + 1)
         valid = np.pad(valid, pad).reshape(shape).sum(axis + 1)
     return np.divide(value, valid, out=np.full(value.shape, np.nan), where=valid > 0)
+
+
+def maximum(fine, factor):
+    """What the next level of maxima must be: the greatest finite voxel of each box; NaN where there is none."""
+    floats = fine.dtype.kind == "f"
+    least = -np.inf if floats else np.iinfo(fine.dtype).min
+    value = np.where(np.isfinite(fine), fine, np.array(least, fine.dtype))
+    for axis, f in enumerate(factor):
+        pad = [(0, 0)] * fine.ndim
+        pad[axis] = (0, -value.shape[axis] % f)
+        shape = list(value.shape)
+        shape[axis : axis + 1] = [(shape[axis] + pad[axis][1]) // f, f]
+        value = np.pad(value, pad, constant_values=least).reshape(shape).max(axis + 1)
+    return np.where(value == least, np.array(np.nan, fine.dtype), value) if floats else value
 
 
 def check_mean(fine, coarse, factor):
@@ -170,22 +186,49 @@ def check_listing(path, levels):
     check(zarr.open(folders[0], mode="r").shape == tuple(shapes[0]), folders[0])
 
 
+def opened(path):
+    """An array as zarr-python and as tensorstore open it, without a warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        array = zarr.open_array(path, mode="r")
+    return array, ts.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path)}}).result()
+
+
+def check_second(path, root, scales):
+    """The second pyramid's levels, where its metadata say, are the maxima of the finer ones, from the same level 0 on."""
+    (main,), (second,) = (root["attributes"][owner]["multiscales"] for owner in ["ome", "brickyard"])
+    check(main["type"] == "mean" and second["type"] == "max", main["type"], second["type"])
+    check(main["axes"] == second["axes"], second["axes"])
+    finer = None
+    for k, (ours, theirs) in enumerate(zip(second["datasets"], main["datasets"], strict=True)):
+        check(ours["path"] == (f"{k}/.brickyard/max" if k else "0"), ours["path"])
+        check({**ours, "path": str(k)} == theirs, ours)
+        array, store = opened(path / ours["path"])
+        like = zarr.open_array(path / str(k), mode="r").metadata
+        check(array.metadata == like, f"level {k}: shape, type, shards or codecs of the pyramids differ")
+        found = array[...]
+        check(same_bits(found, store.read().result()), f"level {k}: zarr-python and tensorstore differ")
+        if finer is not None:
+            factor = [1] * (found.ndim - 3) + [round(f) for f in scales[k] / scales[k - 1]]
+            check(same_bits(found, maximum(finer, factor)), f"level {k} is not the maximum of the finer one")
+        finer = found
+
+
 def check_store(name, volume):
     volume.pack(name)
     path = FOLDER / f"{name}.zarr"
     root = json.loads((path / "zarr.json").read_text())
     scales = check_metadata(volume, root)
     check_listing(path, len(scales))
+    if TWO[1] in volume.flags:
+        check_second(path, root, scales)
     finer = None
     for k, scale in enumerate(scales):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            array = zarr.open_array(path / str(k), mode="r")
+        array, store = opened(path / str(k))
         found = array[...]
         five = volume.array.shape[:2] + found.shape[-3:]
         ours = exported(name, volume, k, five).reshape(found.shape)
         check(same_bits(found, ours), f"level {k}: zarr-python and export differ")
-        store = ts.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path / str(k))}}).result()
         names = tuple(a["name"] for a in root["attributes"]["ome"]["multiscales"][0]["axes"])
         check(array.metadata.dimension_names == names and store.domain.labels == names, store.domain)
         check(same_bits(store.read().result(), ours), f"level {k}: tensorstore and export differ")
