@@ -1,14 +1,16 @@
 //! Padded bricks: a core and an apron copied from its up to 26 neighbours of the same level.
 //!
-//! Along every axis a padded brick is the end of one neighbour, the core, and the beginning of the other; the 27
-//! combinations are boxes copied row by row from cores in the RAM cache, one core at a time. At the faces of the level (its
-//! own extent, which may end inside a brick) the last voxel is repeated; so it is towards a neighbour that cannot be read.
-//! Cost: the copy of one padded brick, plus decoding what the cache does not hold.
+//! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
+//! one by one what has to be decoded. At the faces of the level (its own extent, which may end inside a brick) the last
+//! voxel is repeated; so it is towards a neighbour that cannot be read. Cost: the copy of one padded brick, plus decoding
+//! what the cache does not hold.
 
-use crate::layout::{Layout, copy_run};
+use crate::blocks::{Block, paste};
+use crate::layout::Layout;
+use crate::parts::{Part, Span, spans};
 use crate::ram_cache::RamCache;
 use crate::source::BrickError;
-use brickyard_volume::{BrickId, BrickIndex};
+use brickyard_volume::BrickId;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -39,43 +41,29 @@ impl PaddedReader {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
-        let mut spans: [[Span; 3]; 3] =
-            std::array::from_fn(|a| spans(&self.layout, index[a] as usize, extent[a] as usize));
-        // Along x the neighbour before is read from its last columns alone.
-        spans[0][0].from = 0;
-        let own = [1; 3];
-        let place = |d: [usize; 3]| [spans[0][d[0]], spans[1][d[1]], spans[2][d[2]]];
-        let core = self.cache.core(id, &mut self.scratch)?;
-        paste(&self.layout, self.layout.part(&core, 1), place(own), out);
-        drop(core);
-        for d in (0..27).map(|i| [i % 3, i / 3 % 3, i / 9]).filter(|&d| d != own) {
-            let span = place(d);
-            if span.iter().any(|s| s.len == 0) {
-                continue;
-            }
-            let neighbour = BrickIndex::from_array(std::array::from_fn(|a| index[a] + d[a] as u32 - 1));
-            match self.cache.core(BrickId { index: neighbour, ..id }, &mut self.scratch) {
-                Ok(core) => paste(&self.layout, self.layout.part(&core, d[0]), span, out),
-                Err(_) => repeat_own_edge(&self.layout, span, place(own), out),
+        let layout = self.layout;
+        let spans: [[Span; 3]; 3] = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
+        let place = |part: Part| [0, 1, 2].map(|a| spans[a][part.side[a]]);
+        let mut lenders = [None; Part::COUNT];
+        for part in Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0)) {
+            lenders[part.number()] = Some(BrickId { index: part.lender(id.index), ..id });
+        }
+        let cached = self.cache.cached(&lenders);
+        for bar in Part::bars() {
+            let block = |part: Part| Some(Block::new(&layout, part, cached[part.number()].as_ref()?, place(part)));
+            paste(&layout, bar.map(block), out);
+        }
+        let is_missing = cached.map(|codes| codes.is_none());
+        for part in Part::all().filter(|part| is_missing[part.number()]) {
+            let Some(lender) = lenders[part.number()] else { continue };
+            match self.cache.part(part, lender, &mut self.scratch) {
+                Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
+                Err(err) if part == Part::OWN => return Err(err),
+                Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
             }
         }
-        repeat_level_faces(&self.layout, spans.map(|[before, _, after]| before.to..after.target().end), out);
+        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), out);
         Ok(())
-    }
-}
-
-/// Copies a box of a core (or of its columns), given with the length of its rows, to its place in the padded brick.
-fn paste(layout: &Layout, (from, row): (&[u8], usize), [x, y, z]: [Span; 3], out: &mut [u8]) {
-    let (edge, padded, bytes) = (layout.edge, layout.padded(), layout.code_bytes);
-    let run = x.len * bytes;
-    for slice in 0..z.len {
-        let from_slice = (z.from + slice) * edge + y.from;
-        let to_slice = (z.to + slice) * padded + y.to;
-        for line in 0..y.len {
-            let from_run = ((from_slice + line) * row + x.from) * bytes;
-            let to_run = ((to_slice + line) * padded + x.to) * bytes;
-            copy_run(&from[from_run..from_run + run], &mut out[to_run..to_run + run]);
-        }
     }
 }
 
@@ -120,40 +108,14 @@ fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
     }
 }
 
-/// Along one axis, which voxels of a core go where in the padded brick.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Span {
-    from: usize,
-    to: usize,
-    len: usize,
-}
-
-impl Span {
-    fn target(self) -> Range<usize> {
-        self.to..self.to + self.len
-    }
-}
-
-/// Along one axis of `extent` voxels: the parts of brick `index`'s padded row from the brick before, itself and the brick
-/// after.
-fn spans(layout: &Layout, index: usize, extent: usize) -> [Span; 3] {
-    let Layout { edge, apron, .. } = *layout;
-    let start = index * edge;
-    let before = if index > 0 { apron } else { 0 };
-    let own = edge.min(extent - start);
-    let after = apron.min(extent - start - own);
-    [
-        Span { from: edge - before, to: apron - before, len: before },
-        Span { from: 0, to: apron, len: own },
-        Span { from: 0, to: apron + own, len: after },
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::budget::Meter;
+    use crate::ram_cache::layout_of;
+    use crate::source::BrickSource;
     use crate::test_source::TestSource;
-    use brickyard_volume::{Extent, Level, Pyramid, VoxelType};
+    use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
     use proptest::prelude::*;
 
     fn padded(source: TestSource, id: BrickId, apron: u32) -> Vec<u8> {
@@ -162,6 +124,58 @@ mod tests {
         let mut out = vec![0xEE; reader.padded_bytes()];
         reader.read(id, &mut out).unwrap();
         out
+    }
+
+    /// All bricks of a level in rows, as a sweep meets them.
+    fn rows(source: &TestSource) -> Vec<BrickId> {
+        let [x, y, z] = source.pyramid().level(Level(0)).bricks.to_array();
+        let index = |i| BrickIndex::new(i % x, i / x % y, i / x / y);
+        (0..x * y * z).map(|i| BrickId { time: 0, channel: 0, level: Level(0), index: index(i) }).collect()
+    }
+
+    fn cache(source: TestSource, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
+        let layout = layout_of(&source, 1).unwrap();
+        let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
+        (Arc::new(RamCache::with_meter(Arc::new(source), layout, cores, meter.clone())), meter)
+    }
+
+    #[test]
+    fn a_sweep_with_room_for_its_front_decodes_each_brick_once() {
+        let bricks = rows(&TestSource::cube(64));
+        // 8^3 bricks in rows: of each, neighbours up to a slice, a row and a brick ahead are met before their own turn.
+        let front = 8 * 8 + 8 + 1;
+        let (cache, meter) = cache(TestSource::cube(64), front);
+        let mut reader = PaddedReader::new(cache.clone());
+        let mut out = vec![0; reader.padded_bytes()];
+        for &id in &bricks {
+            reader.read(id, &mut out).unwrap();
+        }
+        assert_eq!(cache.counters().decoded, bricks.len() as u64);
+        assert!(meter.peak() <= (front * cache.layout().cached_bytes()) as u64);
+    }
+
+    /// More threads than buffers neither wait for each other for good nor spoil each other's bricks.
+    #[test]
+    fn threads_share_the_smallest_caches() {
+        let bricks = rows(&TestSource::cube(24));
+        let expected: Vec<_> = bricks.iter().map(|&id| padded(TestSource::cube(24), id, 1)).collect();
+        for cores in [1, 2, 5] {
+            let (cache, meter) = cache(TestSource::cube(24), cores);
+            std::thread::scope(|scope| {
+                for thread in 0..6 {
+                    let (cache, bricks, expected) = (cache.clone(), &bricks, &expected);
+                    scope.spawn(move || {
+                        let mut reader = PaddedReader::new(cache);
+                        for i in (0..bricks.len()).map(|i| (i + 5 * thread) % bricks.len()) {
+                            let mut out = vec![0xEE; reader.padded_bytes()];
+                            reader.read(bricks[i], &mut out).unwrap();
+                            assert!(out == expected[i], "{} with {cores} cores", bricks[i]);
+                        }
+                    });
+                }
+            });
+            assert_eq!(meter.peak(), (cores * cache.layout().cached_bytes()) as u64);
+        }
     }
 
     proptest! {

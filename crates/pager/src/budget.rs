@@ -1,7 +1,7 @@
 //! The budgets: how a host-memory budget is split, and one meter that everything which holds brick bytes charges.
 //!
-//! All host buffers come in three sizes known at the start (a worker's scratch, a core, a padded brick), so the split is in
-//! whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
+//! All host buffers come in sizes known at the start (a worker's scratch, a core with its share of shells, a padded brick), so
+//! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -96,7 +96,7 @@ pub(crate) struct BufferSizes {
     pub(crate) fixed: u64,
     /// What a worker needs to decode, besides the core's own buffer.
     pub(crate) scratch: u64,
-    /// Codes of a core.
+    /// Codes of a cached core and its share of the shells.
     pub(crate) core: u64,
     /// Codes of a padded brick.
     pub(crate) padded: u64,
@@ -108,7 +108,7 @@ pub(crate) struct HostSplit {
     pub(crate) workers: u32,
     /// Padded bricks being assembled, waiting for upload, or in the last frame's hands.
     pub(crate) staged: usize,
-    /// Cores in the RAM cache, those being decoded included.
+    /// Cores in the RAM cache, each with its share of the shells, those being decoded included.
     pub(crate) cores: usize,
 }
 

@@ -8,17 +8,20 @@
 //! [`Pager`] joins the two.
 
 mod assemble;
+mod blocks;
 mod budget;
 mod cut;
 mod draw_list;
 mod layout;
 mod order;
 mod pager;
+mod parts;
 mod plan;
 #[cfg(test)]
 mod properties;
 mod ram_cache;
 mod residency;
+mod shelf;
 mod slots;
 mod source;
 mod store_source;

@@ -1,40 +1,52 @@
-//! The RAM brick cache: decoded cores as slot codes, least recently used first out, within a fixed number of buffers.
+//! The RAM brick cache: decoded cores as slot codes, and the shells that neighbours take their aprons from, within a fixed
+//! number of buffers.
 //!
-//! It reads through: a core that is not there is decoded by the caller's thread, and others who want the same core wait
-//! for it, so no core is decoded twice at a time. All buffers have one size and are used again, so a decode allocates nothing
-//! once the cache is full. A buffer counts from its allocation on, whoever holds it. Callers hold one core at a time: then as
-//! many buffers as threads are enough. Cores that could not be read are remembered, and logged once.
+//! It reads through: what is not there is decoded by the caller's thread, and others who want the same brick wait for it,
+//! so no core is decoded twice at a time. A decode gives a core and its shell (see [`Layout`]); a padded brick takes its own
+//! part from the core and all others from shells, so a core may go as soon as its brick has been assembled, while its
+//! shell, which is far smaller, stays for the neighbours. Two shelves hold them: see [`Shelf`] for what goes first.
+//!
+//! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
+//! read are remembered, and logged once. Cost: one lock for all parts of a padded brick that are there.
 
+use crate::blocks::copy_shell;
 use crate::budget::{Meter, PagerError};
 use crate::layout::Layout;
+use crate::parts::Part;
+use crate::shelf::Shelf;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{BrickId, SlotEncoding, VoxelType};
-use lru::LruCache;
 use std::collections::{HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Decoded cores of one source.
+/// Decoded bricks of one source.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
     encoding: SlotEncoding,
     layout: Layout,
-    capacity: usize,
-    meter: Arc<Meter>,
     inner: Mutex<Inner>,
-    /// A decode has ended.
-    decoded: Condvar,
+    /// Somebody who made something is done with it.
+    made: Condvar,
 }
 
 struct Inner {
-    cores: LruCache<BrickId, Arc<[u8]>>,
+    cores: Shelf,
+    shells: Shelf,
     failed: HashMap<BrickId, BrickError>,
-    decoding: HashSet<BrickId>,
-    /// Buffers allocated, in whatever hands.
-    allocated: usize,
-    free: Vec<Arc<[u8]>>,
+    /// Bricks of which some thread is making the core or the shell.
+    making: HashSet<BrickId>,
     counters: DecodeCounters,
+}
+
+/// What a thread makes of a brick, in buffers that nobody else sees yet.
+struct Making {
+    core: Arc<[u8]>,
+    /// Whether the core is cached already, and only the shell has been let go.
+    is_cached: bool,
+    /// `None` if the shell is cached.
+    shell: Option<Arc<[u8]>>,
 }
 
 /// What a cache has decoded so far.
@@ -62,17 +74,16 @@ impl RamCache {
         }
     }
 
-    pub(crate) fn with_meter(source: Arc<dyn BrickSource>, layout: Layout, capacity: usize, meter: Arc<Meter>) -> Self {
+    pub(crate) fn with_meter(source: Arc<dyn BrickSource>, layout: Layout, cores: usize, meter: Arc<Meter>) -> Self {
         let inner = Inner {
-            cores: LruCache::unbounded(),
+            cores: Shelf::new(layout.core_bytes(), cores, meter.clone()),
+            shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
             failed: HashMap::new(),
-            decoding: HashSet::new(),
-            allocated: 0,
-            free: Vec::new(),
+            making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
         let encoding = encoding_of(&*source);
-        Self { source, encoding, layout, capacity, meter, inner: Mutex::new(inner), decoded: Condvar::new() }
+        Self { source, encoding, layout, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
     /// Where the cores come from.
@@ -99,90 +110,137 @@ impl RamCache {
         scratch_bytes(&*self.source, &self.encoding) as usize
     }
 
-    /// The cached core of a brick (see [`Layout`]), decoded if need be. To be dropped before asking for another.
-    pub(crate) fn core(&self, id: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, BrickError> {
+    /// The codes to take each part from where they are cached: the brick's own core, and shells of its neighbours. To be
+    /// dropped before asking for more.
+    pub(crate) fn cached(&self, lenders: &[Option<BrickId>; Part::COUNT]) -> [Option<Arc<[u8]>>; Part::COUNT] {
+        let mut inner = self.lock();
+        let mut codes = [const { None }; Part::COUNT];
+        for part in Part::all() {
+            codes[part.number()] = lenders[part.number()].and_then(|lender| inner.take(part, lender));
+        }
+        codes
+    }
+
+    /// The codes to take one part from, decoded if need be. To be dropped before asking for another.
+    pub(crate) fn part(&self, part: Part, lender: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, BrickError> {
         let mut inner = self.lock();
         loop {
-            if let Some(core) = inner.cores.get(&id) {
-                return Ok(core.clone());
+            if let Some(codes) = inner.take(part, lender) {
+                return Ok(codes);
             }
-            if let Some(err) = inner.failed.get(&id) {
+            if let Some(err) = inner.failed.get(&lender) {
                 return Err(err.clone());
             }
-            if inner.decoding.insert(id) {
-                break;
-            }
-            inner = self.decoded.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            inner = match inner.start(lender) {
+                Some(making) => {
+                    drop(inner);
+                    self.make(lender, making, scratch)
+                }
+                None => self.wait(inner),
+            };
         }
-        let mut buffer = self.buffer(inner);
-        let result = self.decode(id, scratch, &mut buffer);
+    }
+
+    /// Decodes what is to be made and caches it, or the failure.
+    fn make(&self, id: BrickId, mut making: Making, scratch: &mut [u8]) -> MutexGuard<'_, Inner> {
+        let result = self.fill(id, &mut making, scratch);
+        let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
-        inner.decoding.remove(&id);
-        self.decoded.notify_all();
+        inner.making.remove(&id);
         match result {
             Ok(()) => {
-                inner.counters.decoded += 1;
-                inner.counters.bytes_decoded += voxel_bytes(&*self.source);
-                inner.cores.put(id, buffer.clone());
-                Ok(buffer)
+                if !making.is_cached {
+                    inner.counters.decoded += 1;
+                    inner.counters.bytes_decoded += voxel_bytes(&*self.source);
+                    inner.cores.put(id, making.core, Part::OWN.bit());
+                }
+                if let Some(shell) = making.shell {
+                    inner.shells.put(id, shell, lent);
+                }
             }
             Err(err) => {
                 tracing::warn!("{err}; a coarser brick stands in");
                 inner.counters.failed += 1;
-                inner.free.push(buffer);
-                inner.failed.insert(id, err.clone());
-                Err(err)
+                inner.give_back(making);
+                inner.failed.insert(id, err);
             }
         }
+        self.made.notify_all();
+        inner
     }
 
-    /// A buffer that nobody else holds: a new one within the budget, or the least recently used core's.
-    fn buffer<'a>(&'a self, mut inner: MutexGuard<'a, Inner>) -> Arc<[u8]> {
-        let bytes = self.layout.cached_bytes();
-        loop {
-            if let Some(buffer) = inner.free.pop() {
-                return buffer;
-            }
-            if inner.allocated < self.capacity {
-                inner.allocated += 1;
-                self.meter.charge(bytes as u64);
-                drop(inner);
-                return zeroed(bytes);
-            }
-            // A core in use is passed over: reusing its buffer must wait until its holder is done.
-            let mut old_first = inner.cores.iter().rev();
-            let victim = old_first.find(|(_, core)| Arc::strong_count(core) == 1).map(|(id, _)| *id);
-            if let Some(buffer) = victim.and_then(|id| inner.cores.pop(&id)) {
-                return buffer;
-            }
-            // Only where more threads than buffers share the cache. Dropping a core wakes nobody: look again soon.
-            let soon = Duration::from_millis(1);
-            inner = self.decoded.wait_timeout(inner, soon).unwrap_or_else(PoisonError::into_inner).0;
+    fn fill(&self, id: BrickId, making: &mut Making, scratch: &mut [u8]) -> Result<(), BrickError> {
+        // Buffers of a shelf have one holder, so nothing is ever copied here.
+        if !making.is_cached {
+            self.decode(id, scratch, Arc::make_mut(&mut making.core))?;
         }
+        if let Some(shell) = &mut making.shell {
+            copy_shell(&self.layout, &making.core, Arc::make_mut(shell));
+        }
+        Ok(())
     }
 
-    fn decode(&self, id: BrickId, scratch: &mut [u8], buffer: &mut Arc<[u8]>) -> Result<(), BrickError> {
-        // A buffer from `buffer` has one holder, so nothing is ever copied here.
-        let cached = Arc::make_mut(buffer);
+    fn decode(&self, id: BrickId, scratch: &mut [u8], codes: &mut [u8]) -> Result<(), BrickError> {
         // A panic in a codec costs one brick, not a worker and everyone who waits for it.
         let decode = AssertUnwindSafe(|| {
-            let codes = &mut cached[..self.layout.core_bytes()];
             if is_identity(&self.encoding) {
-                self.source.read_core(id, codes)?;
-            } else {
-                self.source.read_core(id, scratch)?;
-                self.encoding.encode(scratch, codes);
+                return self.source.read_core(id, codes);
             }
-            self.layout.copy_columns(cached);
+            self.source.read_core(id, scratch)?;
+            self.encoding.encode(scratch, codes);
             Ok(())
         });
         let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into() });
         catch_unwind(decode).unwrap_or_else(panicked)
     }
 
+    /// Until something may have changed.
+    fn wait<'a>(&self, inner: MutexGuard<'a, Inner>) -> MutexGuard<'a, Inner> {
+        // Where all buffers are in use, dropping one wakes nobody: look again soon.
+        let soon = Duration::from_millis(1);
+        self.made.wait_timeout(inner, soon).unwrap_or_else(PoisonError::into_inner).0
+    }
+
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // Nothing that can panic runs under the lock but allocation; the state is whole at every step.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inner {
+    /// The codes to take a part from, if they are cached.
+    fn take(&mut self, part: Part, lender: BrickId) -> Option<Arc<[u8]>> {
+        let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
+        shelf.take(lender, part.bit())
+    }
+
+    /// Claims a brick and buffers for what is not cached of it; `None` while somebody else has the brick or the buffers.
+    fn start(&mut self, id: BrickId) -> Option<Making> {
+        if self.making.contains(&id) {
+            return None;
+        }
+        let cached = self.cores.peek(id).cloned();
+        let is_cached = cached.is_some();
+        let core = cached.or_else(|| self.cores.buffer())?;
+        let mut making = Making { core, is_cached, shell: None };
+        if self.shells.peek(id).is_none() {
+            making.shell = self.shells.buffer();
+            if making.shell.is_none() {
+                self.give_back(making);
+                return None;
+            }
+        }
+        self.making.insert(id);
+        Some(making)
+    }
+
+    fn give_back(&mut self, making: Making) {
+        if !making.is_cached {
+            self.cores.give_back(making.core);
+        }
+        if let Some(shell) = making.shell {
+            self.shells.give_back(shell);
+        }
     }
 }
 
@@ -213,43 +271,104 @@ fn is_identity(encoding: &SlotEncoding) -> bool {
     matches!(encoding.voxel_type, VoxelType::U8 | VoxelType::U16)
 }
 
-/// A buffer of zeros that one holder may write.
+/// A buffer of zeros that one holder may write. Only that touches its memory: making it is quick, even under a lock.
 pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
-    std::iter::repeat_n(0, bytes).collect()
+    let buffer = Arc::new_zeroed_slice(bytes);
+    // SAFETY: a byte of zero bits is a valid `u8`.
+    unsafe { buffer.assume_init() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::test_source::TestSource;
-    use brickyard_volume::{BrickIndex, Level};
+    use brickyard_volume::{BrickIndex, Extent, Level, Pyramid};
 
-    /// Bytes of a cached core: 8^3 voxels and two sides of 8^2.
-    const CORE: u64 = 640;
+    /// Bytes of a cached core: 8^3 voxels and four shells of six sides of 8^2.
+    const CORE: u64 = 512 + 4 * 384;
+
+    /// What the brick after this one along x takes from it.
+    const NEXT: Part = Part { side: [0, 1, 1] };
 
     fn brick(x: u32) -> BrickId {
         BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
     }
 
-    #[test]
-    fn the_least_recently_used_core_makes_room() {
-        let cache = RamCache::new(Arc::new(TestSource::cube(64)), 1, 2 * CORE).unwrap();
-        for (x, decoded) in [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3), (1, 4)] {
-            cache.core(brick(x), &mut []).unwrap();
-            assert_eq!(cache.counters().decoded, decoded, "after {x}");
-        }
-        assert_eq!(cache.meter.peak(), 2 * CORE);
+    fn cache(cores: u64) -> RamCache {
+        RamCache::new(Arc::new(TestSource::cube(64)), 1, cores * CORE).unwrap()
+    }
+
+    fn own(cache: &RamCache, x: u32) -> Arc<[u8]> {
+        cache.part(Part::OWN, brick(x), &mut []).unwrap()
     }
 
     #[test]
-    fn a_core_in_use_is_not_overwritten() {
-        let cache = RamCache::new(Arc::new(TestSource::cube(64)), 1, 2 * CORE).unwrap();
-        let held = cache.core(brick(0), &mut []).unwrap();
-        let before = held.to_vec();
-        for x in 1..8 {
-            cache.core(brick(x), &mut []).unwrap();
+    fn the_least_recently_used_core_makes_room() {
+        let cache = cache(2);
+        for (x, decoded) in [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3), (1, 4)] {
+            own(&cache, x);
+            assert_eq!(cache.counters().decoded, decoded, "after {x}");
         }
-        assert_eq!(*held, *before);
+    }
+
+    #[test]
+    fn a_core_goes_once_its_brick_has_taken_it_and_its_shell_stays() {
+        let cache = cache(2);
+        cache.part(NEXT, brick(0), &mut []).unwrap();
+        for x in 1..4 {
+            own(&cache, x);
+        }
+        assert_eq!(cache.counters().decoded, 4);
+        // Nobody had taken the core of brick 0 itself; of the others only the shells are left.
+        own(&cache, 0);
+        (0..4).for_each(|x| drop(cache.part(NEXT, brick(x), &mut []).unwrap()));
+        assert_eq!(cache.counters().decoded, 4);
+        own(&cache, 1);
+        assert_eq!(cache.counters().decoded, 5);
+    }
+
+    #[test]
+    fn a_shell_goes_once_all_neighbours_have_taken_their_parts() {
+        let row = TestSource::new(Pyramid::new(Extent::new(64, 8, 8), [1.0; 3], 8), [1.0; 3], VoxelType::U8);
+        let cache = RamCache::new(Arc::new(row), 1, CORE).unwrap();
+        let previous = Part { side: [2, 1, 1] };
+        for (part, x) in [(NEXT, 3), (NEXT, 2), (NEXT, 1), (previous, 1), (NEXT, 4), (NEXT, 5)] {
+            cache.part(part, brick(x), &mut []).unwrap();
+        }
+        let cached: Vec<u32> = (0..8).filter(|&x| cache.lock().shells.peek(brick(x)).is_some()).collect();
+        assert_eq!(cached, [2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn a_shell_is_made_again_from_a_cached_core() {
+        let cache = cache(2);
+        let before = cache.part(NEXT, brick(0), &mut []).unwrap().to_vec();
+        let core = own(&cache, 0);
+        // Eight shells fit: these push out that of brick 0, whose core is held.
+        for i in 1..9 {
+            let id = BrickId { index: BrickIndex::new(i % 8, i / 8, 0), ..brick(0) };
+            cache.part(Part::OWN, id, &mut []).unwrap();
+        }
+        drop(core);
+        assert!(cache.lock().shells.peek(brick(0)).is_none());
+        let decoded = cache.counters().decoded;
+        assert_eq!(cache.part(NEXT, brick(0), &mut []).unwrap()[..], before);
+        assert_eq!(cache.counters().decoded, decoded);
+    }
+
+    #[test]
+    fn codes_in_use_are_not_overwritten() {
+        let cache = cache(2);
+        let held = [own(&cache, 0), cache.part(NEXT, brick(0), &mut []).unwrap()];
+        let before = held.each_ref().map(|codes| codes.to_vec());
+        for x in 1..8 {
+            own(&cache, x);
+            (0..4).for_each(|y| {
+                let id = BrickId { index: BrickIndex::new(x, y, 0), ..brick(0) };
+                drop(cache.part(NEXT, id, &mut []).unwrap());
+            });
+        }
+        assert_eq!(held.each_ref().map(|codes| codes.to_vec()), before);
     }
 
     #[test]
@@ -258,11 +377,11 @@ mod tests {
         source.failing.insert(brick(1));
         source.panicking.insert(brick(2));
         let cache = RamCache::new(Arc::new(source), 1, CORE).unwrap();
-        for _ in 0..2 {
-            assert!(cache.core(brick(1), &mut []).is_err());
-            assert!(cache.core(brick(2), &mut []).unwrap_err().reason.contains("panicked"));
+        for part in [Part::OWN, NEXT] {
+            assert!(cache.part(part, brick(1), &mut []).is_err());
+            assert!(cache.part(part, brick(2), &mut []).unwrap_err().reason.contains("panicked"));
         }
-        cache.core(brick(3), &mut []).unwrap();
+        own(&cache, 3);
         assert_eq!(cache.counters(), DecodeCounters { decoded: 1, bytes_decoded: 512, failed: 2 });
         assert!(matches!(
             RamCache::new(cache.source().clone(), 1, CORE - 1),
@@ -271,12 +390,12 @@ mod tests {
     }
 
     #[test]
-    fn threads_that_want_one_core_decode_it_once() {
-        let source = Arc::new(TestSource::cube(64));
-        let cache = RamCache::new(source, 1, 64 * CORE).unwrap();
+    fn threads_that_want_one_brick_decode_it_once() {
+        let cache = cache(64);
         std::thread::scope(|scope| {
-            for _ in 0..4 {
-                scope.spawn(|| (0..8).for_each(|x| drop(cache.core(brick(x), &mut []).unwrap())));
+            for part in [Part::OWN, NEXT, Part::OWN, NEXT] {
+                let cache = &cache;
+                scope.spawn(move || (0..8).for_each(|x| drop(cache.part(part, brick(x), &mut []).unwrap())));
             }
         });
         assert_eq!(cache.counters().decoded, 8);

@@ -1,0 +1,170 @@
+//! Boxes of codes on their way: from a decoded core into its shell, from core and shells into a padded brick.
+//!
+//! Cost: memory traffic. A copy of the usual few lengths (an apron's width, a core's row) costs no call, and what lies on
+//! one cache line is copied together.
+
+use crate::layout::Layout;
+use crate::parts::{Part, Span};
+
+/// Calls a function with the widths of an apron and a core in bytes, as constants where they are the usual ones.
+macro_rules! with_widths {
+    ($function:ident($apron:expr, $core:expr, $($argument:expr),*)) => {
+        match ($apron, $core) {
+            (1, 64) => $function(1, 64, $($argument),*),
+            (2, 64) => $function(2, 64, $($argument),*),
+            (2, 128) => $function(2, 128, $($argument),*),
+            (4, 128) => $function(4, 128, $($argument),*),
+            (apron, core) => $function(apron, core, $($argument),*),
+        }
+    };
+}
+
+/// Copies a core's six slabs (see [`Layout`]): of the low and the high x face, then y, then z.
+pub(crate) fn copy_shell(layout: &Layout, core: &[u8], shell: &mut [u8]) {
+    let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
+    let (rows, slice, slab) = (layout.apron * row, layout.edge * row, layout.slab_bytes());
+    let (x_slabs, rest) = shell.split_at_mut(2 * slab);
+    let (y_slabs, z_slabs) = rest.split_at_mut(2 * slab);
+    let [(x_low, x_high), (y_low, y_high), (z_low, z_high)] = [x_slabs, y_slabs, z_slabs].map(|s| s.split_at_mut(slab));
+    let sides = x_low.chunks_exact_mut(rows).zip(x_high.chunks_exact_mut(rows));
+    let fronts = y_low.chunks_exact_mut(rows).zip(y_high.chunks_exact_mut(rows));
+    // From the end: what was decoded last is still nearest to the processor.
+    for ((codes, (x_low, x_high)), (y_low, y_high)) in core.chunks_exact(slice).zip(sides).zip(fronts).rev() {
+        with_widths!(copy_row_ends(apron, row, codes, x_low, x_high));
+        y_low.copy_from_slice(&codes[..rows]);
+        y_high.copy_from_slice(&codes[slice - rows..]);
+    }
+    z_low.copy_from_slice(&core[..slab]);
+    z_high.copy_from_slice(&core[core.len() - slab..]);
+}
+
+#[inline(always)]
+fn copy_row_ends(apron: usize, row: usize, rows: &[u8], low: &mut [u8], high: &mut [u8]) {
+    let ends = low.chunks_exact_mut(apron).zip(high.chunks_exact_mut(apron));
+    for (codes, (low, high)) in rows.chunks_exact(row).zip(ends) {
+        low.copy_from_slice(&codes[..apron]);
+        high.copy_from_slice(&codes[row - apron..]);
+    }
+}
+
+/// A part's codes, and where they go: all but the counts in bytes.
+pub(crate) struct Block<'a> {
+    /// From the first code on.
+    codes: &'a [u8],
+    /// From one row to the next, and from one slice to the next.
+    row: usize,
+    slice: usize,
+    /// Place of the first code in the padded brick.
+    to: usize,
+    /// Of each row, so much is copied.
+    run: usize,
+    rows: usize,
+    slices: usize,
+}
+
+impl<'a> Block<'a> {
+    /// The block of a part with these spans, out of the core if the part is the brick's own, else out of its lender's
+    /// shell.
+    pub(crate) fn new(layout: &Layout, part: Part, mut codes: &'a [u8], [x, y, z]: [Span; 3]) -> Self {
+        let (mut from, mut size) = ([x.from, y.from, z.from], [layout.edge; 3]);
+        if let Some(axis) = (0..3).find(|&a| part.side[a] != 1) {
+            // A lender before lends its high side, which lies after its low side.
+            let slab = 2 * axis + (part.side[axis] == 0) as usize;
+            codes = &codes[slab * layout.slab_bytes()..][..layout.slab_bytes()];
+            (from[axis], size[axis]) = (0, layout.apron);
+        }
+        let bytes = layout.code_bytes;
+        let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
+        Self {
+            codes: &codes[place(from, size)..],
+            row: size[0] * bytes,
+            slice: size[0] * size[1] * bytes,
+            to: place([x.to, y.to, z.to], [layout.padded(); 3]),
+            run: x.len * bytes,
+            rows: y.len,
+            slices: z.len,
+        }
+    }
+}
+
+/// Copies blocks that lie side by side along x to their places in a padded brick.
+pub(crate) fn paste(layout: &Layout, bar: [Option<Block>; 3], out: &mut [u8]) {
+    let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
+    let width = layout.padded() * layout.code_bytes;
+    let padded_slice = layout.padded() * width;
+    if let [Some(before), Some(own), Some(after)] = &bar
+        && [before.run, own.run, after.run] == [apron, row, apron]
+    {
+        for z in 0..own.slices {
+            let out = &mut out[before.to + z * padded_slice..][..own.rows * width];
+            let codes = [before, own, after].map(|block| &block.codes[z * block.slice..]);
+            with_widths!(copy_whole_rows(apron, row, codes, out));
+        }
+        return;
+    }
+    for block in bar.iter().flatten() {
+        for z in 0..block.slices {
+            let out = &mut out[block.to + z * padded_slice..];
+            copy_runs(block.run, &block.codes[z * block.slice..], block.row, block.rows, out, width);
+        }
+    }
+}
+
+/// Fills rows of a padded brick. Blocks that fill them have no gaps between their own.
+#[inline(always)]
+fn copy_whole_rows(apron: usize, row: usize, [before, own, after]: [&[u8]; 3], out: &mut [u8]) {
+    let aprons = before.chunks_exact(apron).zip(after.chunks_exact(apron));
+    let codes = own.chunks_exact(row).zip(aprons);
+    for (out, (own, (before, after))) in out.chunks_exact_mut(apron + row + apron).zip(codes) {
+        out[..apron].copy_from_slice(before);
+        out[apron..apron + row].copy_from_slice(own);
+        out[apron + row..].copy_from_slice(after);
+    }
+}
+
+/// Copies the first `run` bytes of every `step` to those of every `out_step`, so many times.
+fn copy_runs(run: usize, codes: &[u8], step: usize, count: usize, out: &mut [u8], out_step: usize) {
+    let runs = codes.chunks(step).zip(out.chunks_mut(out_step)).take(count);
+    macro_rules! with_run {
+        ($($usual:literal),*) => {
+            match run {
+                $($usual => runs.for_each(|(codes, out)| out[..$usual].copy_from_slice(&codes[..$usual])),)*
+                _ => runs.for_each(|(codes, out)| out[..run].copy_from_slice(&codes[..run])),
+            }
+        };
+    }
+    with_run!(1, 2, 4, 64, 128);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each part of a padded brick comes out of a shell as it would out of the core, alone or with its bar.
+    #[test]
+    fn shells_hold_what_neighbours_take() {
+        for (edge, apron, code_bytes) in
+            [(4, 1, 1), (4, 2, 2), (3, 2, 1), (64, 1, 1), (64, 2, 1), (64, 1, 2), (64, 2, 2), (2, 2, 4)]
+        {
+            let layout = Layout { edge, apron, code_bytes };
+            let core: Vec<u8> = (0..layout.core_bytes()).map(|i| ((i * 2654435761) >> 11) as u8).collect();
+            let mut shell = vec![0; layout.shell_bytes()];
+            copy_shell(&layout, &core, &mut shell);
+            let span = |side| [(edge - apron, 0, apron), (0, apron, edge), (0, apron + edge, apron)][side];
+            let spans = |part: Part| part.side.map(span).map(|(from, to, len)| Span { from, to, len });
+            let codes = |part| if part == Part::OWN { &core } else { &shell };
+            let block = |part| Some(Block::new(&layout, part, codes(part), spans(part)));
+            let (mut alone, mut in_bars) = (vec![0; layout.padded_bytes()], vec![0; layout.padded_bytes()]);
+            Part::all().for_each(|part| paste(&layout, [None, block(part), None], &mut alone));
+            Part::bars().for_each(|bar| paste(&layout, bar.map(block), &mut in_bars));
+            assert!(alone == in_bars, "{layout:?}");
+            for (i, code) in alone.chunks_exact(code_bytes).enumerate() {
+                // With itself for each neighbour, a core repeats.
+                let along = |stride| (i / stride % layout.padded() + edge - apron) % edge;
+                let at = [along(1), along(layout.padded()), along(layout.padded().pow(2))];
+                let from = ((at[2] * edge + at[1]) * edge + at[0]) * code_bytes;
+                assert_eq!(code, &core[from..from + code_bytes], "{layout:?} {i}");
+            }
+        }
+    }
+}

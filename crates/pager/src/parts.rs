@@ -1,0 +1,114 @@
+//! The 27 parts of a padded brick: its own core, and what up to 26 neighbours lend for its apron.
+//!
+//! Along every axis a padded brick is the end of one neighbour, the brick itself, and the beginning of the other; a part is
+//! one of the 27 combinations. Parts are named from the side of the brick that takes them.
+
+use crate::layout::Layout;
+use brickyard_volume::{BrickIndex, Extent};
+use std::ops::Range;
+
+/// A part of a padded brick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Part {
+    /// Along each axis: 0 for the neighbour before, 1 for the brick itself, 2 for the neighbour after.
+    pub(crate) side: [usize; 3],
+}
+
+impl Part {
+    pub(crate) const COUNT: usize = 27;
+
+    /// The brick's core.
+    pub(crate) const OWN: Self = Self { side: [1; 3] };
+
+    /// All parts, the brick's own first.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        let sides = (0..Self::COUNT).map(|i| Self { side: [i % 3, i / 3 % 3, i / 9] });
+        std::iter::once(Self::OWN).chain(sides.filter(|&part| part != Self::OWN))
+    }
+
+    /// All parts, those side by side along x together.
+    pub(crate) fn bars() -> impl Iterator<Item = [Self; 3]> {
+        (0..9).map(|i| [0, 1, 2].map(|x| Self { side: [x, i % 3, i / 3] }))
+    }
+
+    /// Its place in arrays over all parts.
+    pub(crate) fn number(self) -> usize {
+        let [x, y, z] = self.side;
+        x + 3 * y + 9 * z
+    }
+
+    /// A set of this part alone: parts are bits.
+    pub(crate) fn bit(self) -> u32 {
+        1 << self.number()
+    }
+
+    /// The brick that lends this part to `taker`; there must be one.
+    pub(crate) fn lender(self, taker: BrickIndex) -> BrickIndex {
+        let taker = taker.to_array();
+        BrickIndex::from_array(std::array::from_fn(|a| taker[a] + self.side[a] as u32 - 1))
+    }
+
+    /// The parts that `lender`'s neighbours in a grid of bricks take from it.
+    pub(crate) fn lent_by(lender: BrickIndex, grid: Extent) -> u32 {
+        let (lender, grid) = (lender.to_array(), grid.to_array());
+        let has_taker = |side: [usize; 3]| (0..3).all(|a| (1..=grid[a]).contains(&(lender[a] + 2 - side[a] as u32)));
+        let taken = Self::all().filter(|&part| part != Self::OWN && has_taker(part.side));
+        taken.fold(0, |parts, part| parts | part.bit())
+    }
+}
+
+/// Along one axis, which voxels of a core go where in a padded brick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Span {
+    pub(crate) from: usize,
+    pub(crate) to: usize,
+    pub(crate) len: usize,
+}
+
+impl Span {
+    pub(crate) fn target(self) -> Range<usize> {
+        self.to..self.to + self.len
+    }
+}
+
+/// Along one axis of `extent` voxels: the parts of brick `index`'s padded row from the brick before, itself and the brick
+/// after.
+pub(crate) fn spans(layout: &Layout, index: usize, extent: usize) -> [Span; 3] {
+    let Layout { edge, apron, .. } = *layout;
+    let start = index * edge;
+    let before = if index > 0 { apron } else { 0 };
+    let own = edge.min(extent - start);
+    let after = apron.min(extent - start - own);
+    [
+        Span { from: edge - before, to: apron - before, len: before },
+        Span { from: 0, to: apron, len: own },
+        Span { from: 0, to: apron + own, len: after },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_brick_lends_is_what_its_neighbours_take() {
+        let grid = Extent::new(3, 1, 2);
+        let bricks = || (0..6).map(|i| BrickIndex::new(i % 3, 0, i / 3));
+        let inside = |at: [u32; 3]| (0..3).all(|a| at[a] < grid.to_array()[a]);
+        for lender in bricks() {
+            let mut taken = 0;
+            for taker in bricks() {
+                for part in Part::all().filter(|&part| part != Part::OWN) {
+                    let at: [u32; 3] =
+                        std::array::from_fn(|a| (taker.to_array()[a] + part.side[a] as u32).wrapping_sub(1));
+                    if inside(at) && part.lender(taker) == lender {
+                        taken |= part.bit();
+                    }
+                }
+            }
+            assert_eq!(Part::lent_by(lender, grid), taken, "{lender}");
+        }
+        let count = |lender, n| Part::lent_by(lender, Extent::new(n, n, n)).count_ones();
+        assert_eq!((count(BrickIndex::new(1, 1, 1), 3), count(BrickIndex::new(0, 0, 0), 1)), (26, 0));
+    }
+}

@@ -1,0 +1,147 @@
+//! A shelf of the RAM cache: buffers of one size under brick ids, at most so many, and which of them goes first.
+//!
+//! Each entry knows which of its parts (see [`Part`](crate::parts::Part)) nobody has taken yet. One whose parts have all
+//! been taken is *done*: in a sweep over a volume nobody will ask for it again, so the done ones go first, the least
+//! recently used before the others; then the rest, likewise. An entry that somebody holds is passed over, so nothing is
+//! overwritten in use. Buffers are used again, so a shelf allocates nothing once it is full; a buffer counts from its
+//! allocation on, whoever holds it. Cost: a hash lookup or two for each call.
+
+use crate::budget::Meter;
+use crate::ram_cache::zeroed;
+use brickyard_volume::BrickId;
+use lru::LruCache;
+use std::sync::Arc;
+
+pub(crate) struct Shelf {
+    buffer_bytes: usize,
+    capacity: usize,
+    meter: Arc<Meter>,
+    /// Buffers allocated, in whatever hands.
+    allocated: usize,
+    free: Vec<Arc<[u8]>>,
+    entries: LruCache<BrickId, Entry>,
+    /// Those of the entries that are done.
+    done: LruCache<BrickId, ()>,
+}
+
+struct Entry {
+    codes: Arc<[u8]>,
+    /// Parts that nobody has taken yet.
+    untaken: u32,
+}
+
+impl Shelf {
+    pub(crate) fn new(buffer_bytes: usize, capacity: usize, meter: Arc<Meter>) -> Self {
+        let (entries, done) = (LruCache::unbounded(), LruCache::unbounded());
+        Self { buffer_bytes, capacity, meter, allocated: 0, free: Vec::new(), entries, done }
+    }
+
+    /// The codes of a brick if they are there, to take these parts from.
+    pub(crate) fn take(&mut self, id: BrickId, parts: u32) -> Option<Arc<[u8]>> {
+        let entry = self.entries.get_mut(&id)?;
+        entry.untaken &= !parts;
+        if entry.untaken == 0 {
+            self.done.put(id, ());
+        }
+        Some(entry.codes.clone())
+    }
+
+    /// The codes of a brick if they are there, as if nobody had looked.
+    pub(crate) fn peek(&self, id: BrickId) -> Option<&Arc<[u8]>> {
+        self.entries.peek(&id).map(|entry| &entry.codes)
+    }
+
+    /// Puts the codes of a brick that is not there, of which these parts will be taken.
+    pub(crate) fn put(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
+        self.entries.put(id, Entry { codes, untaken: parts });
+        if parts == 0 {
+            self.done.put(id, ());
+        }
+    }
+
+    /// A buffer that nobody else holds: a new one within the capacity, or that of the entry that goes first. `None` if all
+    /// are in use.
+    pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {
+        if let Some(buffer) = self.free.pop() {
+            return Some(buffer);
+        }
+        if self.allocated < self.capacity {
+            self.allocated += 1;
+            self.meter.charge(self.buffer_bytes as u64);
+            return Some(zeroed(self.buffer_bytes));
+        }
+        let is_unused = |id: &&BrickId| self.peek(**id).is_some_and(|codes| Arc::strong_count(codes) == 1);
+        let done = self.done.iter().rev().map(|(id, ())| id);
+        let others = self.entries.iter().rev().map(|(id, _)| id);
+        let id = *done.chain(others).find(is_unused)?;
+        self.done.pop(&id);
+        self.entries.pop(&id).map(|entry| entry.codes)
+    }
+
+    /// Takes back a buffer that was not put to use.
+    pub(crate) fn give_back(&mut self, buffer: Arc<[u8]>) {
+        self.free.push(buffer);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::{BrickIndex, Level};
+
+    fn brick(x: u32) -> BrickId {
+        BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
+    }
+
+    /// A full shelf of bricks 0 to 3, each with two parts to take.
+    fn shelf() -> (Shelf, Arc<Meter>) {
+        let meter = Arc::new(Meter::new(40));
+        let mut shelf = Shelf::new(10, 4, meter.clone());
+        for x in 0..4 {
+            let buffer = shelf.buffer().unwrap();
+            shelf.put(brick(x), buffer, 0b11);
+        }
+        (shelf, meter)
+    }
+
+    /// Who goes, in order.
+    fn gone(shelf: &mut Shelf) -> Vec<u32> {
+        let mut there: Vec<u32> = (0..4).filter(|&x| shelf.peek(brick(x)).is_some()).collect();
+        let mut gone = Vec::new();
+        while shelf.buffer().is_some() {
+            let (left, went) = there.iter().partition(|&&x| shelf.peek(brick(x)).is_some());
+            (there, gone) = (left, [gone, went].concat());
+        }
+        gone
+    }
+
+    #[test]
+    fn the_done_go_first_and_the_held_stay() {
+        let (mut shelf, _) = shelf();
+        assert_eq!(gone(&mut shelf), [0, 1, 2, 3]);
+        let (mut shelf, _) = self::shelf();
+        for (x, parts) in [(3, 0b11), (0, 0b01), (1, 0b01), (1, 0b10), (2, 0b01), (2, 0b01)] {
+            shelf.take(brick(x), parts).unwrap();
+        }
+        // Using a done one again keeps it longer, but not for longer than the others.
+        shelf.take(brick(3), 0b01).unwrap();
+        let held = shelf.take(brick(0), 0b01).unwrap();
+        assert_eq!(gone(&mut shelf), [1, 3, 2]);
+        drop(held);
+        assert_eq!(gone(&mut shelf), [0]);
+    }
+
+    #[test]
+    fn buffers_are_charged_once_and_used_again() {
+        let (mut shelf, meter) = shelf();
+        let buffer = shelf.buffer().unwrap();
+        let address = buffer.as_ptr();
+        shelf.give_back(buffer);
+        let again = shelf.buffer().unwrap();
+        assert_eq!(again.as_ptr(), address);
+        shelf.put(brick(9), again, 0);
+        assert_eq!((meter.used(), meter.peak()), (40, 40));
+        // Without parts to take an entry is done from the start.
+        assert_eq!(shelf.buffer().unwrap().as_ptr(), address);
+    }
+}
