@@ -1,11 +1,12 @@
 //! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
-use crate::macrocells::{MacroCells, Mask};
+use crate::macrocells::Mask;
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
 use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -76,9 +77,9 @@ impl<'a> Frame<'a> {
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let extent = pyramid.levels()[0].extent.to_array().map(f64::from);
-        let opaque = OpaqueCodes::new(settings);
+        let opaque = (settings.mode == Mode::Dvr).then(|| OpaqueCodes::new(&settings.table));
         let near_first = list.cells.par_iter().rev();
-        let cell = |c: &DrawCell| Cell::new(settings, pyramid, c, apron, &opaque, brick(c.slot));
+        let cell = |c: &DrawCell| Cell::new(settings, pyramid, c, apron, opaque.as_ref(), brick(c.slot));
         let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
         match settings.mode {
             Mode::Mip => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
@@ -128,26 +129,10 @@ impl Frame<'_> {
     }
 }
 
-/// How many table entries before each code have opacity: whether a range of codes has any is two look-ups.
-struct OpaqueCodes(Option<Vec<u32>>);
-
-impl OpaqueCodes {
-    fn new(settings: &FrameSettings) -> Self {
-        let count = |before: &mut u32, entry: Option<&[f32; 4]>| {
-            let at = *before;
-            *before += entry.is_some_and(|e| e[3] > 0.0) as u32;
-            Some(at)
-        };
-        let entries = settings.table.entries.iter().map(Some).chain([None]);
-        Self((settings.mode == Mode::Dvr).then(|| entries.scan(0, count).collect()))
-    }
-
-    /// Where a brick has opacity; everywhere in modes that know none.
-    fn mask(&self, cells: &MacroCells) -> Mask {
-        let Some(before) = &self.0 else { return Mask::All };
-        let is_opaque = |[low, high]: [u16; 2]| low <= high && before[low as usize] < before[high as usize + 1];
-        if is_opaque(cells.whole()) { cells.mask(is_opaque) } else { Mask::None }
-    }
+/// Where a brick has opacity; everywhere in modes that know none.
+fn mask(opaque: Option<&OpaqueCodes>, cells: &MacroCells) -> Mask {
+    let Some(opaque) = opaque else { return Mask::All };
+    if opaque.any(cells.whole()) { Mask::new(cells, |range| opaque.any(range)) } else { Mask::None }
 }
 
 impl<'a> Cell<'a> {
@@ -157,11 +142,11 @@ impl<'a> Cell<'a> {
         pyramid: &Pyramid,
         cell: &DrawCell,
         apron: u32,
-        opaque: &OpaqueCodes,
+        opaque: Option<&OpaqueCodes>,
         brick: &'a Resident,
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
-        let mask = opaque.mask(&brick.cells);
+        let mask = mask(opaque, &brick.cells);
         if matches!(mask, Mask::None) {
             return None;
         }

@@ -1,7 +1,7 @@
 //! The CPU renderer: the pager's draw list over slots in RAM, on all cores.
 //!
-//! It does what the `sorted` compositor of the GPU does, by the same sampling rule ([`brickyard_volume::lattice`]), and is the
-//! default where there is no GPU. A frame passes through in this order:
+//! It does what the `raycast` compositor of the GPU does, by the same sampling rule ([`brickyard_volume::lattice`]), and is
+//! the default where there is no GPU. A frame passes through in this order:
 //! 1. `frame`: the draw list, reversed to front to back, becomes cells with their place on the picture and in slot space.
 //! 2. `tile`: the picture's tiles go to the threads; a tile takes its cells one by one and its rays through each, so that
 //!    neighbouring rays find a brick's voxels in the first-level cache.

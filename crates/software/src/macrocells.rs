@@ -1,96 +1,7 @@
-//! Macro-cells: a brick's core in boxes of 8^3 voxels, each with the least and greatest code that a sample in it can have,
-//! so that a ray leaps over what cannot be seen.
-//!
-//! Made once when a brick arrives (about 30 us for 64^3); what they mean for a picture is asked anew for every frame, so
-//! an edit of the transfer function reloads nothing. A cell's range covers half a voxel more than its box on each side:
-//! rounding in the traversal never hides a sample.
+//! What a ray meets of a brick's macro-cells ([`brickyard_volume::macrocells`]): which of them can be seen, and in which
+//! order the ray passes through them.
 
-use brickyard_volume::SlotFormat;
-
-/// Voxels along a macro-cell's edge: smaller ones leap over more, but a ray crosses more of them.
-pub(crate) const CELL_EDGE: usize = 8;
-
-/// The ranges of one brick's macro-cells.
-#[derive(Debug)]
-pub(crate) struct MacroCells {
-    /// Least and greatest valid code, x fastest; the least past the greatest where no voxel is valid.
-    ranges: Box<[[u16; 2]]>,
-    /// Of all cells together.
-    whole: [u16; 2],
-}
-
-const NONE: [u16; 2] = [u16::MAX, 0];
-
-fn join([a, b]: [u16; 2], [c, d]: [u16; 2]) -> [u16; 2] {
-    [a.min(c), b.max(d)]
-}
-
-/// Macro-cells along a brick's edge.
-pub(crate) const fn per_axis(edge: usize) -> usize {
-    edge.div_ceil(CELL_EDGE)
-}
-
-/// Bytes that a brick's macro-cells take.
-pub(crate) const fn bytes(edge: usize) -> usize {
-    per_axis(edge).pow(3) * size_of::<[u16; 2]>()
-}
-
-impl MacroCells {
-    /// Those of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
-    pub(crate) fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, apron: usize) -> Self {
-        let (padded, cells) = (edge + 2 * apron, per_axis(edge));
-        // The voxels that samples of cell `i` touch along an axis: the core's, and one more on each side.
-        let reach = |i: usize| i * CELL_EDGE + apron - 1..((i + 1) * CELL_EDGE + apron + 1).min(padded);
-        let mut rows = RowRanges::new(padded);
-        // Joined along y in every slice, then along z, both by whole rows; along x at the end.
-        let mut slices = vec![NONE; padded * cells * padded];
-        for z in 0..padded {
-            for y in 0..cells {
-                rows.clear();
-                for line in reach(y) {
-                    let start = (z * padded + line) * padded * format.bytes();
-                    rows.add(&codes[start..start + padded * format.bytes()], format, has_invalid);
-                }
-                rows.store(&mut slices[(z * cells + y) * padded..][..padded]);
-            }
-        }
-        let mut ranges = Vec::with_capacity(cells.pow(3));
-        for z in 0..cells {
-            for y in 0..cells {
-                rows.clear();
-                reach(z).for_each(|slice| rows.join(&slices[(slice * cells + y) * padded..][..padded]));
-                ranges.extend((0..cells).map(|x| reach(x).map(|x| rows.at(x)).fold(NONE, join)));
-            }
-        }
-        let whole = ranges.iter().copied().fold(NONE, join);
-        Self { ranges: ranges.into(), whole }
-    }
-
-    /// The range of a cell.
-    #[inline(always)]
-    pub(crate) fn range(&self, cell: usize) -> [u16; 2] {
-        self.ranges[cell]
-    }
-
-    /// The range of the whole brick.
-    pub(crate) fn whole(&self) -> [u16; 2] {
-        self.whole
-    }
-
-    /// The cells for which `is_visible`.
-    pub(crate) fn mask(&self, is_visible: impl Fn([u16; 2]) -> bool) -> Mask {
-        let word = |ranges: &[[u16; 2]]| {
-            let bits = ranges.iter().enumerate().map(|(i, &range)| (is_visible(range) as u64) << i);
-            bits.fold(0, |word, bit| word | bit)
-        };
-        let words: Box<[u64]> = self.ranges.chunks(64).map(word).collect();
-        match words.iter().map(|w| w.count_ones() as usize).sum() {
-            0 => Mask::None,
-            n if n == self.ranges.len() => Mask::All,
-            _ => Mask::Some(words),
-        }
-    }
-}
+use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, per_axis};
 
 /// Which macro-cells of a brick can be seen.
 pub(crate) enum Mask {
@@ -100,55 +11,18 @@ pub(crate) enum Mask {
     Some(Box<[u64]>),
 }
 
-/// Codes of rows, column by column.
-struct RowRanges {
-    low: Vec<u16>,
-    high: Vec<u16>,
-}
-
-impl RowRanges {
-    fn new(length: usize) -> Self {
-        Self { low: vec![0; length], high: vec![0; length] }
-    }
-
-    fn clear(&mut self) {
-        self.low.fill(NONE[0]);
-        self.high.fill(NONE[1]);
-    }
-
-    fn at(&self, x: usize) -> [u16; 2] {
-        [self.low[x], self.high[x]]
-    }
-
-    fn add(&mut self, codes: &[u8], format: SlotFormat, has_invalid: bool) {
-        match format {
-            SlotFormat::U8 => self.add_codes(codes.iter().map(|&code| code as u16), has_invalid),
-            SlotFormat::U16 => {
-                self.add_codes(codes.as_chunks::<2>().0.iter().map(|&code| u16::from_le_bytes(code)), has_invalid);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn add_codes(&mut self, codes: impl Iterator<Item = u16>, has_invalid: bool) {
-        for ((low, high), code) in self.low.iter_mut().zip(&mut self.high).zip(codes) {
-            // Code 0 then counts as the greatest of the least, and as the least of the greatest anyway.
-            let least = if has_invalid && code == 0 { u16::MAX } else { code };
-            *low = (*low).min(least);
-            *high = (*high).max(code);
-        }
-    }
-
-    fn join(&mut self, ranges: &[[u16; 2]]) {
-        for ((low, high), range) in self.low.iter_mut().zip(&mut self.high).zip(ranges) {
-            *low = (*low).min(range[0]);
-            *high = (*high).max(range[1]);
-        }
-    }
-
-    fn store(&self, ranges: &mut [[u16; 2]]) {
-        for ((range, low), high) in ranges.iter_mut().zip(&self.low).zip(&self.high) {
-            *range = [*low, *high];
+impl Mask {
+    /// The cells for which `is_visible`.
+    pub(crate) fn new(cells: &MacroCells, is_visible: impl Fn([u16; 2]) -> bool) -> Self {
+        let word = |ranges: &[[u16; 2]]| {
+            let bits = ranges.iter().enumerate().map(|(i, &range)| (is_visible(range) as u64) << i);
+            bits.fold(0, |word, bit| word | bit)
+        };
+        let words: Box<[u64]> = cells.ranges().chunks(64).map(word).collect();
+        match words.iter().map(|w| w.count_ones() as usize).sum() {
+            0 => Self::None,
+            n if n == cells.ranges().len() => Self::All,
+            _ => Self::Some(words),
         }
     }
 }
@@ -215,6 +89,8 @@ impl Traversal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::SlotFormat;
+    use brickyard_volume::macrocells::NONE;
     use proptest::prelude::*;
 
     proptest! {
@@ -255,10 +131,8 @@ mod tests {
     fn masks_tell_all_and_none_apart() {
         let mut codes = vec![0; 10 * 10 * 10 * 2];
         let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, 1);
-        assert!(matches!(cells(&codes).mask(|range| range != NONE), Mask::None));
-        assert_eq!(cells(&codes).whole(), NONE);
+        assert!(matches!(Mask::new(&cells(&codes), |range| range != NONE), Mask::None));
         codes[777 * 2 + 1] = 3;
-        assert_eq!(cells(&codes).whole(), [768, 768]);
-        assert!(matches!(cells(&codes).mask(|[low, _]| low == 768), Mask::All));
+        assert!(matches!(Mask::new(&cells(&codes), |[low, _]| low == 768), Mask::All));
     }
 }

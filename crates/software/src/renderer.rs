@@ -1,11 +1,11 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
 
 use crate::frame::{Cell, Frame, Resident};
-use crate::macrocells::{self, MacroCells};
 use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
+use brickyard_volume::macrocells::{self, MacroCells};
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;

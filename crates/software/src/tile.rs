@@ -248,8 +248,8 @@ impl Stretch {
 mod tests {
     use super::*;
     use crate::frame::Resident;
-    use crate::macrocells::MacroCells;
     use brickyard_pager::{DrawCell, DrawList, Slot};
+    use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
 

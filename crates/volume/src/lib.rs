@@ -1,5 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, occupancy,
-//! transfer functions, the camera, the sampling lattice and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
+//! transfer functions, macro-cells, the camera, the sampling lattice and the scene. Plain values and arithmetic: no I/O, no
+//! threads, no GPU.
 //!
 //! Spaces, coarse to fine:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
@@ -11,6 +12,7 @@ pub mod camera;
 pub mod code;
 pub mod geometry;
 pub mod lattice;
+pub mod macrocells;
 pub mod occupancy;
 pub mod picture;
 pub mod pyramid;
@@ -23,6 +25,7 @@ pub use camera::{Camera, Frustum, Projection, Ray, ViewRays};
 pub use code::{SlotEncoding, SlotFormat};
 pub use geometry::Geometry;
 pub use lattice::{Lattice, Segment};
+pub use macrocells::{MacroCells, OpaqueCodes};
 pub use occupancy::{Occupancy, OccupancyBins};
 pub use picture::{Difference, FrameSettings, Picture};
 pub use pyramid::{LevelGrid, Pyramid};
