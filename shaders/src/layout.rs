@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What is the same for every cell of a frame; `Frame` in WGSL. Directions and positions are in voxel space: one world
+/// What is the same for all of a frame; `Frame` in WGSL. Directions and positions are in voxel space: one world
 /// unit along a direction is `1 / spacing` voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -49,17 +49,21 @@ pub struct FrameUniform {
     pub invert: f32,
     /// Colour behind the volume.
     pub background: [f32; 3],
-    /// Padding.
-    pub spare: f32,
+    /// Nodes between the octree's root and a leaf, at most; the root counts.
+    pub tree_depth: u32,
     /// Picture width and height, pixels.
     pub size_px: [f32; 2],
     /// Padding.
     pub spare_2: [f32; 2],
+    /// Level-0 voxels along the octree's root; at least the extent.
+    pub root_size: [f32; 3],
+    /// Macro-cells along a brick's edge.
+    pub macro_cells: u32,
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
 }
 
-/// One cell of the draw list; `Cell` in WGSL.
+/// One cell of the draw list, as a box to draw; `Cell` in WGSL.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CellInstance {
@@ -80,3 +84,30 @@ pub struct CellInstance {
     /// Padding.
     pub spare_4: f32,
 }
+
+/// One cell of the draw list, as a leaf of the octree; `RayBrick` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct RayBrick {
+    /// Atlas texels per level-0 voxel: one over the brick's level's factor.
+    pub texel_scale: [f32; 3],
+    /// The brick's first macro-cell in the buffer of ranges; [`NO_RANGES`] where all of them are seen.
+    pub first_range: u32,
+    /// Atlas texel of voxel-space zero.
+    pub texel_offset: [f32; 3],
+    /// Least (low half) and greatest code of the whole brick.
+    pub range: u32,
+    /// Low corner of the brick's core, level-0 voxels.
+    pub low: [f32; 3],
+    /// Padding.
+    pub spare: u32,
+}
+
+/// [`RayBrick::first_range`] of a brick that needs no look at its macro-cells.
+pub const NO_RANGES: u32 = u32::MAX;
+
+/// Bit of an octree node that is a leaf: 0 besides where nothing is drawn, else one more than the brick's position.
+pub const LEAF: u32 = 1 << 31;
+
+/// Bit of an octree node that halves x; those of y and z follow. Below them is the position of its children's group of eight.
+pub const HALVES_X: u32 = 1 << 28;

@@ -1,9 +1,10 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
-//! costs nothing. Bindings of group 0: 0 frame, 1 cells, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture.
+//! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
+//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries.
 
 mod layout;
 
-pub use layout::{CellInstance, FrameUniform};
+pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, NO_RANGES, RayBrick};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -28,6 +29,23 @@ const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 /// The sorted compositor's march: entry points `proxy` and `march`. With `has_invalid`, code 0 is no value and is left
 /// out of interpolation.
 pub fn sorted(gather: Gather, has_invalid: bool) -> String {
+    [marching(gather, has_invalid), include_str!("../wgsl/sorted.wgsl").to_string()].join("\n")
+}
+
+/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. `has_invalid` as for [`sorted`].
+pub fn raycast(gather: Gather, has_invalid: bool) -> String {
+    let sees = match gather {
+        Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
+        Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
+        Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
+    };
+    let (tree, macrocells) = (include_str!("../wgsl/tree.wgsl"), include_str!("../wgsl/macrocells.wgsl"));
+    let parts = [tree, macrocells, sees, FULLSCREEN, include_str!("../wgsl/raycast.wgsl")];
+    [marching(gather, has_invalid), parts.join("\n")].join("\n")
+}
+
+/// What all marches share: the ray, its lattice, a sample's value, and what samples add up to.
+fn marching(gather: Gather, has_invalid: bool) -> String {
     let sample = match has_invalid {
         false => include_str!("../wgsl/sample.wgsl"),
         true => include_str!("../wgsl/sample_valid.wgsl"),
@@ -37,9 +55,8 @@ pub fn sorted(gather: Gather, has_invalid: bool) -> String {
         Gather::Project => include_str!("../wgsl/project.wgsl"),
         Gather::Average => include_str!("../wgsl/average.wgsl"),
     };
-    let ray = include_str!("../wgsl/ray.wgsl");
-    let lattice = include_str!("../wgsl/lattice.wgsl");
-    [FRAME, ray, lattice, sample, CLASSIFY, accumulate, include_str!("../wgsl/sorted.wgsl")].join("\n")
+    let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
+    [FRAME, ray, lattice, sample, CLASSIFY, accumulate].join("\n")
 }
 
 /// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
@@ -64,6 +81,7 @@ mod tests {
         for gather in Gather::ALL {
             for has_invalid in [false, true] {
                 all.push((format!("sorted {gather:?} invalid {has_invalid}"), sorted(gather, has_invalid)));
+                all.push((format!("raycast {gather:?} invalid {has_invalid}"), raycast(gather, has_invalid)));
             }
             all.push((format!("resolve {gather:?}"), resolve(gather)));
         }
@@ -107,14 +125,33 @@ mod tests {
         for (name, source) in variants() {
             let module = parse(&name, &source);
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
-                pixel_share clip_w per_unit_distance extent last_entry spacing orthographic texel invert background spare
-                size_px spare_2 zone_starts);
+                pixel_share clip_w per_unit_distance extent last_entry spacing orthographic texel invert background tree_depth
+                size_px spare_2 root_size macro_cells zone_starts);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min spare region_max spare_2 texel_scale spare_3
                     texel_offset spare_4);
                 assert_eq!(layout(&module, "Cell"), (expected, size_of::<CellInstance>()), "{name}");
             }
+            if name.starts_with("raycast") {
+                let expected = offsets!(RayBrick: texel_scale first_range texel_offset range low spare);
+                assert_eq!(layout(&module, "RayBrick"), (expected, size_of::<RayBrick>()), "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn constants_are_those_of_the_shader() {
+        let module = parse("raycast", &raycast(Gather::Composite, false));
+        let expected = [
+            ("LEAF", naga::Literal::U32(LEAF)),
+            ("GROUP", naga::Literal::U32(HALVES_X - 1)),
+            ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
+        ];
+        for (name, value) in expected {
+            let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
+            let found = &module.global_expressions[constant.init];
+            assert!(matches!(found, naga::Expression::Literal(v) if *v == value), "{name}: {found:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-// The length-weighted sum of the values inside one cell and the sum of lengths; cells add up by blending.
+// The length-weighted sum of the values and the sum of lengths.
 struct Pixel {
     sum: f32,
     length: f32,
@@ -12,7 +12,7 @@ fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     return Pixel(pixel.sum + value * length, pixel.length + length);
 }
 
-fn is_opaque(pixel: Pixel) -> bool {
+fn is_final(pixel: Pixel) -> bool {
     return false;
 }
 

@@ -1,4 +1,4 @@
-// Direct volume rendering inside one cell: emission and absorption, front to back; premultiplied.
+// Direct volume rendering: emission and absorption, front to back; premultiplied.
 struct Pixel {
     color: vec3f,
     transmittance: f32,
@@ -16,7 +16,7 @@ fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
 }
 
 // Whatever lies behind adds less than a sixteenth of an 8-bit code.
-fn is_opaque(pixel: Pixel) -> bool {
+fn is_final(pixel: Pixel) -> bool {
     return pixel.transmittance < 1.0 / 4096.0;
 }
 

@@ -1,4 +1,4 @@
-// What is the same for every cell of a frame. Twin of `FrameUniform` in layout.rs, where each field's unit is given.
+// What is the same for all of a frame. Twin of `FrameUniform` in layout.rs, where each field's unit is given.
 struct Frame {
     eye: vec3f,
     step: f32,
@@ -21,9 +21,11 @@ struct Frame {
     texel: vec3f,
     invert: f32,
     background: vec3f,
-    spare: f32,
+    tree_depth: u32,
     size_px: vec2f,
     spare_2: vec2f,
+    root_size: vec3f,
+    macro_cells: u32,
     zone_starts: array<vec4u, 4>,
 }
 

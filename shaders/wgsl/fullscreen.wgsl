@@ -3,5 +3,3 @@
 fn fullscreen(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     return vec4f(f32(i & 1u) * 4.0 - 1.0, f32(i >> 1u) * 4.0 - 1.0, 0.5, 1.0);
 }
-
-@group(0) @binding(5) var gathered: texture_2d<f32>;

@@ -46,3 +46,17 @@ fn segment(walk: Walk, t_in: f32, t_out: f32) -> vec2f {
     let end = f32(walk.tick + walk.stride) * frame.step;
     return vec2f(max(start, t_in), min(end, t_out));
 }
+
+// The first segment past `walk` whose midpoint lies past `t`; not past the zone's end, from where one may go on.
+fn walk_past(walk: Walk, t: f32) -> Walk {
+    let next = walk_on(walk);
+    let ticks = t / frame.step + 0.5 * f32(walk.stride);
+    let tick = min(u32(max(ticks, 0.0)), NEVER) & ~(walk.stride - 1u);
+    if (tick <= next.tick) {
+        return next;
+    }
+    if (tick < walk.zone_end) {
+        return Walk(tick, walk.stride, walk.zone_end);
+    }
+    return enter_zone(walk.zone_end, firstTrailingBit(walk.stride));
+}

@@ -1,4 +1,4 @@
-// Maximum and minimum intensity inside one cell, as (value, 1) where something was sampled, else (0, 0). The minimum is
+// Maximum and minimum intensity, as (value, 1) where something was sampled, else (0, 0). The minimum is
 // the maximum of 1 - value (`frame.invert` 1), so both blend by max over a target cleared to zero.
 struct Pixel {
     value: f32,
@@ -13,8 +13,9 @@ fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     return Pixel(max(pixel.value, abs(frame.invert - value)), 1.0);
 }
 
-fn is_opaque(pixel: Pixel) -> bool {
-    return false;
+// Nothing passes the end of the scale.
+fn is_final(pixel: Pixel) -> bool {
+    return pixel.value >= 1.0;
 }
 
 fn pixel_end(pixel: Pixel) -> vec4f {

@@ -1,4 +1,6 @@
 // The mean value through the table's colours; opaque where something was sampled.
+@group(0) @binding(5) var gathered: texture_2d<f32>;
+
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let sums = textureLoad(gathered, vec2i(position.xy), 0).xy;

@@ -1,4 +1,6 @@
 // The gathered premultiplied colour over the background.
+@group(0) @binding(5) var gathered: texture_2d<f32>;
+
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let color = textureLoad(gathered, vec2i(position.xy), 0);

@@ -75,7 +75,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
         loop {
             let part = segment(walk, t_in, t_out);
             let middle = 0.5 * (part.x + part.y);
-            if (middle > last || is_opaque(pixel)) {
+            if (middle > last || is_final(pixel)) {
                 break;
             }
             let point = ray.origin + ray.direction * middle;

@@ -1,8 +1,10 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
 use crate::atlas::AtlasPlan;
+use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
+use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::{FrameSettings, Mode, Pyramid};
 use glam::DVec3;
 
@@ -36,25 +38,40 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         texel: atlas.size().map(|n| (1.0 / n as f64) as f32),
         invert: (frame.mode == Mode::MinIp) as u32 as f32,
         background: frame.background,
+        tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
+        root_size: root_size(pyramid).map(|n| n as f32),
+        macro_cells: per_axis(pyramid.edge() as usize) as u32,
         zone_starts: frame.lattice.zone_starts,
         ..Default::default()
     }
 }
 
-/// A cell drawn from its brick's slot. Exact in f32 for volumes up to 2^24 voxels along an axis.
+/// A cell drawn from its brick's slot.
 pub(crate) fn cell_instance(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellInstance {
+    let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
+    CellInstance {
+        region_min: cell.region.min.to_array().map(|v| v as f32),
+        region_max: cell.region.max.to_array().map(|v| v as f32),
+        texel_scale,
+        texel_offset,
+        ..Default::default()
+    }
+}
+
+/// Scale and offset from level-0 voxels to the texels of the cell's brick. Exact in f32 for volumes up to 2^24 voxels along
+/// an axis.
+pub(crate) fn texel_placement(
+    cell: &DrawCell,
+    pyramid: &Pyramid,
+    atlas: &AtlasPlan,
+    apron: u32,
+) -> ([f32; 3], [f32; 3]) {
     let factor = pyramid.level(cell.brick.level).factor;
     let index = cell.brick.index.to_array();
     let origin = atlas.origin(cell.slot);
     let offset = |a: usize| (origin[a] + apron) as i64 - index[a] as i64 * pyramid.edge() as i64;
-    CellInstance {
-        region_min: cell.region.min.to_array().map(|v| v as f32),
-        region_max: cell.region.max.to_array().map(|v| v as f32),
-        texel_scale: factor.map(|f| 1.0 / f as f32),
-        texel_offset: std::array::from_fn(|a| offset(a) as f32),
-        ..Default::default()
-    }
+    (factor.map(|f| 1.0 / f as f32), std::array::from_fn(|a| offset(a) as f32))
 }
 
 #[cfg(test)]

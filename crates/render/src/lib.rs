@@ -1,22 +1,29 @@
-//! The wgpu renderer: an atlas of brick slots, uploads into it, the `sorted` compositor, and the picture read back. Headless.
+//! The wgpu renderer: an atlas of brick slots, uploads into it, the `sorted` and `raycast` compositors, and the picture read back.
+//! Headless.
 //!
 //! ```text
 //! codes -> upload -> atlas --.
-//! draw list, settings --------> march (instanced boxes, back to front) -> resolve -> read-back -> Picture
+//! draw list, settings --------> march -> resolve -> read-back -> Picture
 //! ```
+//! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
+//! picture.
 //! One [`GpuRenderer`] is used from one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
 mod atlas;
 mod error;
 mod frame;
+mod gathering;
 mod memory;
 mod pipelines;
+mod raycast;
 mod renderer;
+mod sorted;
 mod targets;
+mod tree;
 mod upload;
 
 pub use adapter::{AdapterReport, GpuFormats, GpuPreference, adapters};
 pub use atlas::AtlasPlan;
 pub use error::GpuError;
-pub use renderer::{GpuOptions, GpuRenderer};
+pub use renderer::{Compositor, GpuOptions, GpuRenderer};

@@ -1,4 +1,5 @@
-//! What the GPU budget pays for: the picture's targets, tables, staging and read-back come first, and the atlas gets the rest.
+//! What the GPU budget pays for: the picture's targets, tables, staging and read-back come first; the rest goes
+//! to slots, each with what the compositor keeps beside it.
 
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, texel_bytes};
@@ -21,8 +22,43 @@ pub(crate) struct MemoryPlan {
     pub(crate) atlas: AtlasPlan,
     /// Bricks per upload submission.
     pub(crate) batch: u64,
-    /// Everything but the atlas.
+    /// Everything that does not depend on the number of slots.
     pub(crate) fixed_bytes: u64,
+    /// What the compositor keeps beside each slot.
+    pub(crate) beside_bytes: u64,
+}
+
+/// What sizes the buffers of the raycast compositor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RaycastPlan {
+    /// Voxels along a brick's core edge.
+    pub(crate) edge: u32,
+    /// Levels of the pyramid.
+    pub(crate) levels: u32,
+    /// The counts of opaque entries.
+    pub(crate) opaque_bytes: u64,
+}
+
+impl RaycastPlan {
+    pub(crate) fn new(edge: u32, levels: u32, codes: SlotFormat) -> Self {
+        Self { edge, levels, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
+    }
+
+    /// What a slot's brick needs: its macro-cells, its range on the host, and its part of the octree, twice for staging.
+    fn bytes_per_slot(&self) -> u64 {
+        let octree = self.nodes_bytes(1) - self.nodes_bytes(0) + self.bricks_bytes(1);
+        self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64 + 2 * octree
+    }
+
+    /// What it needs besides: the counts on the GPU and on the host, and the octree's root.
+    fn fixed_bytes(&self) -> u64 {
+        2 * (self.opaque_bytes + self.nodes_bytes(0))
+    }
+
+    /// No more slots than a binding can describe.
+    fn max_slots(&self, max_binding_bytes: u64) -> u64 {
+        max_binding_bytes / self.ranges_bytes(1).max(self.nodes_bytes(1)).max(self.bricks_bytes(1))
+    }
 }
 
 /// What a plan is made for.
@@ -35,6 +71,10 @@ pub(crate) struct MemoryNeeds {
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
     pub(crate) max_slots: u32,
+    /// The greatest buffer that a shader can see.
+    pub(crate) max_binding_bytes: u64,
+    /// Where the compositor is `raycast`.
+    pub(crate) raycast: Option<RaycastPlan>,
 }
 
 /// Bytes of a row of the read-back buffer.
@@ -57,18 +97,23 @@ impl MemoryPlan {
         let gather = target_bytes(needs.formats.composite).max(target_bytes(needs.formats.project));
         let picture = pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES;
         let table = (needs.codes.max_code() as u64 + 1) * 16;
-        let cells = (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64;
+        let (compositor, beside_bytes, most) = match needs.raycast {
+            None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
+            Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
+        };
         let format = needs.formats.atlas(needs.codes);
         let staging = staging_bytes(needs.slot_edge, format);
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
-        let small = picture + table + cells + size_of::<FrameUniform>() as u64;
+        let small = picture + table + compositor + size_of::<FrameUniform>() as u64;
         let fixed_bytes = small + 2 * batch * staging;
         let left = needs.budget_bytes.saturating_sub(fixed_bytes);
         let texel = texel_bytes(format);
-        let atlas = AtlasPlan::new(needs.slot_edge, texel, left, needs.max_texture_3d, needs.max_slots);
+        let slot_bytes = (needs.slot_edge as u64).pow(3) * texel;
+        let slots = (left / (slot_bytes + beside_bytes)).min(most).min(needs.max_slots as u64);
+        let atlas = AtlasPlan::new(needs.slot_edge, texel, slots * slot_bytes, needs.max_texture_3d, slots as u32);
         let enough = atlas.filter(|a| a.slots() as u64 >= MIN_SLOTS.min(needs.max_slots as u64));
-        let least_bytes = small + 2 * staging + MIN_SLOTS * (needs.slot_edge as u64).pow(3) * texel;
+        let least_bytes = small + 2 * staging + MIN_SLOTS * (slot_bytes + beside_bytes);
         let atlas = enough.ok_or(GpuError::Budget {
             given_bytes: needs.budget_bytes,
             least_bytes,
@@ -76,12 +121,12 @@ impl MemoryPlan {
             height_px,
             slot_edge: needs.slot_edge,
         })?;
-        Ok(Self { atlas, batch, fixed_bytes })
+        Ok(Self { atlas, batch, fixed_bytes, beside_bytes })
     }
 
     /// Everything the renderer may hold at once.
     pub(crate) fn bytes(&self) -> u64 {
-        self.atlas.bytes + self.fixed_bytes
+        self.atlas.bytes + self.fixed_bytes + self.atlas.slots() as u64 * self.beside_bytes
     }
 }
 
@@ -103,29 +148,56 @@ mod tests {
             max_size_px: (512, 512),
             max_texture_3d: 4096,
             max_slots: u32::MAX,
+            max_binding_bytes: 128 << 20,
+            raycast: None,
         }
+    }
+
+    /// For either compositor.
+    fn both(needs: MemoryNeeds) -> [MemoryNeeds; 2] {
+        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.codes)), ..needs }]
     }
 
     #[test]
     fn sixteen_mebibytes_hold_a_picture_and_ten_bricks() {
         for codes in [SlotFormat::U8, SlotFormat::U16] {
-            let plan = MemoryPlan::new(&MemoryNeeds { codes, ..needs(16 << 20) }).unwrap();
-            assert!(plan.atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
+            for needs in both(MemoryNeeds { codes, ..needs(16 << 20) }) {
+                let plan = MemoryPlan::new(&needs).unwrap();
+                assert!(plan.atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
+            }
         }
     }
 
     #[test]
     fn the_least_that_works_works_and_a_byte_less_does_not() {
-        let Err(GpuError::Budget { least_bytes, .. }) = MemoryPlan::new(&needs(1 << 20)) else { panic!("1 MiB") };
-        assert_eq!(MemoryPlan::new(&needs(least_bytes)).unwrap().atlas.slots(), 2);
-        assert!(MemoryPlan::new(&needs(least_bytes - 1)).is_err());
+        for needs in both(needs(1 << 20)) {
+            let Err(GpuError::Budget { least_bytes, .. }) = MemoryPlan::new(&needs) else { panic!("1 MiB") };
+            let with = |budget_bytes| MemoryPlan::new(&MemoryNeeds { budget_bytes, ..needs });
+            assert_eq!(with(least_bytes).unwrap().atlas.slots(), 2);
+            assert!(with(least_bytes - 1).is_err());
+        }
     }
 
     #[test]
     fn no_budget_is_overspent() {
         for mebibytes in [12, 13, 20, 64, 100, 500, 1024, 5000] {
-            let plan = MemoryPlan::new(&needs(mebibytes << 20)).unwrap();
-            assert!(plan.bytes() <= mebibytes << 20, "{mebibytes}: {plan:?}");
+            for needs in both(needs(mebibytes << 20)) {
+                let plan = MemoryPlan::new(&needs).unwrap();
+                assert!(plan.bytes() <= mebibytes << 20, "{mebibytes}: {plan:?}");
+            }
         }
+    }
+
+    #[test]
+    fn buffers_are_within_the_account_and_the_binding_limit() {
+        let [_, mut needs] = both(needs(5000 << 20));
+        needs.max_binding_bytes = 1 << 20;
+        let plan = MemoryPlan::new(&needs).unwrap();
+        let (raycast, slots) = (needs.raycast.unwrap(), plan.atlas.slots());
+        let buffers = [raycast.nodes_bytes(slots), raycast.bricks_bytes(slots), raycast.ranges_bytes(slots)];
+        assert!(buffers.iter().all(|&b| b <= 1 << 20), "{buffers:?}");
+        assert!(slots > 400, "{slots} slots of 512 macro-cells fill 1 MiB");
+        let accounted = raycast.fixed_bytes() + slots as u64 * plan.beside_bytes;
+        assert!(buffers.iter().sum::<u64>() + raycast.opaque_bytes <= accounted);
     }
 }

@@ -1,8 +1,9 @@
-//! Pipelines: for each way to gather samples, the march over cells and the pass that makes display colours of it. Made when
+//! Pipelines: for each way to gather samples, the compositor's march and the pass that makes display colours of it. Made when
 //! first used.
 
 use crate::adapter::{Gpu, GpuFormats};
-use brickyard_shaders::{Gather, resolve, sorted};
+use crate::renderer::Compositor;
+use brickyard_shaders::{Gather, raycast, resolve, sorted};
 use brickyard_volume::Mode;
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
@@ -31,14 +32,14 @@ pub(crate) fn gather_format(gather: Gather, formats: &GpuFormats) -> TextureForm
 /// The bind group layouts that all variants share.
 #[derive(Debug)]
 pub(crate) struct Layouts {
-    pub(crate) sorted: wgpu::BindGroupLayout,
+    pub(crate) march: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
 }
 
 /// The two pipelines of one way to gather.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
-    pub(crate) sorted: wgpu::RenderPipeline,
+    pub(crate) march: wgpu::RenderPipeline,
     pub(crate) resolve: wgpu::RenderPipeline,
 }
 
@@ -52,7 +53,7 @@ fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingTyp
 }
 
 impl Layouts {
-    pub(crate) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor) -> Self {
         let uniform = buffer(wgpu::BufferBindingType::Uniform);
         let storage = buffer(wgpu::BufferBindingType::Storage { read_only: true });
         let make =
@@ -65,17 +66,18 @@ impl Layouts {
                 gpu.device.create_bind_group_layout(&descriptor)
             };
         let fragment = ShaderStages::FRAGMENT;
+        let mut march = vec![
+            (0, ShaderStages::VERTEX_FRAGMENT, uniform),
+            (2, fragment, texture(TextureViewDimension::D3, true)),
+            (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            (4, fragment, storage),
+        ];
+        match compositor {
+            Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage)),
+            Compositor::Raycast => march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage))),
+        }
         Self {
-            sorted: make(
-                "sorted",
-                &[
-                    (0, ShaderStages::VERTEX_FRAGMENT, uniform),
-                    (1, ShaderStages::VERTEX, storage),
-                    (2, fragment, texture(TextureViewDimension::D3, true)),
-                    (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-                    (4, fragment, storage),
-                ],
-            ),
+            march: make("march", &march),
             resolve: make(
                 "resolve",
                 &[
@@ -100,7 +102,7 @@ fn blend(gather: Gather) -> wgpu::BlendState {
 }
 
 impl Pipelines {
-    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, gather: Gather, has_invalid: bool) -> Self {
+    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, compositor: Compositor, gather: Gather, has_invalid: bool) -> Self {
         let format = gather_format(gather, &gpu.report.formats);
         let boxes = wgpu::PrimitiveState {
             topology: wgpu::PrimitiveTopology::TriangleStrip,
@@ -108,9 +110,19 @@ impl Pipelines {
             ..Default::default()
         };
         let full = wgpu::PrimitiveState::default();
-        let march = wgpu::ColorTargetState { format, blend: Some(blend(gather)), write_mask: wgpu::ColorWrites::ALL };
+        let march = match compositor {
+            Compositor::Sorted => {
+                let target =
+                    wgpu::ColorTargetState { format, blend: Some(blend(gather)), write_mask: wgpu::ColorWrites::ALL };
+                pipeline(gpu, &sorted(gather, has_invalid), &layouts.march, ["proxy", "march"], boxes, target)
+            }
+            Compositor::Raycast => {
+                let source = raycast(gather, has_invalid);
+                pipeline(gpu, &source, &layouts.march, ["fullscreen", "raycast"], full, format.into())
+            }
+        };
         Self {
-            sorted: pipeline(gpu, &sorted(gather, has_invalid), &layouts.sorted, ["proxy", "march"], boxes, march),
+            march,
             resolve: pipeline(
                 gpu,
                 &resolve(gather),

@@ -40,17 +40,23 @@ impl Uploader {
         Self { codes, batch, pending: 0, last: None, converted: Vec::new(), bytes: 0 }
     }
 
+    /// Whether these are a padded brick's codes and there is such a slot.
+    pub(crate) fn check(&self, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
+        let expected = (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes();
+        if codes.len() == expected && slot.0 < atlas.plan.slots() {
+            return Ok(());
+        }
+        Err(GpuError::Mismatch(format!(
+            "brick of {} bytes for slot {}: expected {expected} bytes and a slot below {}",
+            codes.len(),
+            slot.0,
+            atlas.plan.slots()
+        )))
+    }
+
+    /// Writes a brick that [`Uploader::check`] has passed.
     pub(crate) fn upload(&mut self, gpu: &Gpu, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         let edge = atlas.plan.slot_edge;
-        let expected = (edge as usize).pow(3) * self.codes.bytes();
-        if codes.len() != expected || slot.0 >= atlas.plan.slots() {
-            return Err(GpuError::Mismatch(format!(
-                "brick of {} bytes for slot {}: expected {expected} bytes and a slot below {}",
-                codes.len(),
-                slot.0,
-                atlas.plan.slots()
-            )));
-        }
         let texels = convert(codes, self.codes, atlas.format, &mut self.converted);
         atlas.write(gpu, atlas.plan.origin(slot), edge, texels);
         self.bytes += codes.len() as u64;

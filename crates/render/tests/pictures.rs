@@ -1,4 +1,4 @@
-//! Pictures of the `sorted` compositor against the oracle and against closed forms.
+//! Pictures of both compositors against the oracle and against closed forms.
 
 mod bricks;
 
@@ -82,18 +82,32 @@ fn assert_close(what: &str, found: &Picture, expected: &Picture, tolerance: u8) 
     }
 }
 
-/// Every view in these modes against the oracle.
-fn compare(bricks: &Bricks, modes: &[Mode], transfer: &TransferFunction, lattice: &dyn Fn(&ViewRays) -> Lattice) {
-    let Some(mut renderer) = bricks.renderer() else { return };
-    for (name, rays) in views(bricks) {
-        let list = bricks.draw(&mut renderer, &rays, &all_fine, &own);
+/// These views by both compositors, in these modes, against the oracle.
+fn compare_views(
+    bricks: &Bricks,
+    views: &[(&'static str, ViewRays)],
+    modes: &[Mode],
+    transfer: &TransferFunction,
+    lattice: &dyn Fn(&ViewRays) -> Lattice,
+) {
+    let mut renderers = bricks.renderers();
+    for (name, rays) in views {
         for &mode in modes {
-            let frame = bricks.settings(rays, mode, transfer, lattice(&rays));
-            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-            let expected = bricks.reference(&frame, &list, transfer);
-            assert_close(&format!("{name}, {mode:?}"), &found, &expected, CONTRACT);
+            let frame = bricks.settings(*rays, mode, transfer, lattice(rays));
+            let mut expected = None;
+            for renderer in &mut renderers {
+                let list = bricks.draw(renderer, rays, &all_fine, &own);
+                let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, transfer));
+                assert_close(&format!("{name}, {mode:?}, {:?}", renderer.compositor()), &found, expected, CONTRACT);
+            }
         }
     }
+}
+
+/// Every view in these modes against the oracle.
+fn compare(bricks: &Bricks, modes: &[Mode], transfer: &TransferFunction, lattice: &dyn Fn(&ViewRays) -> Lattice) {
+    compare_views(bricks, &views(bricks), modes, transfer, lattice);
 }
 
 #[test]
@@ -128,38 +142,58 @@ fn invalid_voxels_match_the_oracle() {
     let bricks = Bricks::new([45, 37, 52], 16, uneven(), encoding, holes);
     // A sample whose valid corners weigh exactly half falls to either side by rounding: rays along an axis through voxel
     // faces meet whole lines of such samples. Those views are left out.
-    let Some(mut renderer) = bricks.renderer() else { return };
-    let transfer = tinted(0.0, 10.0);
-    for (name, rays) in
-        views(&bricks).into_iter().filter(|(name, _)| !name.contains("axis") && !name.contains("grazing"))
-    {
-        let list = bricks.draw(&mut renderer, &rays, &all_fine, &own);
-        for mode in Mode::ALL {
-            let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));
-            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-            let expected = bricks.reference(&frame, &list, &transfer);
-            assert_close(&format!("{name}, {mode:?}"), &found, &expected, CONTRACT);
-        }
-    }
+    let mut views = views(&bricks);
+    views.retain(|(name, _)| !name.contains("axis") && !name.contains("grazing"));
+    compare_views(&bricks, &views, &Mode::ALL, &tinted(0.0, 10.0), &|_| Lattice::uniform(0.7, 0));
 }
 
 #[test]
 fn mixed_levels_and_ancestors_match_the_oracle() {
     let bricks = Bricks::new([61, 70, 52], 16, uneven(), u8_codes(), waves(255.0));
-    let Some(mut renderer) = bricks.renderer() else { return };
     let transfer = tinted(0.0, 255.0);
     // Some subtrees stay coarse, and every third cell is drawn from an ancestor.
     let stop = |id: BrickId| (id.level.0 as u32 + id.index.x + 2 * id.index.y + id.index.z) % 3 == 2;
     let coarser =
         |id: BrickId| (id.index.x + id.index.y + id.index.z).is_multiple_of(3) as u8 * (1 + id.index.z as u8 % 2);
+    let mut renderers = bricks.renderers();
     for (name, rays) in views(&bricks) {
-        let list = bricks.draw(&mut renderer, &rays, &stop, &coarser);
-        let levels: std::collections::BTreeSet<_> = list.cells.iter().map(|c| c.brick.level).collect();
-        assert!(levels.len() >= 3 && list.cells.iter().any(|c| c.brick.level > c.cell.level), "{levels:?}");
         for mode in [Mode::Dvr, Mode::MinIp] {
             let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));
+            let mut expected = None;
+            for renderer in &mut renderers {
+                let list = bricks.draw(renderer, &rays, &stop, &coarser);
+                let levels: std::collections::BTreeSet<_> = list.cells.iter().map(|c| c.brick.level).collect();
+                assert!(levels.len() >= 3 && list.cells.iter().any(|c| c.brick.level > c.cell.level), "{levels:?}");
+                let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, &transfer));
+                assert_close(&format!("{name}, {mode:?}, {:?}", renderer.compositor()), &found, expected, CONTRACT);
+            }
+        }
+    }
+}
+
+/// Cells that the cut leaves out are leapt over, and are as good as cells that show nothing.
+#[test]
+fn cells_that_are_not_there_show_nothing() {
+    let bricks = Bricks::new([61, 70, 52], 16, uneven(), u8_codes(), |[x, y, z]| {
+        let r = (x as f64 - 30.0).hypot(y as f64 - 41.0).hypot(z as f64 - 22.0);
+        if r < 9.0 { 250.0 - r } else { (x + y + z) as f64 % 7.0 }
+    });
+    let transfer = tinted(0.0, 255.0);
+    let mut renderers = bricks.renderers();
+    for (name, rays) in views(&bricks) {
+        let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::for_view(0.4, 0.8, &rays, 0.5, 5));
+        for renderer in &mut renderers {
+            let mut list = bricks.draw(renderer, &rays, &all_fine, &own);
+            let expected = bricks.reference(&frame, &list, &transfer);
+            let all = list.cells.len();
+            list.cells.retain(|c| {
+                let (low, high) = (c.region.min.to_array(), c.region.max.to_array());
+                (0..3).all(|a| low[a] < [41, 52, 33][a] && high[a] > [19, 30, 11][a])
+            });
+            assert!(list.cells.len() < all / 2);
             let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-            assert_close(name, &found, &bricks.reference(&frame, &list, &transfer), CONTRACT);
+            assert_close(&format!("{name}, {:?}", renderer.compositor()), &found, &expected, CONTRACT);
         }
     }
 }
@@ -167,17 +201,21 @@ fn mixed_levels_and_ancestors_match_the_oracle() {
 #[test]
 fn the_brick_size_does_not_show() {
     let transfer = tinted(0.0, 255.0);
+    // Each compositor's pictures with bricks of this size.
     let render = |edge| {
         let bricks = Bricks::new([45, 37, 52], edge, uneven(), u8_codes(), waves(255.0));
-        let mut renderer = bricks.renderer()?;
-        let pictures = views(&bricks).into_iter().flat_map(|(_, rays)| {
-            let list = bricks.draw(&mut renderer, &rays, &all_fine, &own);
-            let frames = Mode::ALL.map(|mode| bricks.settings(rays, mode, &transfer, Lattice::uniform(0.5, 0)));
-            frames.map(|frame| renderer.render(&frame, &bricks.pyramid, &list).unwrap())
-        });
-        Some(pictures.collect::<Vec<_>>())
+        let mut renderers = bricks.renderers();
+        let mut pictures = Vec::new();
+        for renderer in &mut renderers {
+            for (_, rays) in views(&bricks) {
+                let list = bricks.draw(renderer, &rays, &all_fine, &own);
+                let frames = Mode::ALL.map(|mode| bricks.settings(rays, mode, &transfer, Lattice::uniform(0.5, 0)));
+                pictures.extend(frames.map(|frame| renderer.render(&frame, &bricks.pyramid, &list).unwrap()));
+            }
+        }
+        pictures
     };
-    let (Some(small), Some(middle), Some(single)) = (render(8), render(32), render(64)) else { return };
+    let [small, middle, single] = [8, 32, 64].map(render);
     for (i, one) in single.iter().enumerate() {
         assert_close(&format!("bricks of 32, picture {i}"), &middle[i], one, CONTRACT);
         assert_close(&format!("bricks of 8, picture {i}"), &small[i], one, CONTRACT);
@@ -197,25 +235,32 @@ fn a_constant_medium_is_beer_lambert_whatever_the_step_and_the_bricks() {
     // Thin enough that alpha per step is far below 1/255, and thick; 2,197 cells are more than one submission.
     for (alpha, edge) in [(0.0025, 32), (0.05, 8), (0.9, 32)] {
         let bricks = Bricks::new([104, 104, 104], edge, Geometry::default(), u8_codes(), |_| 100.0);
-        let Some(mut renderer) = bricks.renderer() else { return };
+        let mut renderers = bricks.renderers();
         let transfer =
             TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, alpha]], unit_distance: 1.0 };
         let eyes = [DVec3::new(-150.0, -90.0, 130.0), DVec3::new(31.0, 64.0, 40.0), DVec3::new(52.0, 51.5, 500.0)];
         for eye in eyes {
             let up = if eye.z > 400.0 { DVec3::Y } else { DVec3::Z };
             let rays = Camera { up, ..look(eye, DVec3::new(52.0, 51.5, 53.0), 45.0) }.rays(61, 61).unwrap();
-            let list = bricks.draw(&mut renderer, &rays, &all_fine, &own);
-            for step in [0.31, 1.0, 2.7] {
-                let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(step, 0));
-                let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-                let pixel = |i: u32| {
-                    let ray = rays.ray((i % 61) as f64 + 0.5, (i / 61) as f64 + 0.5);
-                    let left = (1.0 - alpha).powf(chord(&bricks, &ray));
-                    let color = [1.0, 0.5, 0.0].map(|c| c * (1.0 - left));
-                    Picture::quantise(std::array::from_fn(|k| color[k] as f32 + left as f32 * frame.background[k]))
-                };
-                let expected = Picture { width: 61, height: 61, rgb: (0..61 * 61).map(pixel).collect() };
-                assert_close(&format!("alpha {alpha}, step {step}, eye {eye}"), &found, &expected, CONTRACT);
+            for renderer in &mut renderers {
+                let list = bricks.draw(renderer, &rays, &all_fine, &own);
+                for step in [0.31, 1.0, 2.7] {
+                    let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(step, 0));
+                    let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                    let pixel = |i: u32| {
+                        let ray = rays.ray((i % 61) as f64 + 0.5, (i / 61) as f64 + 0.5);
+                        let left = (1.0 - alpha).powf(chord(&bricks, &ray));
+                        let color = [1.0, 0.5, 0.0].map(|c| c * (1.0 - left));
+                        Picture::quantise(std::array::from_fn(|k| color[k] as f32 + left as f32 * frame.background[k]))
+                    };
+                    let expected = Picture { width: 61, height: 61, rgb: (0..61 * 61).map(pixel).collect() };
+                    assert_close(
+                        &format!("{:?}, alpha {alpha}, step {step}, eye {eye}", renderer.compositor()),
+                        &found,
+                        &expected,
+                        CONTRACT,
+                    );
+                }
             }
         }
     }
@@ -224,35 +269,66 @@ fn a_constant_medium_is_beer_lambert_whatever_the_step_and_the_bricks() {
 #[test]
 fn an_empty_list_is_the_background() {
     let bricks = Bricks::new([8, 8, 8], 8, uneven(), u8_codes(), |_| 100.0);
-    let Some(mut renderer) = bricks.renderer() else { return };
-    for mode in Mode::ALL {
-        let rays = views(&bricks)[0].1;
-        let frame = bricks.settings(rays, mode, &tinted(0.0, 255.0), Lattice::uniform(1.0, 0));
-        let found = renderer.render(&frame, &bricks.pyramid, &Default::default()).unwrap();
-        assert!(found.rgb.iter().all(|&p| p == Picture::quantise(frame.background)), "{mode:?}");
+    for renderer in &mut bricks.renderers() {
+        for mode in Mode::ALL {
+            let rays = views(&bricks)[0].1;
+            let frame = bricks.settings(rays, mode, &tinted(0.0, 255.0), Lattice::uniform(1.0, 0));
+            let found = renderer.render(&frame, &bricks.pyramid, &Default::default()).unwrap();
+            let is_empty = found.rgb.iter().all(|&p| p == Picture::quantise(frame.background));
+            assert!(is_empty, "{mode:?} {:?}", renderer.compositor());
+        }
     }
 }
 
 #[test]
 fn a_new_transfer_function_uploads_no_brick() {
     let bricks = Bricks::new([45, 37, 52], 16, uneven(), u8_codes(), waves(255.0));
-    let Some(mut renderer) = bricks.renderer() else { return };
     let rays = views(&bricks)[0].1;
-    let list = bricks.draw(&mut renderer, &rays, &all_fine, &own);
-    let before = renderer.uploaded_bytes();
-    for transfer in [tinted(0.0, 255.0), tinted(100.0, 200.0), tinted(0.0, 255.0)] {
-        let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
-        let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-        assert_close("edited", &found, &bricks.reference(&frame, &list, &transfer), CONTRACT);
+    for renderer in &mut bricks.renderers() {
+        let list = bricks.draw(renderer, &rays, &all_fine, &own);
+        let before = renderer.uploaded_bytes();
+        // The second one shows only what the first leaves empty: no leap may outlive its table.
+        let steep = TransferFunction { opacity: vec![[40.0, 0.4], [60.0, 0.2], [80.0, 0.0]], ..tinted(0.0, 255.0) };
+        for transfer in [tinted(0.0, 255.0), steep, tinted(100.0, 200.0), tinted(0.0, 255.0)] {
+            let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
+            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+            let expected = bricks.reference(&frame, &list, &transfer);
+            assert_close(&format!("edited, {:?}", renderer.compositor()), &found, &expected, CONTRACT);
+        }
+        assert_eq!(renderer.uploaded_bytes(), before);
+        assert!(renderer.last_frame_ms() > 0.0);
     }
-    assert_eq!(renderer.uploaded_bytes(), before);
-    assert!(renderer.last_frame_ms() > 0.0);
+}
+
+/// A brick that takes another's slot brings its own macro-cells.
+#[test]
+fn a_slot_forgets_the_brick_before() {
+    let fill = |value: f64| Bricks::new([30, 30, 30], 32, uneven(), u8_codes(), move |_| value);
+    let (clear, full) = (fill(10.0), fill(200.0));
+    let transfer = tinted(0.0, 255.0);
+    let rays = views(&clear)[0].1;
+    let frame = clear.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
+    for renderer in &mut clear.renderers() {
+        for bricks in [&clear, &full, &clear, &full] {
+            let list = bricks.draw(renderer, &rays, &all_fine, &own);
+            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+            assert_close(
+                &format!("{:?}", renderer.compositor()),
+                &found,
+                &bricks.reference(&frame, &list, &transfer),
+                CONTRACT,
+            );
+        }
+    }
 }
 
 #[test]
 fn what_does_not_fit_is_a_typed_error() {
     let bricks = Bricks::new([8, 8, 8], 8, uneven(), u8_codes(), |_| 100.0);
-    let Some(mut renderer) = bricks.renderer() else { return };
+    bricks.renderers().into_iter().for_each(|renderer| check_limits(&bricks, renderer));
+}
+
+fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     assert!(renderer.gpu_bytes() <= MEMORY_BYTES);
     assert!(matches!(renderer.upload(brickyard_pager::Slot(0), &[0; 7]), Err(GpuError::Mismatch(_))));
     let camera = look(DVec3::ZERO, DVec3::ONE, 40.0);
@@ -267,7 +343,8 @@ fn what_does_not_fit_is_a_typed_error() {
     assert!(matches!(render(&mut renderer, &wrong), Err(GpuError::Mismatch(_))));
     assert_eq!(render(&mut renderer, &frame(8, 8)), Ok(()), "the renderer still works");
 
-    let new = |bytes| GpuRenderer::new(&GpuOptions::default(), u8_codes(), 64, APRON, bytes, (512, 512)).map(|_| ());
+    let options = GpuOptions { compositor: renderer.compositor(), ..Default::default() };
+    let new = |bytes| GpuRenderer::new(&options, u8_codes(), 64, APRON, bytes, (512, 512)).map(|_| ());
     let Err(GpuError::Budget { least_bytes, .. }) = new(1 << 20) else { panic!("1 MiB is not enough") };
     assert_eq!(new(least_bytes), Ok(()));
 }

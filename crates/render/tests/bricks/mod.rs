@@ -2,7 +2,7 @@
 
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_reference::{Array, ReferenceVolume, mean_levels};
-use brickyard_render::{GpuError, GpuOptions, GpuRenderer};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use std::collections::BTreeMap;
 
@@ -65,9 +65,15 @@ impl Bricks {
         bytes
     }
 
+    /// A renderer with each compositor; none (said loudly) where there is no adapter at all.
+    pub(crate) fn renderers(&self) -> Vec<GpuRenderer> {
+        [Compositor::Sorted, Compositor::Raycast].into_iter().filter_map(|c| self.renderer(c)).collect()
+    }
+
     /// A renderer, or `None` (said loudly) where there is no adapter at all.
-    pub(crate) fn renderer(&self) -> Option<GpuRenderer> {
-        let options = GpuOptions { max_slots: self.pyramid.brick_count() as u32, ..Default::default() };
+    fn renderer(&self, compositor: Compositor) -> Option<GpuRenderer> {
+        let (max_slots, levels) = (self.pyramid.brick_count() as u32, self.pyramid.levels().len() as u32);
+        let options = GpuOptions { compositor, levels, max_slots, ..Default::default() };
         let made = GpuRenderer::new(&options, self.encoding, self.pyramid.edge(), APRON, MEMORY_BYTES, (512, 512));
         match made {
             Ok(renderer) => Some(renderer),

@@ -1,0 +1,144 @@
+//! CPU milliseconds of a 512x512 picture of 256^3 voxels in bricks of 64^3 by each compositor, for several modes, on a software
+//! rasteriser (Linux), and the GPU's own count (timestamps) where it has one:
+//! `cargo run --release -p brickyard-render --example speed -- [ONLY]`, `ONLY` being part of a case's name.
+//!
+//! Frames of the two compositors take turns, so that other load meets both alike; the best of each counts.
+
+#[path = "../tests/bricks/mod.rs"]
+#[allow(dead_code, reason = "the oracle is for tests")]
+mod bricks;
+
+use bricks::Bricks;
+use brickyard_pager::DrawList;
+use brickyard_volume::*;
+use glam::DVec3;
+
+const SIZE_PX: u32 = 512;
+const FRAMES: u32 = 6;
+
+fn main() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
+    let cube = |f: fn(DVec3) -> f64| {
+        Bricks::new([256; 3], 64, Geometry::default(), encoding, move |v| {
+            255.0 * f(DVec3::from_array(v.map(|v| v as f64 + 0.5)))
+        })
+    };
+    let only = std::env::args().nth(1);
+    let wanted = |name: &str| only.as_ref().is_none_or(|only| name.contains(only));
+    for (what, field, cases) in [
+        (
+            "shells",
+            shells as fn(DVec3) -> f64,
+            vec![
+                ("opaque", Mode::Dvr, vec![[0.35, 0.0], [0.45, 0.7], [1.0, 0.9]]),
+                ("fog", Mode::Dvr, vec![[0.0, 0.0005], [1.0, 0.01]]),
+                ("thin", Mode::Dvr, vec![[0.60, 0.0], [0.62, 0.02], [0.64, 0.0]]),
+                ("mip", Mode::Mip, vec![[0.0, 1.0]]),
+                ("minip", Mode::MinIp, vec![[0.0, 1.0]]),
+                ("average", Mode::Average, vec![[0.0, 1.0]]),
+            ],
+        ),
+        (
+            "vessels",
+            vessels,
+            vec![("sparse", Mode::Dvr, vec![[0.3, 0.0], [0.5, 0.05]]), ("sparse-mip", Mode::Mip, vec![])],
+        ),
+    ] {
+        if !cases.iter().any(|(name, ..)| wanted(name)) {
+            continue;
+        }
+        let bricks = cube(field);
+        for (name, mode, opacity) in cases.into_iter().filter(|(name, ..)| wanted(name)) {
+            measure(&bricks, &format!("{what} {name}"), mode, opacity);
+        }
+    }
+}
+
+/// A ball of shells around an off-centre core, between 0 and 1.
+fn shells(p: DVec3) -> f64 {
+    let r = (p - DVec3::new(120.0, 130.0, 125.0)).length() / 128.0;
+    let ripple = 0.5 + 0.25 * (r * 25.0).cos() + 0.25 * (p.x * 0.11).sin() * (p.y * 0.13).sin() * (p.z * 0.09).sin();
+    (ripple * (1.3 - r)).clamp(0.0, 1.0)
+}
+
+/// Four winding tubes of 3 voxels' radius in an empty cube: a hundredth of it.
+fn vessels(p: DVec3) -> f64 {
+    let tube = |phase: f64| {
+        let centre = DVec3::new(
+            128.0 + 90.0 * (p.z * 0.03 + phase).sin(),
+            128.0 + 90.0 * (p.z * 0.021 + 2.0 * phase).cos(),
+            p.z,
+        );
+        (1.5 - (p - centre).length() / 4.0).clamp(0.0, 1.0)
+    };
+    [0.0, 1.7, 3.1, 4.9].map(tube).into_iter().fold(0.0, f64::max)
+}
+
+fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
+    let value = |t: f64| 255.0 * t;
+    let colors = [[0.0, 0.1, 0.1, 0.4], [0.5, 0.9, 0.4, 0.2], [1.0, 1.0, 1.0, 0.8]];
+    let opacity = if opacity.is_empty() { vec![[0.0, 1.0]] } else { opacity };
+    let transfer = TransferFunction {
+        color: colors.map(|[t, r, g, b]| [value(t), r, g, b]).to_vec(),
+        opacity: opacity.into_iter().map(|[t, a]| [value(t), a]).collect(),
+        unit_distance: 1.25,
+    };
+    let projection = Projection::Perspective { fov_y_deg: 24.0 };
+    let camera = Camera::looking_at_box(bricks.geometry.world_box(Extent::new(256, 256, 256)));
+    let rays = Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).expect("a camera");
+    let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(1.0, 0));
+    let mut renderers = bricks.renderers();
+    let mut best = vec![(f64::INFINITY, f64::INFINITY); renderers.len()];
+    let mut pictures = vec![None; renderers.len()];
+    let mut lists = Vec::new();
+    for renderer in &mut renderers {
+        let mut list = bricks.draw(renderer, &rays, &|_| false, &|_| 0);
+        if mode == Mode::Dvr {
+            cull(bricks, &frame.table, &mut list);
+        }
+        lists.push(list);
+    }
+    for _ in 0..FRAMES {
+        for (i, renderer) in renderers.iter_mut().enumerate() {
+            let start = cpu_ms();
+            pictures[i] = Some(renderer.render(&frame, &bricks.pyramid, &lists[i]).expect("a picture"));
+            best[i] = (best[i].0.min(cpu_ms() - start), best[i].1.min(renderer.last_frame_ms()));
+        }
+    }
+    let figures: Vec<_> = renderers
+        .iter()
+        .zip(&best)
+        .map(|(r, (cpu, frame))| format!("{} {cpu:.0} CPU-ms ({frame:.0} ms)", r.compositor().name()))
+        .collect();
+    let difference = match &pictures[..] {
+        [Some(a), Some(b)] => a.difference(b).max,
+        _ => 0,
+    };
+    println!("{name}: {} cells, {}, pictures within {difference}/255", lists[0].cells.len(), figures.join(", "));
+}
+
+/// Leaves out what the cut would: bricks in which nothing has opacity.
+fn cull(bricks: &Bricks, table: &TransferTable, list: &mut DrawList) {
+    let level = &bricks.levels[0];
+    list.cells.retain(|cell| {
+        let (low, high) = (cell.region.min.to_array(), cell.region.max.to_array());
+        let mut voxels = (low[2]..high[2])
+            .flat_map(|z| (low[1]..high[1]).map(move |y| (y, z)))
+            .flat_map(|(y, z)| (low[0]..high[0]).map(move |x| [x, y, z]));
+        voxels.any(|v| {
+            let unorm = (level.values[level.extent.linear(v) as usize] - bricks.encoding.low) / 255.0;
+            table.lookup(unorm as f32)[3] > 0.0
+        })
+    });
+}
+
+/// CPU time of all threads of this process so far, from `/proc`.
+fn cpu_ms() -> f64 {
+    let threads = std::fs::read_dir("/proc/self/task").expect("Linux");
+    let run_ns = threads.map(|thread| {
+        let path = thread.expect("a thread").path().join("schedstat");
+        let text = std::fs::read_to_string(path).expect("scheduler statistics");
+        text.split_whitespace().next().and_then(|n| n.parse::<u64>().ok()).expect("a number")
+    });
+    run_ns.sum::<u64>() as f64 / 1e6
+}

@@ -1,0 +1,124 @@
+//! What both compositors share: the buffers that every march reads, and the pass that it draws into.
+
+use crate::adapter::Gpu;
+use crate::atlas::Atlas;
+use crate::error::GpuError;
+use crate::memory::TIMESTAMP_BYTES;
+use brickyard_shaders::FrameUniform;
+use wgpu::{BindingResource, BufferUsages};
+
+/// Frame, transfer table and timestamps.
+#[derive(Debug)]
+pub(crate) struct SharedBuffers {
+    pub(crate) frame: wgpu::Buffer,
+    pub(crate) table: wgpu::Buffer,
+    /// Query set and the buffer it resolves to, where the adapter has timestamps.
+    pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
+}
+
+impl SharedBuffers {
+    pub(crate) fn new(gpu: &Gpu, table_bytes: u64) -> Result<Self, GpuError> {
+        gpu.allocate("the transfer table", table_bytes, |device| {
+            let timestamps = gpu.report.timestamps.then(|| {
+                let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
+                let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
+                (device.create_query_set(&descriptor), buffer(device, "timestamps", TIMESTAMP_BYTES, usage))
+            });
+            let frame_bytes = size_of::<FrameUniform>() as u64;
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            Self {
+                frame: buffer(device, "frame", frame_bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+                table: buffer(device, "transfer table", table_bytes, storage),
+                timestamps,
+            }
+        })
+    }
+
+    /// The bindings of a march: what is shared, and the compositor's own.
+    pub(crate) fn bindings(
+        &self,
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        atlas: &Atlas,
+        own: &[wgpu::BindGroupEntry<'_>],
+    ) -> wgpu::BindGroup {
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("atlas"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let view = atlas.texture.create_view(&Default::default());
+        let shared = [
+            entry(0, self.frame.as_entire_binding()),
+            entry(2, BindingResource::TextureView(&view)),
+            entry(3, BindingResource::Sampler(&sampler)),
+            entry(4, self.table.as_entire_binding()),
+        ];
+        let entries: Vec<_> = shared.iter().chain(own).cloned().collect();
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
+    }
+
+    pub(crate) fn timestamp_writes(
+        &self,
+        begin: Option<u32>,
+        end: Option<u32>,
+    ) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
+        let (query_set, _) = self.timestamps.as_ref().filter(|_| begin.or(end).is_some())?;
+        Some(wgpu::RenderPassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: begin,
+            end_of_pass_write_index: end,
+        })
+    }
+}
+
+/// What one frame's march draws into, and with what.
+pub(crate) struct Gathering<'a> {
+    pub(crate) shared: &'a SharedBuffers,
+    pub(crate) target: &'a wgpu::TextureView,
+    pub(crate) pipeline: &'a wgpu::RenderPipeline,
+    pub(crate) size_px: (u32, u32),
+}
+
+impl Gathering<'_> {
+    /// One submission of the march; the first clears the target.
+    pub(crate) fn submit(
+        &self,
+        gpu: &Gpu,
+        bindings: &wgpu::BindGroup,
+        is_first: bool,
+        draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
+    ) {
+        let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("march"),
+                color_attachments: &[attachment(self.target, load)],
+                timestamp_writes: self.shared.timestamp_writes(is_first.then_some(0), None),
+                ..Default::default()
+            });
+            pass.set_pipeline(self.pipeline);
+            pass.set_bind_group(0, bindings, &[]);
+            draw(&mut pass);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+}
+
+pub(crate) fn attachment(
+    view: &wgpu::TextureView,
+    load: wgpu::LoadOp<wgpu::Color>,
+) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
+    Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
+}
+
+pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource }
+}
+
+pub(crate) fn buffer(device: &wgpu::Device, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+}

@@ -1,0 +1,136 @@
+//! The `raycast` compositor: one ray per pixel, front to back through an octree over the draw list, ending where nothing
+//! behind can be seen and leaping over what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
+//!
+//! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
+//! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
+
+use crate::adapter::Gpu;
+use crate::atlas::{Atlas, AtlasPlan};
+use crate::error::GpuError;
+use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
+use crate::memory::RaycastPlan;
+use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
+use brickyard_pager::{DrawList, Slot};
+use brickyard_shaders::RayBrick;
+use brickyard_volume::macrocells::{self, per_axis};
+use brickyard_volume::{FrameSettings, MacroCells, OpaqueCodes, Pyramid, SlotEncoding, TransferTable};
+use wgpu::BufferUsages;
+
+/// Pixels drawn per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
+const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
+
+/// Its buffers and bindings, and the range of codes of each slot's brick.
+#[derive(Debug)]
+pub(crate) struct Raycast {
+    plan: RaycastPlan,
+    nodes: wgpu::Buffer,
+    bricks: wgpu::Buffer,
+    ranges: wgpu::Buffer,
+    opaque_before: wgpu::Buffer,
+    bindings: wgpu::BindGroup,
+    slot_ranges: Vec<[u16; 2]>,
+    /// Of the frame's table.
+    opaque: OpaqueCodes,
+}
+
+impl Raycast {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        shared: &SharedBuffers,
+        atlas: &Atlas,
+        plan: RaycastPlan,
+    ) -> Result<Self, GpuError> {
+        let slots = atlas.plan.slots();
+        let sizes = [plan.nodes_bytes(slots), plan.bricks_bytes(slots), plan.ranges_bytes(slots), plan.opaque_bytes];
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let make = |device: &wgpu::Device| {
+            let labels = ["octree", "bricks", "macro-cells", "opaque entries"];
+            std::array::from_fn(|i| buffer(device, labels[i], sizes[i], usage))
+        };
+        let [nodes, bricks, ranges, opaque_before] =
+            gpu.allocate("the octree and the macro-cells", sizes.iter().sum(), make)?;
+        let own = [
+            entry(1, bricks.as_entire_binding()),
+            entry(6, nodes.as_entire_binding()),
+            entry(7, ranges.as_entire_binding()),
+            entry(8, opaque_before.as_entire_binding()),
+        ];
+        let bindings = shared.bindings(gpu, layout, atlas, &own);
+        let slot_ranges = vec![macrocells::NONE; slots as usize];
+        let opaque = OpaqueCodes::new(&TransferTable { entries: Vec::new(), unit_distance: 1.0 });
+        Ok(Self { plan, nodes, bricks, ranges, opaque_before, bindings, slot_ranges, opaque })
+    }
+
+    /// Takes note of what a brick that goes into a slot holds.
+    pub(crate) fn upload(&mut self, gpu: &Gpu, Slot(slot): Slot, codes: &[u8], encoding: &SlotEncoding, apron: u32) {
+        let edge = self.plan.edge as usize;
+        let cells = MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, apron as usize);
+        let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();
+        gpu.queue.write_buffer(&self.ranges, self.plan.ranges_bytes(slot), bytemuck::cast_slice(&packed));
+        self.slot_ranges[slot as usize] = cells.whole();
+    }
+
+    /// Takes note of a new table.
+    pub(crate) fn set_table(&mut self, gpu: &Gpu, table: &TransferTable) {
+        self.opaque = OpaqueCodes::new(table);
+        gpu.queue.write_buffer(&self.opaque_before, 0, bytemuck::cast_slice(self.opaque.before()));
+    }
+
+    /// Draws the list, some rows of the picture per submission.
+    ///
+    /// # Errors
+    /// If the list has more cells than there are slots, or its pyramid more levels than this was made for.
+    pub(crate) fn draw(
+        &self,
+        gpu: &Gpu,
+        gathering: &Gathering<'_>,
+        frame: &FrameSettings,
+        pyramid: &Pyramid,
+        draw: &DrawList,
+        (atlas, apron): (&AtlasPlan, u32),
+    ) -> Result<(), GpuError> {
+        let macro_cells = per_axis(self.plan.edge as usize).pow(3) as u32;
+        let slots = Slots { atlas, apron, macro_cells, ranges: &self.slot_ranges };
+        let visibility = Visibility { mode: frame.mode, has_invalid: frame.encoding.has_invalid, opaque: &self.opaque };
+        let tree = Tree::new(pyramid, draw, &visibility, &slots);
+        let (nodes, bricks): (&[u8], &[u8]) = (bytemuck::cast_slice(&tree.nodes), bytemuck::cast_slice(&tree.bricks));
+        if nodes.len() as u64 > self.nodes.size() || bricks.len() as u64 > self.bricks.size() {
+            return Err(GpuError::Mismatch(format!(
+                "draw list of {} cells and {} octree nodes: this renderer was made for {} cells of {} levels",
+                tree.bricks.len(),
+                tree.nodes.len() / GROUP,
+                atlas.slots(),
+                self.plan.levels
+            )));
+        }
+        gpu.queue.write_buffer(&self.nodes, 0, nodes);
+        gpu.queue.write_buffer(&self.bricks, 0, bricks);
+        let (width, height) = gathering.size_px;
+        let rows = (PIXELS_PER_SUBMISSION / width).max(1);
+        for top in (0..height).step_by(rows as usize) {
+            gathering.submit(gpu, &self.bindings, top == 0, |pass| {
+                pass.set_scissor_rect(0, top, width, rows.min(height - top));
+                pass.draw(0..3, 0..1);
+            });
+        }
+        Ok(())
+    }
+}
+
+impl RaycastPlan {
+    /// What the octree's nodes take: at worst each cell of the list has a way of its own down from the root.
+    pub(crate) fn nodes_bytes(&self, cells: u32) -> u64 {
+        (1 + cells as u64 * (self.levels as u64).saturating_sub(1)) * (GROUP * size_of::<u32>()) as u64
+    }
+
+    /// What the list's bricks take.
+    pub(crate) fn bricks_bytes(&self, cells: u32) -> u64 {
+        (cells as usize * size_of::<RayBrick>()) as u64
+    }
+
+    /// What the macro-cells of this many slots take.
+    pub(crate) fn ranges_bytes(&self, slots: u32) -> u64 {
+        (slots as usize * macrocells::bytes(self.edge as usize)) as u64
+    }
+}

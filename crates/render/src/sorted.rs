@@ -1,0 +1,53 @@
+//! The `sorted` compositor: the draw list as instanced boxes, back to front, blended one over the other.
+
+use crate::adapter::Gpu;
+use crate::atlas::{Atlas, AtlasPlan};
+use crate::error::GpuError;
+use crate::frame::cell_instance;
+use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
+use crate::memory::CELLS_PER_SUBMISSION;
+use brickyard_pager::DrawList;
+use brickyard_shaders::CellInstance;
+use brickyard_volume::Pyramid;
+use wgpu::BufferUsages;
+
+/// Its buffer of cells, written anew for every submission, and bindings.
+#[derive(Debug)]
+pub(crate) struct Sorted {
+    cells: wgpu::Buffer,
+    bindings: wgpu::BindGroup,
+}
+
+impl Sorted {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        shared: &SharedBuffers,
+        atlas: &Atlas,
+    ) -> Result<Self, GpuError> {
+        let bytes = (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64;
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let cells = gpu.allocate("cells", bytes, |device| buffer(device, "cells", bytes, usage))?;
+        let own = [entry(1, cells.as_entire_binding())];
+        let bindings = shared.bindings(gpu, layout, atlas, &own);
+        Ok(Self { cells, bindings })
+    }
+
+    /// Draws the cells in chunks, one submission each: short enough that no watchdog sees one as a hang.
+    pub(crate) fn draw(
+        &self,
+        gpu: &Gpu,
+        gathering: &Gathering<'_>,
+        pyramid: &Pyramid,
+        draw: &DrawList,
+        (plan, apron): (&AtlasPlan, u32),
+    ) {
+        let chunks = draw.cells.len().div_ceil(CELLS_PER_SUBMISSION).max(1);
+        for chunk in 0..chunks {
+            let cells = draw.cells.chunks(CELLS_PER_SUBMISSION).nth(chunk).unwrap_or(&[]);
+            let instances: Vec<_> = cells.iter().map(|c| cell_instance(c, pyramid, plan, apron)).collect();
+            gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(&instances));
+            gathering.submit(gpu, &self.bindings, chunk == 0, |pass| pass.draw(0..14, 0..instances.len() as u32));
+        }
+    }
+}

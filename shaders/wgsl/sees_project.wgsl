@@ -1,0 +1,7 @@
+// Whether samples with codes in a range can pass the extreme found so far.
+fn sees(pixel: Pixel, range: u32) -> bool {
+    let low = range & 0xffffu;
+    let high = range >> 16u;
+    let best = select(f32(high), frame.last_entry - f32(low), frame.invert > 0.0);
+    return low <= high && (pixel.sampled == 0.0 || best > pixel.value * frame.last_entry);
+}
