@@ -18,18 +18,18 @@ fn sandbox_with_ct() -> Sandbox {
     sandbox
 }
 
-/// The backends there are.
+/// The backends there are, with every compositor.
 fn backends(sandbox: &Sandbox) -> Vec<&'static str> {
     let works = |backend: &&str| {
         let line = format!("render ct.zarr -o try.png --overwrite --size 8x8 --backend {backend}");
         let (code, _, stderr) = sandbox.run(&line);
         if code != 0 {
-            assert!(*backend == "gpu" && stderr.contains("--backend cpu"), "{stderr}");
+            assert!(backend.starts_with("gpu") && stderr.contains("--backend cpu"), "{stderr}");
             eprintln!("SKIPPED the GPU half of this test: {stderr}");
         }
         code == 0
     };
-    ["cpu", "gpu"].into_iter().filter(works).collect()
+    ["cpu", "gpu --compositor sorted", "gpu --compositor raycast"].into_iter().filter(works).collect()
 }
 
 /// Renders within budgets: the picture's background mask, and the statistics.
@@ -44,6 +44,7 @@ fn render(sandbox: &Sandbox, backend: &str, gpu_bytes: u64, host_bytes: u64, fla
     assert!(stats["gpu_bytes_peak"].as_u64().expect("bytes") <= gpu_bytes, "{backend}: {stats}");
     assert!(stats["host_bytes_peak"].as_u64().expect("bytes") <= host_bytes, "{backend}: {stats}");
     assert_eq!(stats["bricks"]["failed"], 0);
+    assert_eq!(stats["compositor"], if backend.ends_with("sorted") { "sorted" } else { "raycast" });
     let picture = read_png(&sandbox.path("o.png"));
     (picture.rgb.iter().map(|p| *p == MAGENTA).collect(), stats)
 }

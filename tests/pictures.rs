@@ -1,16 +1,14 @@
-//! Pictures end to end: pack, page, render on both backends, and compare with the oracle, with formulas and with symmetry.
+//! Pictures end to end: pack, page, render on both backends with every compositor, and compare with the oracle, with formulas and with symmetry.
 
-use brickyard::backend::BackendChoice;
 use brickyard::store::Store;
 use brickyard::volume::{
     Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, TestStore, assert_same, oracle, session, session_within, settled};
+use brickyard_tests::{FunctionSource, TestStore, WAYS, assert_same, oracle, session, session_within, settled};
 use glam::DVec3;
 use std::sync::Arc;
 
 const SIZE: (u32, u32) = (97, 75);
-const BACKENDS: [BackendChoice; 2] = [BackendChoice::Gpu, BackendChoice::Cpu];
 
 /// Shells around the centre with a wavy radius, in 0..=1: edges, thin layers and smooth parts.
 fn shells(extent: Extent, [x, y, z]: [u32; 3]) -> f64 {
@@ -62,10 +60,10 @@ fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
     ]
 }
 
-/// Every backend's settled picture equals the oracle's.
+/// The settled picture of every way to draw equals the oracle's.
 fn check(store: &Arc<Store>, scene: &Scene, what: &str) {
     let expected = oracle(store, scene, SIZE);
-    for backend in BACKENDS {
+    for backend in WAYS {
         let Some(mut session) = session(store, backend, SIZE) else { continue };
         let (picture, stats) = settled(&mut session, scene, SIZE);
         assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
@@ -175,7 +173,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             pixel_error,
             ..Scene::default()
         };
-        for backend in BACKENDS {
+        for backend in WAYS {
             let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
             settled(&mut session, &scene, SIZE);
             let mut levels: Vec<u8> = session.draw_list().cells.iter().map(|c| c.brick.level.0).collect();
@@ -213,7 +211,7 @@ fn a_constant_medium_is_beer_lambert() {
         ] {
             let scene =
                 Scene { camera: Some(camera), transfer: Some(transfer.clone()), step, level, ..Scene::default() };
-            for backend in BACKENDS {
+            for backend in WAYS {
                 let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
                 let (picture, _) = settled(&mut session, &scene, SIZE);
                 for pixel in &picture.rgb {
@@ -246,7 +244,7 @@ fn the_brick_size_does_not_show() {
             level: LevelPolicy::Locked(0),
             ..Scene::default()
         };
-        for backend in BACKENDS {
+        for backend in WAYS {
             let picture = |test: &TestStore| Some(settled(&mut session(&test.store, backend, SIZE)?, &scene, SIZE).0);
             let Some(whole) = picture(&stores[2]) else { continue };
             for test in &stores[..2] {
@@ -270,7 +268,7 @@ fn a_right_angle_turns_the_picture() {
     let test = TestStore::pack(&source, 16);
     let centre = DVec3::new(31.5, 31.5, 23.5);
     let start = Camera { up: DVec3::Z, ..perspective(centre + DVec3::new(70.0, 33.0, 40.0), centre) };
-    for backend in BACKENDS {
+    for backend in WAYS {
         let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
         let mut picture = |angle: f64| {
             let transfer = Some(transfer(0.0, 255.0, 3.0));
@@ -295,7 +293,7 @@ fn a_tiny_budget_gives_a_complete_coarser_picture() {
     let scene =
         Scene { camera: Some(camera), transfer: Some(opaque), level: LevelPolicy::Locked(0), ..Scene::default() };
     let expected = oracle(&test.store, &scene, SIZE);
-    for backend in BACKENDS {
+    for backend in WAYS {
         // A slot is 18^3 codes; 3 MiB leave room for a hundred or two of the thousand bricks.
         let Some(mut session) = session_within(&test.store, backend, SIZE, 3 << 20, 64 << 20) else { continue };
         let (picture, stats) = settled(&mut session, &scene, SIZE);

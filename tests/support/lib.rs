@@ -1,6 +1,6 @@
 //! What the whole-system tests share: volumes from functions, packing, sessions, the command, Python.
 
-use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::import::{ImportError, Source, SourceInfo};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
@@ -92,11 +92,21 @@ impl TestStore {
     }
 }
 
+/// A backend and its compositor.
+pub type Way = (BackendChoice, CompositorChoice);
+
+/// Every way there is to draw.
+pub const WAYS: [Way; 3] = [
+    (BackendChoice::Gpu, CompositorChoice::Sorted),
+    (BackendChoice::Gpu, CompositorChoice::Raycast),
+    (BackendChoice::Cpu, CompositorChoice::Raycast),
+];
+
 /// Opens a session with ample memory; `None` (said on standard error) where there is no GPU adapter at all.
 ///
 /// # Panics
 /// If the session cannot be made for another reason.
-pub fn session(store: &Arc<Store>, backend: BackendChoice, size_px: (u32, u32)) -> Option<Session> {
+pub fn session(store: &Arc<Store>, backend: Way, size_px: (u32, u32)) -> Option<Session> {
     session_within(store, backend, size_px, 256 << 20, 256 << 20)
 }
 
@@ -106,12 +116,13 @@ pub fn session(store: &Arc<Store>, backend: BackendChoice, size_px: (u32, u32)) 
 /// If the session cannot be made although there is an adapter.
 pub fn session_within(
     store: &Arc<Store>,
-    backend: BackendChoice,
+    (backend, compositor): Way,
     size_px: (u32, u32),
     gpu_memory_bytes: u64,
     host_memory_bytes: u64,
 ) -> Option<Session> {
-    let options = SessionOptions { backend, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: size_px };
+    let options =
+        SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: size_px };
     match Session::new(store.clone(), store.default_window(0), &options) {
         Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {

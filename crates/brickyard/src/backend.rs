@@ -1,7 +1,7 @@
 //! The two rendering backends behind one face: slots in, pictures out.
 
 use brickyard_pager::{DrawList, Upload};
-use brickyard_render::{GpuError, GpuOptions, GpuPreference, GpuRenderer};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 
@@ -17,6 +17,18 @@ pub enum BackendChoice {
     Cpu,
 }
 
+/// How a backend is to gather samples into a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CompositorChoice {
+    /// What measures fastest: `raycast` everywhere so far.
+    #[default]
+    Auto,
+    /// Bricks back to front, blended; GPU only.
+    Sorted,
+    /// A ray per pixel, front to back.
+    Raycast,
+}
+
 /// What a backend is built for.
 #[derive(Clone, Copy, Debug)]
 pub struct BackendNeeds {
@@ -26,6 +38,10 @@ pub struct BackendNeeds {
     pub edge: u32,
     /// Voxels copied from neighbours on each side.
     pub apron: u32,
+    /// How samples are gathered.
+    pub compositor: CompositorChoice,
+    /// Levels of the pyramid.
+    pub levels: u32,
     /// The hard limit for slots, tables, targets and staging.
     pub gpu_memory_bytes: u64,
     /// The largest picture to be rendered, pixels.
@@ -45,6 +61,9 @@ pub enum BackendError {
     /// The CPU backend's error.
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
+    /// The CPU backend knows one compositor.
+    #[error("the CPU backend has no `sorted` compositor, only `raycast`: use --compositor raycast, or --backend gpu")]
+    CpuSorted,
 }
 
 /// A renderer and the slots it draws from.
@@ -59,9 +78,13 @@ impl Backend {
     /// Makes the chosen backend and says which in one line.
     ///
     /// # Errors
-    /// If the GPU was asked for and there is none, or the memory cannot hold a picture and one brick.
+    /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a
+    /// picture and one brick.
     pub fn new(choice: BackendChoice, needs: &BackendNeeds) -> Result<(Self, String), BackendError> {
         let cpu = |why: &str| -> Result<(Self, String), BackendError> {
+            if needs.compositor == CompositorChoice::Sorted {
+                return Err(BackendError::CpuSorted);
+            }
             let renderer = SoftwareRenderer::new(SoftwareOptions {
                 encoding: needs.encoding,
                 edge: needs.edge,
@@ -73,7 +96,12 @@ impl Backend {
             Ok((Self::Cpu(renderer), format!("cpu, {} threads{why}", needs.threads)))
         };
         let gpu = |preference: GpuPreference| -> Result<(Self, String), BackendError> {
-            let options = GpuOptions { preference, max_slots: needs.max_slots };
+            let compositor = match needs.compositor {
+                CompositorChoice::Auto => Compositor::default(),
+                CompositorChoice::Sorted => Compositor::Sorted,
+                CompositorChoice::Raycast => Compositor::Raycast,
+            };
+            let options = GpuOptions { preference, compositor, levels: needs.levels, max_slots: needs.max_slots };
             let renderer = GpuRenderer::new(
                 &options,
                 needs.encoding,
@@ -100,6 +128,14 @@ impl Backend {
         match self {
             Self::Gpu(_) => "gpu",
             Self::Cpu(_) => "cpu",
+        }
+    }
+
+    /// `sorted` or `raycast`.
+    pub fn compositor(&self) -> &'static str {
+        match self {
+            Self::Gpu(r) => r.compositor().name(),
+            Self::Cpu(_) => Compositor::Raycast.name(),
         }
     }
 

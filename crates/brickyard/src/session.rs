@@ -1,7 +1,7 @@
 //! A session: one paged volume shown through one backend. A scene becomes a view for the pager and settings for the
 //! renderer; every step moves bricks towards what the view wants; a picture can be drawn at any moment.
 
-use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds};
+use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
 use brickyard_pager::{BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Status, View};
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{
@@ -19,6 +19,8 @@ const APRON: u32 = 1;
 pub struct SessionOptions {
     /// Which backend.
     pub backend: BackendChoice,
+    /// Which compositor.
+    pub compositor: CompositorChoice,
     /// Hard limit of the backend's memory, bytes.
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
@@ -87,6 +89,8 @@ impl Session {
             encoding,
             edge: source.pyramid().edge(),
             apron: APRON,
+            compositor: options.compositor,
+            levels: source.pyramid().levels().len() as u32,
             gpu_memory_bytes: options.gpu_memory_bytes,
             max_size_px: options.max_size_px,
             max_slots: max_slots(&*source),

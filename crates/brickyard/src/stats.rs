@@ -11,7 +11,7 @@ pub struct RenderStats {
     pub adapter: String,
     /// `gpu` or `cpu`.
     pub backend: &'static str,
-    /// `sorted` or `reference`.
+    /// `sorted`, `raycast` or `reference`.
     pub compositor: &'static str,
     /// Settled pictures written.
     pub frames: usize,

@@ -2,7 +2,7 @@
 
 use super::failure::Failure;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::BackendChoice;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::import::{SynthKind, SynthSource};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
@@ -120,6 +120,7 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
 fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: &Scene, expected: &Picture) -> Trial {
     let options = SessionOptions {
         backend,
+        compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
         threads: processors(),

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::output::may_write;
 use super::scene_args::SceneArguments;
 use super::{store_errors, values};
-use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::{OracleError, render_reference};
 use brickyard::pager::PagerError;
@@ -42,7 +42,8 @@ pub(crate) struct RenderArguments {
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
-    /// How to render: sorted composites bricks back to front; reference holds whole levels in memory, in f64
+    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back; auto takes
+    /// the faster; reference holds whole levels in memory, in f64
     #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
     /// Hard limit of brick slots, tables, targets and staging
@@ -76,6 +77,7 @@ enum BackendArgument {
 enum CompositorArgument {
     Auto,
     Sorted,
+    Raycast,
     Reference,
 }
 
@@ -96,10 +98,15 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         return Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())));
     }
     let mut stats = RenderStats::default();
-    if arguments.compositor == CompositorArgument::Reference {
-        run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?;
-    } else {
-        run_streaming(&arguments, &store, &scenes, &outputs, started, &mut stats)?;
+    let compositor = match arguments.compositor {
+        CompositorArgument::Auto => Some(CompositorChoice::Auto),
+        CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
+        CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
+        CompositorArgument::Reference => None,
+    };
+    match compositor {
+        None => run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?,
+        Some(compositor) => run_streaming(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?,
     }
     match &arguments.stats {
         Some(path) => write_stats(path, &stats),
@@ -109,6 +116,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
 
 fn run_streaming(
     arguments: &RenderArguments,
+    compositor: CompositorChoice,
     store: &Arc<Store>,
     scenes: &[Scene],
     outputs: &[PathBuf],
@@ -123,6 +131,7 @@ fn run_streaming(
     };
     let options = SessionOptions {
         backend,
+        compositor,
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
         threads: threads.max(1),
@@ -132,8 +141,8 @@ fn run_streaming(
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
     stats.adapter = session.backend_line().to_string();
     stats.backend = session.backend().name();
-    stats.compositor = "sorted";
-    eprintln!("backend: {} (sorted), {} slots", session.backend_line(), session.backend().slots());
+    stats.compositor = session.backend().compositor();
+    eprintln!("backend: {} ({}), {} slots", session.backend_line(), stats.compositor, session.backend().slots());
     let mut frame_ms = Vec::new();
     for (scene, output) in scenes.iter().zip(outputs) {
         let resolved = session.resolve(scene, arguments.size).map_err(session_failure)?;
@@ -263,11 +272,12 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
         SessionError::Camera(_) | SessionError::Scene(_) => Failure::usage(error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
-        // A budget or a size that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
+        // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
         | SessionError::Backend(
             BackendError::Gpu(GpuError::Budget { .. } | GpuError::PictureTooLarge { .. })
-            | BackendError::Cpu(SoftwareError::Budget { .. }),
+            | BackendError::Cpu(SoftwareError::Budget { .. })
+            | BackendError::CpuSorted,
         ) => Failure::usage(error),
         SessionError::Pager(_) | SessionError::Backend(_) => Failure::failed(error),
     }
