@@ -20,7 +20,7 @@ pub enum BackendChoice {
 /// How a backend is to gather samples into a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CompositorChoice {
-    /// What measures fastest: `raycast` everywhere so far.
+    /// What measures fastest over all scenes: `raycast`, on the GPU and on the CPU.
     #[default]
     Auto,
     /// Bricks back to front, blended; GPU only.

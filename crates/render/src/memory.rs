@@ -50,9 +50,9 @@ impl RaycastPlan {
         self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64 + 2 * octree
     }
 
-    /// What it needs besides: the counts on the GPU and on the host, and the octree's root.
+    /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root and its staging.
     fn fixed_bytes(&self) -> u64 {
-        2 * (self.opaque_bytes + self.nodes_bytes(0))
+        3 * self.opaque_bytes + 2 * self.nodes_bytes(0)
     }
 
     /// No more slots than a binding can describe.
@@ -102,7 +102,7 @@ impl MemoryPlan {
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
         };
         let format = needs.formats.atlas(needs.codes);
-        let staging = staging_bytes(needs.slot_edge, format);
+        let staging = staging_bytes(needs.slot_edge, format) + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
         let small = picture + table + compositor + size_of::<FrameUniform>() as u64;

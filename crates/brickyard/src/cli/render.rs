@@ -42,8 +42,8 @@ pub(crate) struct RenderArguments {
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
-    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back; auto takes
-    /// the faster; reference holds whole levels in memory, in f64
+    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back; auto is
+    /// raycast; reference holds whole levels in memory, in f64
     #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
     /// Hard limit of brick slots, tables, targets and staging
