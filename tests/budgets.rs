@@ -123,18 +123,20 @@ fn an_orbit_within_a_small_budget_stays_within_it() {
 fn every_frame_of_a_random_flight_is_whole_and_within_its_budgets() {
     let sandbox = sandbox_with_ct();
     for backend in backends(&sandbox) {
+        // A software GPU takes a tenth of a second a frame.
+        let frames = if backend == "cpu" { 200 } else { 50 };
         let printed = sandbox.run_ok(&format!(
-            "bench ct.zarr --scenario random,zoom --frames 200 --size 48x36 --backend {backend} --gpu-memory 6MiB \
+            "bench ct.zarr --scenario random,zoom --frames {frames} --size 48x36 --backend {backend} --gpu-memory 6MiB \
              --host-memory 8MiB --json"
         ));
         let flights: Value = serde_json::from_str(&printed).expect("JSON");
         for flight in flights.as_array().expect("two flights") {
-            assert_eq!(flight["frames"], 200);
+            assert_eq!(flight["frames"], frames);
             assert_eq!([&flight["uncovered_frames"], &flight["frames_over_budget"]], [0, 0], "{backend}: {flight}");
             assert!(flight["gpu_bytes_peak"].as_u64().expect("bytes") <= 6 * MIB, "{backend}: {flight}");
             assert!(flight["host_bytes_peak"].as_u64().expect("bytes") <= 8 * MIB, "{backend}: {flight}");
         }
-        assert!(flights[0]["bricks"]["uploaded"].as_u64().expect("bricks") > 100, "bricks must come and go: {flights}");
+        assert!(flights[0]["bricks"]["uploaded"].as_u64().expect("bricks") > 50, "bricks must come and go: {flights}");
     }
 }
 

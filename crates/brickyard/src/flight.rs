@@ -20,6 +20,8 @@ pub struct FlightReport {
     pub scenario: Scenario,
     /// The backend in words.
     pub adapter: String,
+    /// `sorted` or `raycast`.
+    pub compositor: &'static str,
     /// Slots for bricks.
     pub slots: u32,
     /// From the start to a session that can be asked for frames, milliseconds.
@@ -130,6 +132,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
     Ok(FlightReport {
         scenario: plan.scenario,
         adapter: session.backend_line().into(),
+        compositor: session.backend().compositor(),
         slots: session.backend().slots(),
         open_ms,
         first_picture_ms,

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::render::session_failure;
 use super::scene_args::SceneArguments;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::BackendChoice;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
 use brickyard::scenario::Scenario;
 use brickyard::session::SessionOptions;
@@ -38,6 +38,9 @@ pub(crate) struct BenchArguments {
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
+    /// How to render; auto takes what measured faster here
+    #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
+    compositor: CompositorArgument,
     /// Hard limit of brick slots, tables, targets and staging
     #[arg(long, value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
     gpu_memory: u64,
@@ -57,6 +60,13 @@ enum BackendArgument {
     Auto,
     Gpu,
     Cpu,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum CompositorArgument {
+    Auto,
+    Sorted,
+    Raycast,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -110,6 +120,11 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
             BackendArgument::Auto => BackendChoice::Auto,
             BackendArgument::Gpu => BackendChoice::Gpu,
             BackendArgument::Cpu => BackendChoice::Cpu,
+        },
+        compositor: match arguments.compositor {
+            CompositorArgument::Auto => CompositorChoice::Auto,
+            CompositorArgument::Sorted => CompositorChoice::Sorted,
+            CompositorArgument::Raycast => CompositorChoice::Raycast,
         },
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,

@@ -1,6 +1,6 @@
 //! CPU milliseconds of a 512x512 picture of 256^3 voxels in bricks of 64^3 by each compositor, for several modes, on a software
 //! rasteriser (Linux), and the GPU's own count (timestamps) where it has one:
-//! `cargo run -p brickyard-render --example speed -- [ONLY]`, `ONLY` being part of a case's name.
+//! `cargo run -p brickyard-render --example gpu_speed -- [ONLY]`, `ONLY` being part of a case's name.
 //!
 //! Frames of the two compositors take turns, so that other load meets both alike; the best of each counts.
 

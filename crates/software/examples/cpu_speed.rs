@@ -1,6 +1,6 @@
 //! CPU milliseconds and samples a CPU-second of a 512x512 picture of 256^3 voxels in bricks of 64^3, for several modes, and
 //! the best wall time of a frame with one and with two threads; the pictures go into a folder (Linux):
-//! `cargo run --release -p brickyard-software --example speed -- FOLDER
+//! `cargo run --release -p brickyard-software --example cpu_speed -- FOLDER
 //! [ONLY]`, `ONLY` being part of a case's name.
 
 #[path = "../tests/bricks/mod.rs"]
