@@ -29,4 +29,5 @@ struct Frame {
     zone_starts: array<vec4u, 4>,
 }
 
-@group(0) @binding(0) var<uniform> frame: Frame;
+// Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.
+@group(0) @binding(0) var<storage, read> frame: Frame;

@@ -27,7 +27,7 @@ impl SharedBuffers {
             let frame_bytes = size_of::<FrameUniform>() as u64;
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             Self {
-                frame: buffer(device, "frame", frame_bytes, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+                frame: buffer(device, "frame", frame_bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST),
                 table: buffer(device, "transfer table", table_bytes, storage),
                 timestamps,
             }

@@ -54,7 +54,6 @@ fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingTyp
 
 impl Layouts {
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor) -> Self {
-        let uniform = buffer(wgpu::BufferBindingType::Uniform);
         let storage = buffer(wgpu::BufferBindingType::Storage { read_only: true });
         let make =
             |label, entries: &[(u32, ShaderStages, BindingType)]| {
@@ -67,7 +66,7 @@ impl Layouts {
             };
         let fragment = ShaderStages::FRAGMENT;
         let mut march = vec![
-            (0, ShaderStages::VERTEX_FRAGMENT, uniform),
+            (0, ShaderStages::VERTEX_FRAGMENT, storage),
             (2, fragment, texture(TextureViewDimension::D3, true)),
             (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             (4, fragment, storage),
@@ -81,7 +80,7 @@ impl Layouts {
             resolve: make(
                 "resolve",
                 &[
-                    (0, fragment, uniform),
+                    (0, fragment, storage),
                     (4, fragment, storage),
                     (5, fragment, texture(TextureViewDimension::D2, false)),
                 ],
