@@ -4,7 +4,7 @@
 use crate::memory::ProcessMemory;
 use crate::scenario::{Scenario, Setting};
 use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
-use crate::stats::{BrickCounts, ByteCounts, Percentiles};
+use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
 use brickyard_pager::Status;
 use brickyard_store::{OpenError, Store};
 use brickyard_volume::Scene;
@@ -245,8 +245,4 @@ pub fn forget_pages(store: &Path) -> std::io::Result<()> {
         }
     }
     Ok(())
-}
-
-fn ms(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
 }

@@ -1,7 +1,7 @@
 //! Pictures without a window: every one waits until the view has settled, so what is written is final.
 
 use crate::session::{ResolvedScene, Session, SessionError};
-use crate::stats::RenderStats;
+use crate::stats::{RenderStats, ms};
 use brickyard_pager::Status;
 use brickyard_volume::Picture;
 use std::time::{Duration, Instant};
@@ -72,8 +72,4 @@ fn give_up_after(begun: Instant, max_wait: Duration, status: &Status) -> Result<
         return Ok(());
     }
     Err(OfflineError::NotSettled { waited_s: waited.as_secs_f64(), resident: status.resident, wanted: status.wanted })
-}
-
-fn ms(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
 }

@@ -3,6 +3,7 @@
 use crate::memory::ProcessMemory;
 use brickyard_pager::Status;
 use serde::Serialize;
+use std::time::Instant;
 
 /// Statistics of one run of `render`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -68,6 +69,11 @@ impl Percentiles {
         };
         Self { p50: at(0.50), p95: at(0.95), p99: at(0.99) }
     }
+}
+
+/// Milliseconds since then.
+pub(crate) fn ms(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
 }
 
 /// Counts of bricks.

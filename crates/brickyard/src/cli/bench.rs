@@ -3,8 +3,9 @@
 use super::failure::Failure;
 use super::render::session_failure;
 use super::scene_args::SceneArguments;
+use super::session_args::{BackendArgument, threads};
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::{BackendChoice, CompositorChoice};
+use brickyard::backend::CompositorChoice;
 use brickyard::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
 use brickyard::scenario::Scenario;
 use brickyard::session::SessionOptions;
@@ -53,13 +54,6 @@ pub(crate) struct BenchArguments {
     /// Print JSON
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum BackendArgument {
-    Auto,
-    Gpu,
-    Cpu,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -114,13 +108,8 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
     if arguments.cold {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }
-    let threads = arguments.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let options = SessionOptions {
-        backend: match arguments.backend {
-            BackendArgument::Auto => BackendChoice::Auto,
-            BackendArgument::Gpu => BackendChoice::Gpu,
-            BackendArgument::Cpu => BackendChoice::Cpu,
-        },
+        backend: arguments.backend.into(),
         compositor: match arguments.compositor {
             CompositorArgument::Auto => CompositorChoice::Auto,
             CompositorArgument::Sorted => CompositorChoice::Sorted,
@@ -128,7 +117,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         },
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
-        threads: threads.max(1),
+        threads: threads(arguments.threads),
         max_size_px: arguments.size,
     };
     let plan =

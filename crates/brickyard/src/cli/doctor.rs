@@ -1,6 +1,7 @@
 //! `brickyard doctor`: what this machine offers, and a small volume packed and rendered by every backend to prove it.
 
 use super::failure::Failure;
+use super::session_args::processors;
 use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::import::{SynthKind, SynthSource};
@@ -178,10 +179,6 @@ fn text(report: &Report) -> String {
         lines.push(format!("{} test picture: {mark}: {}{time}", t.backend, t.detail));
     }
     lines.join("\n")
-}
-
-fn processors() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn has_avx2() -> bool {

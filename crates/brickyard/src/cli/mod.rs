@@ -11,6 +11,7 @@ mod pack_settings;
 mod progress;
 mod render;
 mod scene_args;
+mod session_args;
 mod store_errors;
 mod synth;
 mod values;

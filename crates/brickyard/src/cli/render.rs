@@ -3,8 +3,9 @@
 use super::failure::Failure;
 use super::output::may_write;
 use super::scene_args::SceneArguments;
+use super::session_args::{BackendArgument, threads};
 use super::{store_errors, values};
-use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::backend::{BackendError, CompositorChoice};
 use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::{OracleError, render_reference};
 use brickyard::pager::PagerError;
@@ -66,13 +67,6 @@ pub(crate) struct RenderArguments {
     overwrite: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum BackendArgument {
-    Auto,
-    Gpu,
-    Cpu,
-}
-
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum CompositorArgument {
     Auto,
@@ -123,18 +117,12 @@ fn run_streaming(
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let threads = arguments.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    let backend = match arguments.backend {
-        BackendArgument::Auto => BackendChoice::Auto,
-        BackendArgument::Gpu => BackendChoice::Gpu,
-        BackendArgument::Cpu => BackendChoice::Cpu,
-    };
     let options = SessionOptions {
-        backend,
+        backend: arguments.backend.into(),
         compositor,
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
-        threads: threads.max(1),
+        threads: threads(arguments.threads),
         max_size_px: arguments.size,
     };
     let window = store.default_window(scenes[0].channel);
