@@ -10,6 +10,8 @@ use std::f64::consts::TAU;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scenario {
+    /// Nothing moves: the same frame again and again.
+    Still,
     /// Once around the target.
     Orbit,
     /// Straight through the volume and out on the other side, looking ahead.
@@ -24,11 +26,12 @@ pub enum Scenario {
 
 impl Scenario {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Orbit, Self::Fly, Self::Zoom, Self::Sweep, Self::Random];
+    pub const ALL: [Self; 6] = [Self::Still, Self::Orbit, Self::Fly, Self::Zoom, Self::Sweep, Self::Random];
 
     /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Still => "still",
             Self::Orbit => "orbit",
             Self::Fly => "fly",
             Self::Zoom => "zoom",
@@ -66,7 +69,7 @@ impl Setting {
             Scenario::Orbit => self.camera.orbited(360.0 * t),
             Scenario::Fly => self.fly(t),
             Scenario::Zoom => self.zoom(t),
-            Scenario::Sweep => self.camera,
+            Scenario::Still | Scenario::Sweep => self.camera,
             Scenario::Random => self.random(frame),
         };
         let transfer = if scenario == Scenario::Sweep { self.sweep(t) } else { self.transfer.clone() };

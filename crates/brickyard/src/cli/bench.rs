@@ -65,6 +65,7 @@ enum CompositorArgument {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum ScenarioArgument {
+    Still,
     Orbit,
     Fly,
     Zoom,
@@ -75,6 +76,11 @@ enum ScenarioArgument {
 #[derive(Serialize)]
 struct Row<'a> {
     store: &'a Path,
+    /// Voxels along x, y and z.
+    extent: [u32; 3],
+    size_px: (u32, u32),
+    gpu_memory: u64,
+    host_memory: u64,
     cold: bool,
     #[serde(flatten)]
     report: FlightReport,
@@ -91,8 +97,9 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     }
     for path in &arguments.stores {
         for &scenario in &arguments.scenario {
-            let report = flight(arguments, path, scenario.into())?;
-            let row = Row { store: path, cold: arguments.cold, report };
+            let (extent, report) = flight(arguments, path, scenario.into())?;
+            let BenchArguments { cold, size: size_px, gpu_memory, host_memory, .. } = *arguments;
+            let row = Row { store: path, extent, size_px, gpu_memory, host_memory, cold, report };
             if !arguments.json {
                 print_line(&line(&row))?;
             }
@@ -102,9 +109,12 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     if arguments.json { print_json(&rows) } else { Ok(()) }
 }
 
-fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result<FlightReport, Failure> {
+fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result<([u32; 3], FlightReport), Failure> {
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
-    let scene = arguments.scene.scene(&store_errors::open(path)?)?;
+    let store = store_errors::open(path)?;
+    let extent = store.pyramid().levels()[0].extent.to_array();
+    let scene = arguments.scene.scene(&store)?;
+    drop(store);
     if arguments.cold {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }
@@ -122,10 +132,11 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
     };
     let plan =
         FlightPlan { scenario, scene: &scene, frames: arguments.frames, size_px: arguments.size, seed: arguments.seed };
-    fly(path, &plan, &options).map_err(|error| match error {
+    let report = fly(path, &plan, &options).map_err(|error| match error {
         FlightError::Session(error) => session_failure(error),
         FlightError::Open(_) | FlightError::NotSettled(_) => Failure::failed(error),
-    })
+    })?;
+    Ok((extent, report))
 }
 
 const HEAD: &str = "\
@@ -167,6 +178,7 @@ fn line(row: &Row<'_>) -> String {
 impl From<ScenarioArgument> for Scenario {
     fn from(scenario: ScenarioArgument) -> Self {
         match scenario {
+            ScenarioArgument::Still => Self::Still,
             ScenarioArgument::Orbit => Self::Orbit,
             ScenarioArgument::Fly => Self::Fly,
             ScenarioArgument::Zoom => Self::Zoom,
