@@ -2,6 +2,7 @@
 //! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
 
 use crate::memory::ProcessMemory;
+use crate::projection::for_mode;
 use crate::scenario::{Scenario, Setting};
 use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
@@ -96,7 +97,7 @@ const LONGEST: Duration = Duration::from_secs(600);
 /// If the store does not open, the session fails, or a view does not settle within ten minutes.
 pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
     let started = Instant::now();
-    let store = Arc::new(Store::open(store)?);
+    let store = Arc::new(for_mode(Store::open(store)?, plan.scene.mode)?);
     let window = store.default_window(plan.scene.channel);
     let mut session = Session::new(store.clone(), window, options)?;
     let open_ms = ms(started);

@@ -2,7 +2,8 @@
 //! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
 //!
 //! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend;
-//! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths. The parts are re-exported under their own names.
+//! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`projection`] chooses the pyramid
+//! that a mode is drawn from. The parts are re-exported under their own names.
 
 pub mod backend;
 pub mod flight;
@@ -10,6 +11,7 @@ pub mod memory;
 pub mod offline;
 pub mod oracle;
 pub mod picture_file;
+pub mod projection;
 pub mod scenario;
 pub mod session;
 pub mod stats;

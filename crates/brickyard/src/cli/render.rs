@@ -10,6 +10,7 @@ use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::{OracleError, render_reference};
 use brickyard::pager::PagerError;
 use brickyard::picture_file::write_png;
+use brickyard::projection::for_mode;
 use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, resolve};
 use brickyard::software::SoftwareError;
@@ -81,8 +82,10 @@ enum CompositorArgument {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let store = Arc::new(store_errors::open(&arguments.store)?);
+    let store = store_errors::open(&arguments.store)?;
     let scene = arguments.scene.scene(&store)?;
+    let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
+    let store = Arc::new(store);
     let scenes = scenes(&arguments, scene, &store)?;
     let outputs: Vec<PathBuf> = (0..scenes.len()).map(|i| numbered(&arguments.output, i, scenes.len())).collect();
     for path in outputs.iter().chain(&arguments.stats) {
