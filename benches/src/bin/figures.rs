@@ -102,15 +102,13 @@ fn kind(flight: &Value) -> String {
     name.rsplit_once('-').map_or(&*name, |(kind, _)| kind).to_string()
 }
 
-/// Both axes are logarithmic: the edge by powers of two.
+/// Edges are on a logarithmic scale, times on a linear one from zero.
 fn plot(path: &Path, caption: &str, lines: &[Line]) -> Result<(), String> {
     let text = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
     let points = || lines.iter().flat_map(|line| &line.points);
-    let range = |of: fn(&(f64, f64)) -> f64| {
-        let (low, high) =
-            points().map(of).fold((f64::MAX, 0.0), |(low, high), v| (f64::min(low, v), f64::max(high, v)));
-        low / 1.5..high * 1.5
-    };
+    let least_edge = points().map(|p| p.0).fold(f64::MAX, f64::min);
+    let (greatest_edge, longest_ms) = points().fold((1.0, 1.0), |(edge, ms), p| (p.0.max(edge), p.1.max(ms)));
+    let edges = (least_edge / 1.5..greatest_edge * 1.5).log_scale().base(2.0);
     let root = SVGBackend::new(path, (720, 420)).into_drawing_area();
     root.fill(&WHITE).map_err(|error| text(&error))?;
     let mut chart = ChartBuilder::on(&root)
@@ -118,11 +116,12 @@ fn plot(path: &Path, caption: &str, lines: &[Line]) -> Result<(), String> {
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(60)
-        .build_cartesian_2d(range(|p| p.0).log_scale().base(2.0), range(|p| p.1).log_scale())
+        .build_cartesian_2d(edges, 0.0..longest_ms * 1.4)
         .map_err(|error| text(&error))?;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.12))
         .x_desc("voxels along an edge")
         .x_label_formatter(&|edge| format!("{edge:.0}"))
         .y_label_formatter(&|ms| format!("{ms:.0}"))
