@@ -32,9 +32,9 @@ pub(crate) trait Blend {
         Coverage::All
     }
 
-    /// Whether samples in a macro-cell can change the sum.
+    /// Whether samples in the macro-cells around a corner can change the sum.
     #[inline(always)]
-    fn sees(_: &Cell<'_>, _cell: usize, _: Vec4) -> bool {
+    fn sees(_: &Cell<'_>, _corner: usize, _: Vec4) -> bool {
         true
     }
 
@@ -88,10 +88,10 @@ impl Blend for Dvr {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, index: usize, _: Vec4) -> bool {
+    fn sees(cell: &Cell<'_>, corner: usize, _: Vec4) -> bool {
         match &cell.mask {
             Mask::None => false,
-            Mask::Some(words) => words[index / 64] >> (index % 64) & 1 != 0,
+            Mask::Some(seen) => seen[corner],
             Mask::All => true,
         }
     }
@@ -203,8 +203,8 @@ impl Blend for Mip {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, index: usize, sum: Vec4) -> bool {
-        let [low, high] = cell.brick.cells.range(index);
+    fn sees(cell: &Cell<'_>, corner: usize, sum: Vec4) -> bool {
+        let [low, high] = cell.brick.ranges[corner];
         low <= high && high as f32 > sum.x
     }
 
@@ -245,8 +245,8 @@ impl Blend for MinIp {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, index: usize, sum: Vec4) -> bool {
-        let [low, high] = cell.brick.cells.range(index);
+    fn sees(cell: &Cell<'_>, corner: usize, sum: Vec4) -> bool {
+        let [low, high] = cell.brick.ranges[corner];
         low <= high && (low as f32) < sum.x
     }
 

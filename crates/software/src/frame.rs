@@ -1,13 +1,13 @@
 //! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
-use crate::macrocells::Mask;
+use crate::macrocells::{Mask, ranges_around_corners};
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
-use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
+use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, SlotEncoding, ViewRays, VoxelBox};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -55,6 +55,17 @@ pub(crate) struct Resident {
     /// The padded brick.
     pub(crate) codes: Arc<[u8]>,
     pub(crate) cells: MacroCells,
+    /// What the macro-cells around each of their corners have together.
+    pub(crate) ranges: Box<[[u16; 2]]>,
+}
+
+impl Resident {
+    /// Reads a padded brick once, for its macro-cells.
+    pub(crate) fn new(codes: Arc<[u8]>, encoding: &SlotEncoding, edge: usize, apron: usize) -> Self {
+        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge, apron);
+        let ranges = ranges_around_corners(&cells, edge);
+        Self { codes, cells, ranges }
+    }
 }
 
 /// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
@@ -130,9 +141,9 @@ impl Frame<'_> {
 }
 
 /// Where a brick has opacity; everywhere in modes that know none.
-fn mask(opaque: Option<&OpaqueCodes>, cells: &MacroCells) -> Mask {
+fn mask(opaque: Option<&OpaqueCodes>, cells: &MacroCells, edge: usize) -> Mask {
     let Some(opaque) = opaque else { return Mask::All };
-    if opaque.any(cells.whole()) { Mask::new(cells, |range| opaque.any(range)) } else { Mask::None }
+    if opaque.any(cells.whole()) { Mask::new(cells, edge, |range| opaque.any(range)) } else { Mask::None }
 }
 
 impl<'a> Cell<'a> {
@@ -146,7 +157,7 @@ impl<'a> Cell<'a> {
         brick: &'a Resident,
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
-        let mask = mask(opaque, &brick.cells);
+        let mask = mask(opaque, &brick.cells, pyramid.edge() as usize);
         if matches!(mask, Mask::None) {
             return None;
         }

@@ -1,11 +1,12 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
 
 use crate::frame::{Cell, Frame, Resident};
+use crate::macrocells::corners;
 use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
-use brickyard_volume::macrocells::{self, MacroCells};
+use brickyard_volume::macrocells;
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -113,8 +114,7 @@ impl SoftwareRenderer {
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
         let SoftwareOptions { encoding, edge, apron, .. } = self.options;
-        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize);
-        self.slots[slot.0 as usize] = Some(Resident { codes, cells });
+        self.slots[slot.0 as usize] = Some(Resident::new(codes, &encoding, edge as usize, apron as usize));
     }
 
     /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
@@ -155,8 +155,9 @@ fn slot_bytes(options: &SoftwareOptions) -> u64 {
 
 /// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask.
 fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
-    let cells = macrocells::bytes(options.edge as usize);
-    let mask = macrocells::per_axis(options.edge as usize).pow(3).div_ceil(64) * size_of::<u64>();
+    let edge = options.edge as usize;
+    let cells = macrocells::bytes(edge) + corners(edge) * size_of::<[u16; 2]>();
+    let mask = corners(edge) * size_of::<bool>();
     slot_bytes(options) + (cells + mask + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 

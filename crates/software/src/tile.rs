@@ -2,7 +2,7 @@
 
 use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip};
 use crate::frame::{Cell, Frame, PixelRect};
-use crate::macrocells::Traversal;
+use crate::macrocells::Blocks;
 use crate::ray::Ray;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS};
 use brickyard_volume::{Mode, Picture, SlotFormat};
@@ -137,11 +137,11 @@ fn march<C: Code, B: Blend, const INVALID: bool>(
                 return true;
             }
         } else {
-            // Neighbouring cells that are seen are sampled together, so that packets are full.
-            let mut traversal = Traversal::new(stretch.origin, stretch.step, stretch.count, frame.edge, frame.apron);
+            // Neighbouring blocks that are seen are sampled together.
+            let mut blocks = Blocks::new(stretch.origin, stretch.step, stretch.count, frame.edge, frame.apron);
             let (mut from, mut to) = (0, 0);
-            while let Some((index, next, end)) = traversal.next() {
-                let sees = B::sees(cell, index, ray.sum);
+            while let Some((corner, next, end)) = blocks.next() {
+                let sees = B::sees(cell, corner, ray.sum);
                 if !sees && from < to && stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, from, to) {
                     return true;
                 }
@@ -249,7 +249,6 @@ mod tests {
     use super::*;
     use crate::frame::Resident;
     use brickyard_pager::{DrawCell, DrawList, Slot};
-    use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
 
@@ -289,8 +288,7 @@ mod tests {
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
         let codes: std::sync::Arc<[u8]> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
-        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, 1);
-        let resident = Resident { codes, cells };
+        let resident = Resident::new(codes, &encoding, 16, 1);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let cell =
             DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
