@@ -107,11 +107,7 @@ impl Pager {
         let encoding = encoding_of(&*source);
         let layout = layout_of(&*source, config.apron)?;
         let padded = layout.padded_bytes() as u64;
-        let coarsest = source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
-        if (config.slots as u64) < coarsest {
-            let least_bytes = coarsest.saturating_mul(padded);
-            return Err(PagerError::Slots { given: config.slots, least: coarsest, least_bytes });
-        }
+        check_slots(&*source, config.slots, padded)?;
         let sizes = BufferSizes {
             fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
             scratch: scratch_bytes(&*source, &encoding),
@@ -163,6 +159,21 @@ impl Pager {
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.workers.give_back(self.handed_out.drain(..));
         self.residency.has_staged() || self.workers.wait(timeout)
+    }
+
+    /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
+    /// than before are not used. The next frames bring back what the view wants.
+    ///
+    /// # Errors
+    /// If these are too few.
+    pub fn forget_slots(&mut self, slots: u32) -> Result<(), PagerError> {
+        let slots = slots.min(self.config.slots);
+        check_slots(&*self.source, slots, self.slot_bytes())?;
+        self.config.slots = slots;
+        self.residency.forget_slots(slots);
+        // The cut is made for a number of slots.
+        self.cut = None;
+        Ok(())
     }
 
     /// The paged volume.
@@ -235,6 +246,13 @@ impl Pager {
             },
         }
     }
+}
+
+/// Whether the coarsest bricks, which are always resident, have room.
+fn check_slots(source: &dyn BrickSource, given: u32, slot_bytes: u64) -> Result<(), PagerError> {
+    let least = source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
+    let least_bytes = least.saturating_mul(slot_bytes);
+    if (given as u64) < least { Err(PagerError::Slots { given, least, least_bytes }) } else { Ok(()) }
 }
 
 #[cfg(test)]
@@ -327,6 +345,28 @@ mod tests {
             check_atlas(&pager, &frame, &atlas);
         }
         assert_eq!(pager.frame(&view).status.counters.reuploaded, 1);
+    }
+
+    #[test]
+    fn slots_that_lost_their_bricks_are_filled_again() {
+        let source = Arc::new(TestSource::cube(40));
+        let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let before = settle(&mut pager, &view, &mut HashMap::new());
+        let decoded = before.status.counters.decoded;
+        // Fewer slots make a coarser cut; more than at the start were not accounted for.
+        for (slots, used) in [(200, 200), (20, 20), (500, 20)] {
+            pager.forget_slots(slots).unwrap();
+            assert_eq!(pager.config().slots, used);
+            let mut atlas = HashMap::new();
+            let frame = settle(&mut pager, &view, &mut atlas);
+            check_atlas(&pager, &frame, &atlas);
+            assert_eq!(frame.draw.cells.len() == before.draw.cells.len(), used == 200);
+            let counters = frame.status.counters;
+            assert_eq!(counters.reuploaded, 0, "this is no thrash");
+            assert!(used != 200 || counters.decoded == decoded, "decoded bricks are kept");
+        }
+        assert!(matches!(pager.forget_slots(0), Err(PagerError::Slots { given: 0, least: 1, .. })));
     }
 
     #[test]

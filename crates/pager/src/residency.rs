@@ -75,6 +75,11 @@ impl Residency {
         }
     }
 
+    /// Forgets what is in the slots, of which there are so many from here on.
+    pub(crate) fn forget_slots(&mut self, slots: u32) {
+        self.slots = SlotTable::new(slots);
+    }
+
     pub(crate) fn has_staged(&self) -> bool {
         !self.staged.is_empty()
     }
