@@ -332,6 +332,7 @@ fn damage_other_than_a_bricks() {
         std::fs::remove_file(sandbox.path("o.raw")).expect("it was written");
         let (code, _, stderr) = sandbox.run(&format!("render {name}.zarr -o o.png {VIEW} --level 0"));
         assert!(code == 0 && stderr.contains("could not be read"), "{name}: exit {code}: {stderr}");
+        assert!(stderr.contains(&format!("{name}.zarr/{first}: ")), "{name}: the file is not named: {stderr}");
         assert!(silhouette("o.png") == silhouette("good.png"), "{name}: the picture has a hole");
         std::fs::remove_file(sandbox.path("o.png")).expect("it was written");
     }

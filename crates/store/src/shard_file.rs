@@ -1,8 +1,9 @@
 //! An open shard: its checked index, and its bytes, mapped or read at offsets.
 
-use crate::error::ReadError;
+use crate::error::{CodecError, ReadError};
+use crate::guarded_map::GuardedMap;
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, index_bytes};
-use memmap2::{Advice, Mmap};
+use brickyard_volume::BrickId;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -11,8 +12,8 @@ use std::sync::Mutex;
 /// How shards are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum IoMode {
-    /// Memory-mapped: no copy, and read-ahead as advised. The files must not be truncated meanwhile: a mapped page
-    /// without a file behind it ends the process.
+    /// Memory-mapped: no copy, and read-ahead as advised. Where a file is truncated or its disk fails meanwhile, its bricks are
+    /// damaged.
     #[default]
     Mmap,
     /// Read at offsets: slower, but safe on network file systems.
@@ -23,7 +24,8 @@ pub enum IoMode {
 pub(crate) struct ShardFile {
     pub(crate) index: ShardIndex,
     /// `None` in [`IoMode::Pread`].
-    map: Option<Mmap>,
+    map: Option<GuardedMap>,
+    file_bytes: u64,
 }
 
 impl ShardFile {
@@ -49,10 +51,7 @@ impl ShardFile {
         let corrupt = |error| ReadError::CorruptIndex { path: path.into(), error };
         let (map, index) = match mode {
             IoMode::Mmap => {
-                // SAFETY: The map is read-only and only ever read as bytes. Shards are written whole under another name
-                // and renamed, and never changed afterwards, so nobody who follows the format writes to or truncates
-                // the mapped file; damage that happened before is found by checksums over the bytes.
-                let map = unsafe { Mmap::map(&file) }.map_err(io)?;
+                let map = GuardedMap::new(&file).map_err(io)?;
                 let tail = map.len().checked_sub(tail_bytes as usize).map_or(&[][..], |start| &map[start..]);
                 let index = ShardIndex::parse(tail, file_bytes, bricks, cap).map_err(corrupt)?;
                 (Some(map), index)
@@ -66,7 +65,7 @@ impl ShardFile {
         if index.crc() as u64 != fingerprint.index_crc {
             return Err(rewritten("index checksum", fingerprint.index_crc, index.crc().into()));
         }
-        Ok(Self { index, map })
+        Ok(Self { index, map, file_bytes })
     }
 
     /// The bytes of a brick, if the shard is mapped.
@@ -77,10 +76,24 @@ impl ShardFile {
 
     /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
     pub(crate) fn advise(&self, range: std::ops::Range<usize>) {
-        if let Some(map) = &self.map
-            && let Err(error) = map.advise_range(Advice::WillNeed, range.start, range.len())
-        {
-            tracing::debug!(%error, "madvise");
+        if let Some(map) = &self.map {
+            map.advise(range);
+        }
+    }
+
+    /// Why a brick of this shard does not decode: the file has been truncated or its disk has failed since it was opened,
+    /// or else the brick is damaged.
+    pub(crate) fn unreadable(&self, path: &Path, id: BrickId, error: CodecError) -> ReadError {
+        let path = path.to_path_buf();
+        let (expected, found) = (self.file_bytes, std::fs::metadata(&path).map(|file| file.len()));
+        match found {
+            Ok(found) if found != expected => ReadError::Rewritten { path, what: "bytes", expected, found },
+            _ if self.map.as_ref().is_some_and(GuardedMap::lost) => {
+                let error =
+                    std::io::Error::other(format!("{id}: the file could be opened but not read; is its disk well?"));
+                ReadError::Io { path, error }
+            }
+            _ => ReadError::CorruptBrick { path, id, error },
         }
     }
 }

@@ -250,7 +250,7 @@ impl Store {
                     decoded.map_err(|error| ReadError::Io { path: path(), error })?
                 }
             };
-            decoded.map_err(|error| ReadError::CorruptBrick { path: path(), id, error })
+            decoded.map_err(|error| shard.unreadable(&path(), id, error))
         })
     }
 
@@ -411,6 +411,41 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// A shard that goes while it is open takes only its own bricks along.
+    #[test]
+    fn files_that_change_while_open_are_damaged_bricks() {
+        let spec = TestStore { codec: Codec::None, ..TestStore::default() };
+        let (first, other) = (BrickIndex::new(0, 0, 2), BrickIndex::new(2, 0, 0));
+        let id = |index| BrickId { time: 0, channel: 0, level: Level(0), index };
+        for mode in [IoMode::Mmap, IoMode::Pread] {
+            let dir = written(&spec);
+            let store = Store::open_with(dir.path(), mode).unwrap();
+            let mut core = vec![0; store.core_bytes()];
+            for index in [first, other] {
+                store.read_core(id(index), &mut core).unwrap();
+            }
+            let path = store.layout().shard_path(dir.path(), store.layout().shard_of(id(first)).0);
+            let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+            std::os::unix::fs::FileExt::write_all_at(&file, &[1, 2, 3], 5).unwrap();
+            let found = store.read_core(id(first), &mut core);
+            assert!(matches!(&found, Err(ReadError::CorruptBrick { .. })), "{mode:?}: {found:?}");
+            for bytes in [100, 0] {
+                file.set_len(bytes).unwrap();
+                let found = store.read_core(id(first), &mut core);
+                let message = found.as_ref().expect_err("most of the brick is gone").to_string();
+                assert!(message.contains(path.to_str().unwrap()), "{mode:?}: {message}");
+                assert!(
+                    matches!(found, Err(ReadError::Rewritten { what: "bytes", found, .. }) if found == bytes)
+                        || mode == IoMode::Pread,
+                    "{message}"
+                );
+            }
+            std::fs::remove_file(&path).unwrap();
+            assert!(store.read_core(id(first), &mut core).is_err(), "{mode:?}");
+            store.read_core(id(other), &mut core).unwrap();
         }
     }
 

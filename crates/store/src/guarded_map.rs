@@ -1,0 +1,299 @@
+//! A file map that outlives its file: where a truncation, a vanished network share or a failing disk has taken bytes away,
+//! reading gives zeros instead of the signal (SIGBUS) that ends the process.
+//!
+//! The guard is a signal handler, installed with the first map. It looks the faulting address up in a table of all maps, puts
+//! pages of zeros over the fault and returns, so that the read goes on; checksums over the bytes find the damage then.
+//! [`GuardedMap::lost`] tells it from damage in the file. A fault anywhere else is passed on to the handler that was
+//! there before. In a signal handler only atomics and system calls are allowed: so the table is a list of blocks that is
+//! never freed, and a place in it is taken and given back by atomic stores.
+//!
+//! Cost: nothing while all goes well, but a scan of the table for each map that is made.
+
+use memmap2::{Advice, Mmap};
+use std::fs::File;
+use std::ops::{Deref, Range};
+use std::ptr::{null, null_mut};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
+
+/// A read-only map of a whole file.
+pub(crate) struct GuardedMap {
+    map: Mmap,
+    place: &'static Place,
+}
+
+impl GuardedMap {
+    /// Maps a file.
+    pub(crate) fn new(file: &File) -> std::io::Result<Self> {
+        install()?;
+        // SAFETY: the map is read-only and only ever read as bytes, which any file is. Shards are written whole under another
+        // name and renamed, so nobody who follows the format changes a mapped one. Where somebody does, or truncates it,
+        // readers see other bytes or zeros, and never trust what they decode.
+        let map = unsafe { Mmap::map(file) }?;
+        let place = Place::take(map.as_ptr() as usize, map.len());
+        Ok(Self { map, place })
+    }
+
+    /// Whether bytes of the file could not be read, so that there are zeros in their place.
+    pub(crate) fn lost(&self) -> bool {
+        self.place.faults.load(Ordering::Relaxed) > 0
+    }
+
+    /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
+    pub(crate) fn advise(&self, range: Range<usize>) {
+        if let Err(error) = self.map.advise_range(Advice::WillNeed, range.start, range.len()) {
+            tracing::debug!(%error, "madvise");
+        }
+    }
+}
+
+impl Deref for GuardedMap {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.map
+    }
+}
+
+impl Drop for GuardedMap {
+    fn drop(&mut self) {
+        // Before the map goes: afterwards its addresses can be anybody's.
+        self.place.give_back();
+    }
+}
+
+/// A map's place in the table.
+struct Place {
+    /// Address of the first byte, or [`FREE`], or [`TAKEN`].
+    start: AtomicUsize,
+    /// Address past the last byte.
+    end: AtomicUsize,
+    /// How often the map has been mended.
+    faults: AtomicUsize,
+}
+
+const FREE: usize = 0;
+/// Not free any more, but not to be looked at yet.
+const TAKEN: usize = 1;
+
+/// Faults of a map after which everything behind the next one is given up: each hole costs the process up to two of its
+/// mappings, of which it may have some ten thousand.
+const MAX_HOLES: usize = 8;
+
+struct Block {
+    places: [Place; 256],
+    /// Null, or a block that is never freed.
+    next: AtomicPtr<Block>,
+}
+
+static TABLE: Block = Block::new();
+
+impl Block {
+    const fn new() -> Self {
+        const PLACE: Place =
+            Place { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faults: AtomicUsize::new(0) };
+        Self { places: [PLACE; 256], next: AtomicPtr::new(null_mut()) }
+    }
+
+    fn next(&self) -> Option<&'static Block> {
+        // SAFETY: the pointer is null or that of a leaked block.
+        unsafe { self.next.load(Ordering::Acquire).as_ref() }
+    }
+
+    /// The next block, made if there is none.
+    fn next_or_new(&self) -> &'static Block {
+        if let Some(next) = self.next() {
+            return next;
+        }
+        let new: *mut Block = Box::into_raw(Box::new(Block::new()));
+        let added = self.next.compare_exchange(null_mut(), new, Ordering::AcqRel, Ordering::Acquire);
+        // SAFETY: `new` came from a box. Where another thread was faster nobody else has seen it, and it is freed here;
+        // otherwise it is never freed.
+        match added {
+            Ok(_) => unsafe { &*new },
+            Err(theirs) => unsafe {
+                drop(Box::from_raw(new));
+                &*theirs
+            },
+        }
+    }
+}
+
+impl Place {
+    fn take(start: usize, bytes: usize) -> &'static Self {
+        let mut block = &TABLE;
+        loop {
+            let is_mine =
+                |place: &&Place| place.start.compare_exchange(FREE, TAKEN, Ordering::AcqRel, Ordering::Relaxed).is_ok();
+            if let Some(place) = block.places.iter().find(is_mine) {
+                place.end.store(start + bytes, Ordering::Release);
+                place.faults.store(0, Ordering::Relaxed);
+                place.start.store(start, Ordering::Release);
+                return place;
+            }
+            block = block.next_or_new();
+        }
+    }
+
+    fn give_back(&self) {
+        self.start.store(FREE, Ordering::Release);
+    }
+
+    /// The place of the map that holds an address.
+    fn of(address: usize) -> Option<&'static Self> {
+        let holds = |place: &&Place| {
+            let (start, end) = (place.start.load(Ordering::Acquire), place.end.load(Ordering::Acquire));
+            // Where the place has changed hands meanwhile, the two do not belong together.
+            start > TAKEN && (start..end).contains(&address) && place.start.load(Ordering::Acquire) == start
+        };
+        std::iter::successors(Some(&TABLE), |block| block.next()).find_map(|block| block.places.iter().find(holds))
+    }
+}
+
+/// The handler before, a leaked box.
+static PREVIOUS: AtomicPtr<libc::sigaction> = AtomicPtr::new(null_mut());
+static PAGE_BYTES: AtomicUsize = AtomicUsize::new(0);
+
+/// Installs the handler, once.
+fn install() -> std::io::Result<()> {
+    static DONE: OnceLock<Result<(), i32>> = OnceLock::new();
+    let done = DONE.get_or_init(|| install_now().map_err(|error| error.raw_os_error().unwrap_or(0)));
+    done.map_err(std::io::Error::from_raw_os_error)
+}
+
+fn install_now() -> std::io::Result<()> {
+    let checked = |code: libc::c_int| if code == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) };
+    // SAFETY: `sysconf` reads a constant. All-zero is a valid `sigaction`, and both calls get valid pointers or null. The
+    // handler keeps to what a signal handler may do, and what it needs is stored before it is installed.
+    unsafe {
+        PAGE_BYTES.store(libc::sysconf(libc::_SC_PAGESIZE) as usize, Ordering::Release);
+        let mut previous: libc::sigaction = std::mem::zeroed();
+        checked(libc::sigaction(libc::SIGBUS, null(), &mut previous))?;
+        PREVIOUS.store(Box::into_raw(Box::new(previous)), Ordering::Release);
+        let mut action: libc::sigaction = std::mem::zeroed();
+        action.sa_sigaction = on_bus_error as *const () as usize;
+        action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
+        checked(libc::sigaction(libc::SIGBUS, &action, null_mut()))
+    }
+}
+
+extern "C" fn on_bus_error(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    // SAFETY: the kernel passes what belongs to the signal.
+    let address = unsafe { (*info).si_addr() } as usize;
+    if !mend(address) {
+        pass_on(signal, info, context);
+    }
+}
+
+/// Puts zeros over a fault in one of the maps; false if it is in none, or that is not possible.
+fn mend(address: usize) -> bool {
+    let Some(place) = Place::of(address) else { return false };
+    let page_bytes = PAGE_BYTES.load(Ordering::Acquire);
+    let first = address & !(page_bytes - 1);
+    let is_last = place.faults.fetch_add(1, Ordering::Relaxed) + 1 >= MAX_HOLES;
+    let bytes = if is_last { place.end.load(Ordering::Acquire) - first } else { page_bytes };
+    let flags = libc::MAP_PRIVATE | libc::MAP_FIXED | libc::MAP_ANON;
+    // SAFETY: the pages lie inside a map of ours (its last page is all its own), which cannot go away now: this thread was
+    // reading from it. A page that can still be read is replaced only past the last hole, by zeros, with the same access.
+    let zeros = unsafe { libc::mmap(first as *mut libc::c_void, bytes, libc::PROT_READ, flags, -1, 0) };
+    zeros != libc::MAP_FAILED
+}
+
+/// Does what would have been done without this handler.
+fn pass_on(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
+    // SAFETY: the pointer is that of a leaked box, stored before this handler was installed. A handler that is neither the
+    // default nor to be ignored is a function of the kind that its flags say. All-zero is a valid `sigaction`.
+    unsafe {
+        let previous = &*PREVIOUS.load(Ordering::Acquire);
+        match previous.sa_sigaction {
+            libc::SIG_DFL | libc::SIG_IGN => {
+                // The kernel does not let a fault be ignored. Raised again, the signal arrives when this handler returns.
+                let mut default: libc::sigaction = std::mem::zeroed();
+                default.sa_sigaction = libc::SIG_DFL;
+                libc::sigaction(signal, &default, null_mut());
+                libc::raise(signal);
+            }
+            handler if previous.sa_flags & libc::SA_SIGINFO != 0 => {
+                type Handler = extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void);
+                std::mem::transmute::<usize, Handler>(handler)(signal, info, context);
+            }
+            handler => std::mem::transmute::<usize, extern "C" fn(libc::c_int)>(handler)(signal),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
+
+    fn file_of(bytes: usize) -> File {
+        let file = tempfile::tempfile().unwrap();
+        std::os::unix::fs::FileExt::write_all_at(&file, &vec![7; bytes], 0).unwrap();
+        file
+    }
+
+    fn page_bytes() -> usize {
+        install().unwrap();
+        PAGE_BYTES.load(Ordering::Acquire)
+    }
+
+    #[test]
+    fn what_a_truncation_takes_away_reads_as_zeros() {
+        let page = page_bytes();
+        let (file, other) = (file_of(100 * page), file_of(3 * page));
+        let (map, other_map) = (GuardedMap::new(&file).unwrap(), GuardedMap::new(&other).unwrap());
+        assert!(map.iter().all(|&b| b == 7) && !map.lost());
+        file.set_len(10 * page as u64 + 5).unwrap();
+        // The kernel fills the file's last page with zeros.
+        assert!(map[..10 * page + 5].iter().all(|&b| b == 7) && map[10 * page + 5..11 * page].iter().all(|&b| b == 0));
+        assert!(!map.lost());
+        // From several threads, in and out of order, more often than there are holes.
+        std::thread::scope(|scope| {
+            for thread in 0..4 {
+                let map = &map;
+                let pages = (11..100).map(move |i| if thread % 2 == 0 { i } else { 110 - i });
+                scope.spawn(move || pages.for_each(|i| assert_eq!(map[i * page + thread], 0)));
+            }
+        });
+        assert!(map.lost());
+        assert!(map[..10 * page].iter().all(|&b| b == 7), "what is there stays");
+        assert!(other_map.iter().all(|&b| b == 7) && !other_map.lost());
+        // A place is used again without its past.
+        drop(map);
+        assert!(!GuardedMap::new(&other).unwrap().lost());
+    }
+
+    #[test]
+    fn there_is_a_place_for_any_number_of_maps() {
+        let page = page_bytes();
+        let file = file_of(2 * page);
+        let maps: Vec<_> = (0..700).map(|_| GuardedMap::new(&file).unwrap()).collect();
+        file.set_len(0).unwrap();
+        for map in maps.iter().rev().step_by(100) {
+            assert!(map.iter().all(|&b| b == 0) && map.lost());
+        }
+        let address = maps[650].as_ptr() as usize;
+        assert!(Place::of(address).is_some());
+        drop(maps);
+        assert!(Place::of(address).is_none());
+    }
+
+    /// In a process of its own, which ends as it would without the handler.
+    #[test]
+    fn a_fault_elsewhere_still_ends_the_process() {
+        const CHILD: &str = "BRICKYARD_TEST_BUS_ERROR";
+        if std::env::var_os(CHILD).is_none() {
+            let name = "guarded_map::tests::a_fault_elsewhere_still_ends_the_process";
+            let child = Command::new(std::env::current_exe().unwrap()).args(["--exact", name]).env(CHILD, "1").output();
+            return assert_eq!(child.unwrap().status.signal(), Some(libc::SIGBUS));
+        }
+        let file = file_of(9);
+        let _guarded = GuardedMap::new(&file).unwrap();
+        // SAFETY: read as bytes; that it cannot be read is the point.
+        let unguarded = unsafe { Mmap::map(&file) }.unwrap();
+        file.set_len(0).unwrap();
+        std::process::exit(unguarded[5] as i32);
+    }
+}
