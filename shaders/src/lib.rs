@@ -1,6 +1,6 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
-//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries.
+//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered.
 
 mod layout;
 
@@ -22,6 +22,9 @@ impl Gather {
     pub const ALL: [Self; 3] = [Self::Composite, Self::Project, Self::Average];
 }
 
+/// Steps of a brick's mark: a transmittance of 1.
+pub const MARK_STEPS: u32 = 255;
+
 const FRAME: &str = include_str!("../wgsl/frame.wgsl");
 const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
 const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
@@ -32,15 +35,20 @@ pub fn sorted(gather: Gather, has_invalid: bool) -> String {
     [marching(gather, has_invalid), include_str!("../wgsl/sorted.wgsl").to_string()].join("\n")
 }
 
-/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. `has_invalid` as for [`sorted`].
-pub fn raycast(gather: Gather, has_invalid: bool) -> String {
+/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. `has_invalid` as for [`sorted`]. With `marks`,
+/// composites say how bricks were entered (binding 9, a [`MARK_STEPS`]th a step).
+pub fn raycast(gather: Gather, has_invalid: bool, marks: bool) -> String {
     let sees = match gather {
         Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
         Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
         Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
     };
     let (tree, macrocells) = (include_str!("../wgsl/tree.wgsl"), include_str!("../wgsl/macrocells.wgsl"));
-    let parts = [tree, macrocells, sees, FULLSCREEN, include_str!("../wgsl/raycast.wgsl")];
+    let mark = match gather == Gather::Composite && marks {
+        true => include_str!("../wgsl/mark.wgsl"),
+        false => include_str!("../wgsl/mark_none.wgsl"),
+    };
+    let parts = [tree, macrocells, sees, mark, FULLSCREEN, include_str!("../wgsl/raycast.wgsl")];
     [marching(gather, has_invalid), parts.join("\n")].join("\n")
 }
 
@@ -81,7 +89,10 @@ mod tests {
         for gather in Gather::ALL {
             for has_invalid in [false, true] {
                 all.push((format!("sorted {gather:?} invalid {has_invalid}"), sorted(gather, has_invalid)));
-                all.push((format!("raycast {gather:?} invalid {has_invalid}"), raycast(gather, has_invalid)));
+                for marks in [false, true] {
+                    let name = format!("raycast {gather:?} invalid {has_invalid} marks {marks}");
+                    all.push((name, raycast(gather, has_invalid, marks)));
+                }
             }
             all.push((format!("resolve {gather:?}"), resolve(gather)));
         }
@@ -142,10 +153,11 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let module = parse("raycast", &raycast(Gather::Composite, false));
+        let module = parse("raycast", &raycast(Gather::Composite, false, true));
         let expected = [
             ("LEAF", naga::Literal::U32(LEAF)),
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
+            ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),
             ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
         ];
         for (name, value) in expected {

@@ -38,6 +38,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             var brick: RayBrick;
             var is_brick_seen = place.number != 0u;
             if (is_brick_seen) {
+                mark(place.number - 1u, pixel);
                 brick = bricks[place.number - 1u];
                 is_brick_seen = sees(pixel, brick.range);
             }

@@ -1,9 +1,13 @@
 //! The two rendering backends behind one face: slots in, pictures out.
 
-use brickyard_pager::{DrawList, Upload};
+use crate::session::SessionOptions;
+use brickyard_pager::{BrickSource, DrawList, Upload};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
+
+/// Voxels copied around a brick: enough for trilinear samples.
+const APRON: u32 = 1;
 
 /// Which backend to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,6 +56,26 @@ pub struct BackendNeeds {
     pub threads: usize,
 }
 
+impl BackendNeeds {
+    /// What a source needs under these options.
+    pub(crate) fn new(source: &dyn BrickSource, options: &SessionOptions) -> Self {
+        let pyramid = source.pyramid();
+        // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
+        let bricks = pyramid.brick_count();
+        Self {
+            encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
+            edge: pyramid.edge(),
+            apron: APRON,
+            compositor: options.compositor,
+            levels: pyramid.levels().len() as u32,
+            gpu_memory_bytes: options.gpu_memory_bytes,
+            max_size_px: options.max_size_px,
+            max_slots: u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX),
+            threads: options.threads,
+        }
+    }
+}
+
 /// A backend that could not be made or has failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
@@ -64,6 +88,13 @@ pub enum BackendError {
     /// The CPU backend knows one compositor.
     #[error("the CPU backend has no `sorted` compositor, only `raycast`: use --compositor raycast, or --backend gpu")]
     CpuSorted,
+}
+
+impl BackendError {
+    /// Whether the device is gone, so that [`Backend::renew`] may help.
+    pub fn is_loss(&self) -> bool {
+        matches!(self, Self::Gpu(GpuError::DeviceLost(_)))
+    }
 }
 
 /// A renderer and the slots it draws from.
@@ -101,7 +132,8 @@ impl Backend {
                 CompositorChoice::Sorted => Compositor::Sorted,
                 CompositorChoice::Raycast => Compositor::Raycast,
             };
-            let options = GpuOptions { preference, compositor, levels: needs.levels, max_slots: needs.max_slots };
+            let (levels, max_slots) = (needs.levels, needs.max_slots);
+            let options = GpuOptions { preference, compositor, levels, max_slots, ..Default::default() };
             let renderer = GpuRenderer::new(
                 &options,
                 needs.encoding,
@@ -110,8 +142,8 @@ impl Backend {
                 needs.gpu_memory_bytes,
                 needs.max_size_px,
             )?;
-            let name = renderer.adapter().to_string();
-            Ok((Self::Gpu(Box::new(renderer)), format!("gpu, {name}")))
+            let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
+            Ok((Self::Gpu(Box::new(renderer)), line))
         };
         match choice {
             BackendChoice::Cpu => cpu(""),
@@ -121,6 +153,18 @@ impl Backend {
                 other => other,
             },
         }
+    }
+
+    /// Starts a lost GPU anew, from the choice of the adapter on. All slots are empty then, and there may be fewer.
+    ///
+    /// # Errors
+    /// If there is no GPU any more, or it gives too little.
+    pub fn renew(&mut self) -> Result<(), BackendError> {
+        match self {
+            Self::Gpu(r) => r.renew()?,
+            Self::Cpu(_) => {}
+        }
+        Ok(())
     }
 
     /// `gpu` or `cpu`.
@@ -155,6 +199,14 @@ impl Backend {
         }
     }
 
+    /// What [`Backend::bytes`] would be, had the device not refused some of it.
+    pub fn asked_bytes(&self) -> u64 {
+        match self {
+            Self::Gpu(r) => r.asked_bytes(),
+            Self::Cpu(r) => r.bytes(),
+        }
+    }
+
     /// Puts a padded brick into its slot.
     ///
     /// # Errors
@@ -165,6 +217,15 @@ impl Backend {
             Self::Cpu(r) => r.upload(upload.slot, upload.codes.clone()),
         }
         Ok(())
+    }
+
+    /// For each cell of the last list drawn, in its order, how much light was left where a ray entered it, the most of all
+    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, of `sorted`, of the CPU.
+    pub fn visibility(&self) -> Option<&[f32]> {
+        match self {
+            Self::Gpu(r) => r.visibility(),
+            Self::Cpu(_) => None,
+        }
     }
 
     /// Renders one frame.
@@ -181,5 +242,15 @@ impl Backend {
             Self::Gpu(r) => r.render(frame, pyramid, draw)?,
             Self::Cpu(r) => r.render(frame, pyramid, draw),
         })
+    }
+}
+
+/// What is to be said where the device gave less than it was asked for.
+fn refusal(renderer: &GpuRenderer) -> String {
+    let (asked, got) = (renderer.asked_bytes(), renderer.gpu_bytes());
+    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+    match asked > got {
+        true => format!(", which refused {:.1} MiB: {:.1} MiB are used", mib(asked), mib(got)),
+        false => String::new(),
     }
 }

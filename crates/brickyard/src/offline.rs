@@ -62,6 +62,7 @@ pub fn render_settled(
         stats.settled_ms = ms(started);
     }
     stats.frames += 1;
+    stats.device_losses = session.device_losses();
     stats.record(&status, session.backend().bytes());
     Ok(picture)
 }

@@ -11,9 +11,6 @@ use brickyard_volume::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Voxels copied around a brick: enough for trilinear samples.
-const APRON: u32 = 1;
-
 /// What a session may use.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
@@ -43,6 +40,14 @@ pub enum SessionError {
     /// Part of the view can be drawn from no level at all.
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
+    /// The device goes as often as it is made anew.
+    #[error("no picture came through before the GPU was lost {times} times: {last}; try --backend cpu")]
+    LostAgain {
+        /// How many times in a row.
+        times: u32,
+        /// The last loss.
+        last: BackendError,
+    },
     /// The camera makes no picture.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -72,7 +77,16 @@ pub struct Session {
     backend: Backend,
     backend_line: String,
     draw: DrawList,
+    /// The view of the last step, and whether it had settled.
+    shown: Option<(View, bool)>,
+    /// Losses of the device since the last picture.
+    losses_in_a_row: u32,
+    /// In all.
+    losses: u32,
 }
+
+/// Losses without a picture between them after which making the device anew is given up.
+const MAX_LOSSES_IN_A_ROW: u32 = 3;
 
 impl Session {
     /// Joins a source, a pager and a backend. `default_window` is the value range of the default transfer function.
@@ -84,28 +98,18 @@ impl Session {
         default_window: (f64, f64),
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
-        let encoding = encoding_of(&*source);
-        let needs = BackendNeeds {
-            encoding,
-            edge: source.pyramid().edge(),
-            apron: APRON,
-            compositor: options.compositor,
-            levels: source.pyramid().levels().len() as u32,
-            gpu_memory_bytes: options.gpu_memory_bytes,
-            max_size_px: options.max_size_px,
-            max_slots: max_slots(&*source),
-            threads: options.threads,
-        };
+        let needs = BackendNeeds::new(&*source, options);
         let (backend, backend_line) = Backend::new(options.backend, &needs)?;
         let config = PagerConfig {
             slots: backend.slots(),
-            apron: APRON,
+            apron: needs.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
             upload_bytes_per_frame: None,
         };
         let pager = Pager::new(source.clone(), config)?;
-        Ok(Self { source, default_window, pager, backend, backend_line, draw: DrawList::default() })
+        let (draw, shown, losses_in_a_row, losses) = Default::default();
+        Ok(Self { source, default_window, pager, backend, backend_line, draw, shown, losses_in_a_row, losses })
     }
 
     /// Resolves a scene against this volume.
@@ -116,16 +120,20 @@ impl Session {
         resolve(&*self.source, self.default_window, scene, (width, height))
     }
 
-    /// One step of streaming: asks the pager, performs its uploads, keeps its draw list.
+    /// One step of streaming: asks the pager, performs its uploads, keeps its draw list. A lost device is made anew.
     ///
     /// # Errors
-    /// If the device is lost or nothing can be drawn at all.
+    /// If there is no device any more or nothing can be drawn at all.
     pub fn step(&mut self, view: &View) -> Result<Status, SessionError> {
-        let frame = self.pager.frame(view);
-        for upload in &frame.uploads {
-            self.backend.upload(upload)?;
-        }
+        let frame = loop {
+            let frame = self.pager.frame(view);
+            match frame.uploads.iter().try_for_each(|upload| self.backend.upload(upload)) {
+                Ok(()) => break frame,
+                Err(error) => self.recover(error)?,
+            }
+        };
         self.draw = frame.draw;
+        self.shown = Some((view.clone(), frame.status.settled));
         match frame.status.error {
             Some(error) => Err(SessionError::Unreadable(error)),
             None => Ok(frame.status),
@@ -137,12 +145,56 @@ impl Session {
         self.pager.wait(timeout);
     }
 
-    /// Renders what is resident now.
+    /// Renders what is resident now. Where the device turns out to be lost, it is made anew and filled as far as it was
+    /// before: the picture is the same, but takes as long as the first one of its view.
     ///
     /// # Errors
-    /// If the device is lost or out of memory.
+    /// If there is no device any more, or it is out of memory.
     pub fn draw(&mut self, frame: &FrameSettings) -> Result<Picture, SessionError> {
-        Ok(self.backend.render(frame, self.source.pyramid(), &self.draw)?)
+        loop {
+            match self.backend.render(frame, self.source.pyramid(), &self.draw) {
+                Ok(picture) => {
+                    self.losses_in_a_row = 0;
+                    return Ok(picture);
+                }
+                Err(error) => self.recover(error)?,
+            }
+            self.refill()?;
+        }
+    }
+
+    /// Makes a lost device anew; its slots are empty. Other errors are the caller's.
+    fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
+        if !error.is_loss() {
+            return Err(error.into());
+        }
+        self.losses += 1;
+        self.losses_in_a_row += 1;
+        if self.losses_in_a_row > MAX_LOSSES_IN_A_ROW {
+            return Err(SessionError::LostAgain { times: self.losses_in_a_row, last: error });
+        }
+        tracing::warn!("{error}; it is started anew");
+        self.backend.renew()?;
+        self.pager.forget_slots(self.backend.slots())?;
+        self.draw = DrawList::default();
+        Ok(())
+    }
+
+    /// Streams the last step's view again, until it is settled if it was, else until something is drawn everywhere.
+    fn refill(&mut self) -> Result<(), SessionError> {
+        let Some((view, was_settled)) = self.shown.clone() else { return Ok(()) };
+        loop {
+            let status = self.step(&view)?;
+            if status.settled || status.covered && !was_settled {
+                return Ok(());
+            }
+            self.wait(Duration::from_millis(50));
+        }
+    }
+
+    /// How many times the GPU's device was lost and made anew.
+    pub fn device_losses(&self) -> u32 {
+        self.losses
     }
 
     /// The backend, in words: `gpu, llvmpipe (...)` or `cpu, 2 threads`.
@@ -229,12 +281,6 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
 
 fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
     SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
-}
-
-/// Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
-fn max_slots(source: &dyn BrickSource) -> u32 {
-    let bricks = source.pyramid().brick_count();
-    u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX)
 }
 
 /// The world distance over which window presets collect their opacity: a hundredth of the volume's longest side.

@@ -24,6 +24,8 @@ pub struct RenderStats {
     pub settled_ms: f64,
     /// Highest accounted bytes of the backend.
     pub gpu_bytes_peak: u64,
+    /// What that would have been, had the device not refused some of it.
+    pub gpu_bytes_asked: u64,
     /// Highest accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
     /// Highest resident set of the process, mapped files included.
@@ -41,6 +43,8 @@ pub struct RenderStats {
     pub effective_pixel_error: Option<f64>,
     /// What was asked for, pixels.
     pub pixel_error: f64,
+    /// How many times the GPU was lost and started anew.
+    pub device_losses: u32,
     /// Whether the budget, not the view, ended the refinement.
     pub memory_bound: bool,
     /// How many cells of the last frame were drawn from each level, finest first.

@@ -7,8 +7,10 @@
 use crate::error::GpuError;
 use brickyard_volume::SlotFormat;
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
-use wgpu::{Backends, DeviceType, Features, TextureFormat, TextureFormatFeatureFlags};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use wgpu::{Backends, DeviceType, DownlevelFlags, Features, TextureFormat, TextureFormatFeatureFlags};
 
 /// Which adapters may be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -90,6 +92,8 @@ pub struct AdapterReport {
     pub max_buffer_bytes: u64,
     /// Whether GPU time can be measured.
     pub timestamps: bool,
+    /// Whether shaders that make a picture can also say what they saw.
+    pub feedback: bool,
     /// The formats it gets.
     pub formats: GpuFormats,
 }
@@ -111,6 +115,7 @@ impl AdapterReport {
             max_texture_3d: limits.max_texture_dimension_3d,
             max_texture_2d: limits.max_texture_dimension_2d,
             max_buffer_bytes: limits.max_buffer_size,
+            feedback: adapter.get_downlevel_capabilities().flags.contains(DownlevelFlags::FRAGMENT_WRITABLE_STORAGE),
             timestamps: adapter.features().contains(Features::TIMESTAMP_QUERY),
             formats: GpuFormats::new(adapter),
         }
@@ -154,13 +159,20 @@ fn ranked_adapters() -> Vec<wgpu::Adapter> {
     found
 }
 
+/// How long a device that has refused something may take to say whether it is lost.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
 /// The error that no scope caught, or the loss of the device, kept for the next call.
 #[derive(Debug, Default)]
 struct Fault(Mutex<Option<GpuError>>);
 
 impl Fault {
+    fn lock(&self) -> MutexGuard<'_, Option<GpuError>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn set(&self, error: GpuError) {
-        let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut slot = self.lock();
         if !matches!(*slot, Some(GpuError::DeviceLost(_))) {
             *slot = Some(error);
         }
@@ -174,10 +186,12 @@ pub(crate) struct Gpu {
     pub(crate) queue: wgpu::Queue,
     pub(crate) report: AdapterReport,
     fault: Arc<Fault>,
+    refuse_above_bytes: u64,
 }
 
 impl Gpu {
-    pub(crate) fn open(preference: GpuPreference) -> Result<Self, GpuError> {
+    /// The best adapter's device. Allocations of more than `refuse_above_bytes` will be refused whatever it says.
+    pub(crate) fn open(preference: GpuPreference, refuse_above_bytes: u64) -> Result<Self, GpuError> {
         let all = ranked_adapters();
         let (wanted, allowed): (_, fn(&wgpu::Adapter) -> bool) = match preference {
             GpuPreference::Any => ("graphics adapter", |_| true),
@@ -189,10 +203,10 @@ impl Gpu {
             let seen = if names.is_empty() { String::new() } else { format!(" (only {})", names.join(", ")) };
             return Err(GpuError::NoAdapter { wanted, seen });
         };
-        Self::new(adapter)
+        Self::new(adapter, refuse_above_bytes)
     }
 
-    fn new(adapter: &wgpu::Adapter) -> Result<Self, GpuError> {
+    fn new(adapter: &wgpu::Adapter, refuse_above_bytes: u64) -> Result<Self, GpuError> {
         let report = AdapterReport::new(adapter);
         let useful = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_BLENDABLE | Features::TIMESTAMP_QUERY;
         let most = adapter.limits();
@@ -222,12 +236,17 @@ impl Gpu {
         device.set_device_lost_callback(move |reason, message| {
             lost.set(GpuError::DeviceLost(format!("{reason:?} {message}").trim().to_string()));
         });
-        Ok(Self { device, queue, report, fault })
+        Ok(Self { device, queue, report, fault, refuse_above_bytes })
     }
 
     /// The error that has come up since the last check, if any. A lost device stays lost.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
-        let mut slot = self.fault.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if matches!(*self.fault.lock(), Some(GpuError::Refused(_))) {
+            // A lost device refuses all kinds of things before it says why. Its answer is asked for here, and kept.
+            let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };
+            let _ = self.poll(all);
+        }
+        let mut slot = self.fault.lock();
         match &*slot {
             None => Ok(()),
             Some(lost @ GpuError::DeviceLost(_)) => Err(lost.clone()),
@@ -245,16 +264,38 @@ impl Gpu {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let made = make(&self.device);
         match pollster::block_on(scope.pop()) {
-            None => self.check().map(|()| made),
-            Some(_) => Err(GpuError::OutOfMemory { label: label.to_string(), requested_bytes }),
+            None if requested_bytes <= self.refuse_above_bytes => self.check().map(|()| made),
+            _ => Err(GpuError::OutOfMemory { label: label.to_string(), requested_bytes }),
         }
     }
 
     /// Waits until a submission is done.
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
-        let poll = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
-        self.device.poll(poll).map_err(|e| GpuError::DeviceLost(e.to_string()))?;
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })?;
         self.check()
+    }
+
+    /// Lets the device report what is done, and its loss.
+    fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
+        // wgpu 30 panics, with none of its locks held, where the driver's answer to a wait is that the device is gone.
+        let lost = match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
+            Ok(Ok(_)) => return Ok(()),
+            Ok(Err(wgpu::PollError::Timeout)) => "no answer in time".to_string(),
+            Ok(Err(error)) => error.to_string(),
+            Err(_) => "the driver gave it up".to_string(),
+        };
+        let lost = GpuError::DeviceLost(lost);
+        self.fault.set(lost.clone());
+        Err(lost)
+    }
+
+    /// Gives the device up, which frees what it holds. Queued work is finished first; from then on it is lost.
+    pub(crate) fn destroy(&self) {
+        self.device.destroy();
+        let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };
+        if let Err(error) = self.poll(all) {
+            tracing::debug!(%error, "giving a device up");
+        }
     }
 }
 
@@ -264,13 +305,12 @@ mod tests {
 
     #[test]
     fn a_lost_device_is_a_typed_error() {
-        let Ok(gpu) = Gpu::open(GpuPreference::Any) else {
+        let Ok(gpu) = Gpu::open(GpuPreference::Any, u64::MAX) else {
             eprintln!("SKIPPED: no graphics adapter");
             return;
         };
         assert_eq!(gpu.check(), Ok(()));
-        gpu.device.destroy();
-        let _ = gpu.device.poll(wgpu::PollType::Poll);
+        gpu.destroy();
         for _ in 0..2 {
             assert!(matches!(gpu.check(), Err(GpuError::DeviceLost(_))));
         }
@@ -278,7 +318,7 @@ mod tests {
 
     #[test]
     fn an_impossible_texture_is_an_error_and_not_a_panic() {
-        let Ok(gpu) = Gpu::open(GpuPreference::Any) else {
+        let Ok(gpu) = Gpu::open(GpuPreference::Any, u64::MAX) else {
             eprintln!("SKIPPED: no graphics adapter");
             return;
         };

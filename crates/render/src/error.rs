@@ -58,7 +58,7 @@ pub enum GpuError {
         /// Its size.
         requested_bytes: u64,
     },
-    /// The device is gone; everything on it too. Make a new renderer.
+    /// The device is gone; everything on it too: see [`GpuRenderer::renew`](crate::GpuRenderer::renew).
     #[error("the GPU device was lost: {0}")]
     DeviceLost(String),
     /// The GPU refused a command.

@@ -14,7 +14,7 @@ pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
 /// Two timestamps and their room in the read-back buffer.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
 /// A picture that leaves no room for two slots cannot be refined at all.
-const MIN_SLOTS: u64 = 2;
+pub(crate) const MIN_SLOTS: u32 = 2;
 
 /// How a budget is spent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,10 +44,11 @@ impl RaycastPlan {
         Self { edge, levels, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
     }
 
-    /// What a slot's brick needs: its macro-cells, its range on the host, and its part of the octree, twice for staging.
+    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its
+    /// mark, in the read-back and on the host too.
     fn bytes_per_slot(&self) -> u64 {
         let octree = self.nodes_bytes(1) - self.nodes_bytes(0) + self.bricks_bytes(1);
-        self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64 + 2 * octree
+        self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64 + 2 * octree + 3 * self.marks_bytes(1)
     }
 
     /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root and its staging.
@@ -112,8 +113,8 @@ impl MemoryPlan {
         let slot_bytes = (needs.slot_edge as u64).pow(3) * texel;
         let slots = (left / (slot_bytes + beside_bytes)).min(most).min(needs.max_slots as u64);
         let atlas = AtlasPlan::new(needs.slot_edge, texel, slots * slot_bytes, needs.max_texture_3d, slots as u32);
-        let enough = atlas.filter(|a| a.slots() as u64 >= MIN_SLOTS.min(needs.max_slots as u64));
-        let least_bytes = small + 2 * staging + MIN_SLOTS * (slot_bytes + beside_bytes);
+        let enough = atlas.filter(|a| a.slots() >= MIN_SLOTS.min(needs.max_slots));
+        let least_bytes = small + 2 * staging + MIN_SLOTS as u64 * (slot_bytes + beside_bytes);
         let atlas = enough.ok_or(GpuError::Budget {
             given_bytes: needs.budget_bytes,
             least_bytes,
@@ -195,9 +196,10 @@ mod tests {
         let plan = MemoryPlan::new(&needs).unwrap();
         let (raycast, slots) = (needs.raycast.unwrap(), plan.atlas.slots());
         let buffers = [raycast.nodes_bytes(slots), raycast.bricks_bytes(slots), raycast.ranges_bytes(slots)];
+        let marks = 2 * raycast.marks_bytes(slots);
         assert!(buffers.iter().all(|&b| b <= 1 << 20), "{buffers:?}");
         assert!(slots > 400, "{slots} slots of 512 macro-cells fill 1 MiB");
         let accounted = raycast.fixed_bytes() + slots as u64 * plan.beside_bytes;
-        assert!(buffers.iter().sum::<u64>() + raycast.opaque_bytes <= accounted);
+        assert!(buffers.iter().sum::<u64>() + marks + raycast.opaque_bytes <= accounted);
     }
 }

@@ -73,7 +73,11 @@ impl Layouts {
         ];
         match compositor {
             Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage)),
-            Compositor::Raycast => march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage))),
+            Compositor::Raycast => {
+                march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage)));
+                let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
+                march.extend(gpu.report.feedback.then_some((9, fragment, written)));
+            }
         }
         Self {
             march: make("march", &march),
@@ -116,7 +120,7 @@ impl Pipelines {
                 pipeline(gpu, &sorted(gather, has_invalid), &layouts.march, ["proxy", "march"], boxes, target)
             }
             Compositor::Raycast => {
-                let source = raycast(gather, has_invalid);
+                let source = raycast(gather, has_invalid, gpu.report.feedback);
                 pipeline(gpu, &source, &layouts.march, ["fullscreen", "raycast"], full, format.into())
             }
         };

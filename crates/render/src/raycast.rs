@@ -1,6 +1,9 @@
 //! The `raycast` compositor: one ray per pixel, front to back through an octree over the draw list, ending where nothing
 //! behind can be seen and leaping over what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
 //!
+//! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
+//! come back with the picture, and say which bricks nobody could see.
+//!
 //! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
 //! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
@@ -9,6 +12,7 @@ use crate::atlas::{Atlas, AtlasPlan};
 use crate::error::GpuError;
 use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
 use crate::memory::RaycastPlan;
+use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::RayBrick;
@@ -27,6 +31,8 @@ pub(crate) struct Raycast {
     bricks: wgpu::Buffer,
     ranges: wgpu::Buffer,
     opaque_before: wgpu::Buffer,
+    /// By brick, how it was entered; all zero between frames.
+    marks: wgpu::Buffer,
     bindings: wgpu::BindGroup,
     slot_ranges: Vec<[u16; 2]>,
     /// Of the frame's table.
@@ -42,24 +48,31 @@ impl Raycast {
         plan: RaycastPlan,
     ) -> Result<Self, GpuError> {
         let slots = atlas.plan.slots();
-        let sizes = [plan.nodes_bytes(slots), plan.bricks_bytes(slots), plan.ranges_bytes(slots), plan.opaque_bytes];
-        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let make = |device: &wgpu::Device| {
-            let labels = ["octree", "bricks", "macro-cells", "opaque entries"];
-            std::array::from_fn(|i| buffer(device, labels[i], sizes[i], usage))
-        };
-        let [nodes, bricks, ranges, opaque_before] =
-            gpu.allocate("the octree and the macro-cells", sizes.iter().sum(), make)?;
-        let own = [
+        let buffers = [
+            ("octree", plan.nodes_bytes(slots)),
+            ("bricks", plan.bricks_bytes(slots)),
+            ("macro-cells", plan.ranges_bytes(slots)),
+            ("opaque entries", plan.opaque_bytes),
+            ("marks", plan.marks_bytes(slots)),
+        ];
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let make = |device: &wgpu::Device| buffers.map(|(label, bytes)| buffer(device, label, bytes, usage));
+        let total = buffers.iter().map(|(_, bytes)| bytes).sum();
+        let [nodes, bricks, ranges, opaque_before, marks] =
+            gpu.allocate("the octree and the macro-cells", total, make)?;
+        let mut own = vec![
             entry(1, bricks.as_entire_binding()),
             entry(6, nodes.as_entire_binding()),
             entry(7, ranges.as_entire_binding()),
             entry(8, opaque_before.as_entire_binding()),
         ];
+        if gpu.report.feedback {
+            own.push(entry(9, marks.as_entire_binding()));
+        }
         let bindings = shared.bindings(gpu, layout, atlas, &own);
         let slot_ranges = vec![macrocells::NONE; slots as usize];
         let opaque = OpaqueCodes::new(&TransferTable { entries: Vec::new(), unit_distance: 1.0 });
-        Ok(Self { plan, nodes, bricks, ranges, opaque_before, bindings, slot_ranges, opaque })
+        Ok(Self { plan, nodes, bricks, ranges, opaque_before, marks, bindings, slot_ranges, opaque })
     }
 
     /// Takes note of what a brick that goes into a slot holds.
@@ -118,7 +131,23 @@ impl Raycast {
     }
 }
 
+impl Raycast {
+    /// Queues the copy of the first `count` marks, and the end of all.
+    pub(crate) fn take_marks(&self, encoder: &mut wgpu::CommandEncoder, count: usize, to: &Targets) {
+        if count > 0 {
+            let bytes = self.plan.marks_bytes(count as u32);
+            encoder.copy_buffer_to_buffer(&self.marks, 0, &to.read_back, to.marks_offset(), bytes);
+        }
+        encoder.clear_buffer(&self.marks, 0, None);
+    }
+}
+
 impl RaycastPlan {
+    /// What the marks of a list of so many cells take.
+    pub(crate) fn marks_bytes(&self, cells: u32) -> u64 {
+        cells as u64 * size_of::<u32>() as u64
+    }
+
     /// What the octree's nodes take: at worst each cell of the list has a way of its own down from the root.
     pub(crate) fn nodes_bytes(&self, cells: u32) -> u64 {
         (1 + cells as u64 * (self.levels as u64).saturating_sub(1)) * (GROUP * size_of::<u32>()) as u64

@@ -1,15 +1,16 @@
 //! The GPU renderer: slots on the GPU, a compositor that gathers their samples, and the picture read back.
 //!
-//! A frame writes one uniform block, what the compositor needs to know of its cells and, when it changed, the transfer table;
-//! gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside the
+//! A frame (see `passes`) writes one block of settings, what the compositor needs to know of its cells and, when it changed, the
+//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside the
 //! budget given at the start. Everything happens on the thread that calls.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::Atlas;
 use crate::error::GpuError;
 use crate::frame::frame_uniform;
-use crate::gathering::{Gathering, SharedBuffers, attachment, entry};
-use crate::memory::{MemoryNeeds, MemoryPlan, RaycastPlan, TIMESTAMP_BYTES};
+use crate::gathering::SharedBuffers;
+use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
+use crate::passes::Passes;
 use crate::pipelines::{Layouts, Pipelines, gather_of};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
@@ -19,7 +20,6 @@ use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::Gather;
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding, TransferTable};
 use std::time::Instant;
-use wgpu::BindingResource;
 
 /// How the samples of a frame are gathered. Both take the same samples and make the same picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,39 +52,81 @@ pub struct GpuOptions {
     pub levels: u32,
     /// No more slots than this, whatever the budget: the number of bricks there are. A slot costs its bytes from the start.
     pub max_slots: u32,
+    /// Allocations above this are refused as if by the device: for tests.
+    #[doc(hidden)]
+    pub refuse_above_bytes: u64,
 }
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        Self { preference: GpuPreference::Any, compositor: Compositor::default(), levels: 16, max_slots: u32::MAX }
+        let (preference, compositor) = Default::default();
+        Self { preference, compositor, levels: 16, max_slots: u32::MAX, refuse_above_bytes: u64::MAX }
     }
 }
 
 /// The GPU backend: an atlas of slots and a compositor that draws from them.
 #[derive(Debug)]
 pub struct GpuRenderer {
-    gpu: Gpu,
-    encoding: SlotEncoding,
-    edge: u32,
-    apron: u32,
-    max_size_px: (u32, u32),
+    pub(crate) gpu: Gpu,
+    pub(crate) recipe: Recipe,
     memory: MemoryPlan,
-    atlas: Atlas,
+    asked_bytes: u64,
+    pub(crate) atlas: Atlas,
     uploader: Uploader,
-    shared: SharedBuffers,
-    layouts: Layouts,
-    march: March,
+    pub(crate) shared: SharedBuffers,
+    pub(crate) layouts: Layouts,
+    pub(crate) march: March,
     /// By [`Gather`], made at first use.
-    pipelines: [Option<Pipelines>; 3],
-    targets: Option<Targets>,
+    pub(crate) pipelines: [Option<Pipelines>; 3],
+    pub(crate) targets: Option<Targets>,
+    /// Room for marks in the targets.
+    marks_bytes: u64,
     /// What the table buffer holds.
     table: Option<TransferTable>,
-    last_frame_ms: f64,
+    /// How the last frame's cells were entered.
+    pub(crate) entered: Option<Vec<f32>>,
+    pub(crate) last_frame_ms: f64,
+}
+
+/// What a renderer is made from, again after every loss of the device.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Recipe {
+    options: GpuOptions,
+    encoding: SlotEncoding,
+    edge: u32,
+    pub(crate) apron: u32,
+    budget_bytes: u64,
+    max_size_px: (u32, u32),
+}
+
+impl Recipe {
+    fn raycast(&self) -> Option<RaycastPlan> {
+        let levels = self.options.levels;
+        (self.options.compositor == Compositor::Raycast)
+            .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format))
+    }
+
+    /// How the budget is spent on this device.
+    fn plan(&self, gpu: &Gpu, max_slots: u32) -> Result<MemoryPlan, GpuError> {
+        let limit = gpu.report.max_texture_2d;
+        check_size(self.max_size_px, (limit, limit))?;
+        MemoryPlan::new(&MemoryNeeds {
+            formats: gpu.report.formats,
+            codes: self.encoding.format,
+            slot_edge: self.edge + 2 * self.apron,
+            budget_bytes: self.budget_bytes,
+            max_size_px: self.max_size_px,
+            max_texture_3d: gpu.report.max_texture_3d,
+            max_slots,
+            max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
+            raycast: self.raycast(),
+        })
+    }
 }
 
 /// A compositor and what it keeps.
 #[derive(Debug)]
-enum March {
+pub(crate) enum March {
     Sorted(Sorted),
     Raycast(Raycast),
 }
@@ -93,8 +135,11 @@ impl GpuRenderer {
     /// A renderer for bricks of `edge`^3 voxels with `apron` voxels around them and pictures up to `max_size_px` (width,
     /// height), that allocates at most `gpu_memory_bytes`.
     ///
+    /// The device may have less than the budget. Where it refuses an allocation there are half as many slots, again and
+    /// again, down to the least that works: see [`GpuRenderer::asked_bytes`].
+    ///
     /// # Errors
-    /// If there is no such adapter, the budget cannot hold a picture and two bricks, or the driver has less than the budget.
+    /// If there is no such adapter, the budget cannot hold a picture and two bricks, or the device refuses even those.
     pub fn new(
         options: &GpuOptions,
         encoding: SlotEncoding,
@@ -103,49 +148,76 @@ impl GpuRenderer {
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
-        let gpu = Gpu::open(options.preference)?;
-        let limit = gpu.report.max_texture_2d;
-        check_size(max_size_px, (limit, limit))?;
-        let raycast = match options.compositor {
-            Compositor::Sorted => None,
-            Compositor::Raycast => Some(RaycastPlan::new(edge, options.levels, encoding.format)),
-        };
-        let memory = MemoryPlan::new(&MemoryNeeds {
-            formats: gpu.report.formats,
-            codes: encoding.format,
-            slot_edge: edge + 2 * apron,
-            budget_bytes: gpu_memory_bytes,
-            max_size_px,
-            max_texture_3d: gpu.report.max_texture_3d,
-            max_slots: options.max_slots,
-            max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
-            raycast,
-        })?;
-        let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(encoding.format))?;
-        let shared = SharedBuffers::new(&gpu, (encoding.format.max_code() as u64 + 1) * 16)?;
-        let layouts = Layouts::new(&gpu, options.compositor);
-        let march = match raycast {
+        let budget_bytes = gpu_memory_bytes;
+        Self::make(Recipe { options: *options, encoding, edge, apron, budget_bytes, max_size_px })
+    }
+
+    fn make(recipe: Recipe) -> Result<Self, GpuError> {
+        let (mut asked_bytes, mut max_slots) = (None, recipe.options.max_slots);
+        loop {
+            let gpu = Gpu::open(recipe.options.preference, recipe.options.refuse_above_bytes)?;
+            let memory = recipe.plan(&gpu, max_slots)?;
+            let asked_bytes = *asked_bytes.get_or_insert(memory.bytes());
+            let slots = memory.atlas.slots();
+            match Self::allocate(gpu, recipe, memory, asked_bytes) {
+                // Some drivers lose the device over what they cannot give.
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) if slots > MIN_SLOTS => {
+                    max_slots = (slots / 2).max(MIN_SLOTS);
+                    tracing::warn!("{error}: trying with {max_slots} bricks instead of {slots}");
+                }
+                other => return other,
+            }
+        }
+    }
+
+    fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
+        let codes = recipe.encoding.format;
+        let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes))?;
+        let shared = SharedBuffers::new(&gpu, (codes.max_code() as u64 + 1) * 16)?;
+        let layouts = Layouts::new(&gpu, recipe.options.compositor);
+        let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
             Some(plan) => March::Raycast(Raycast::new(&gpu, &layouts.march, &shared, &atlas, plan)?),
         };
+        // The largest there will be: a frame is no time to find out that there is no room for them.
+        let marks_bytes = recipe.raycast().map_or(0, |plan| plan.marks_bytes(atlas.plan.slots()));
+        let targets = Some(Targets::new(&gpu, Gather::Composite, recipe.max_size_px, marks_bytes)?);
         gpu.check()?;
         Ok(Self {
-            encoding,
-            edge,
-            apron,
-            max_size_px,
+            recipe,
             memory,
+            asked_bytes,
             atlas,
-            uploader: Uploader::new(encoding.format, memory.batch),
+            uploader: Uploader::new(codes, memory.batch),
             shared,
             layouts,
             march,
             pipelines: [None, None, None],
-            targets: None,
+            targets,
+            marks_bytes,
             table: None,
+            entered: None,
             last_frame_ms: 0.0,
             gpu,
         })
+    }
+
+    /// Starts anew, from the choice of the adapter on, with empty slots: what is left to do when the device is lost. There may
+    /// be fewer slots than before.
+    ///
+    /// # Errors
+    /// As [`GpuRenderer::new`]; the renderer stays lost then.
+    pub fn renew(&mut self) -> Result<(), GpuError> {
+        // What the old device still holds must not stand beside the new one's.
+        self.gpu.destroy();
+        *self = Self::make(self.recipe)?;
+        Ok(())
+    }
+
+    /// Loses the device as a driver does, at a moment of its own choice: for tests.
+    #[doc(hidden)]
+    pub fn destroy_device(&self) {
+        self.gpu.device.destroy();
     }
 
     /// How many bricks fit.
@@ -156,6 +228,11 @@ impl GpuRenderer {
     /// Everything this renderer may hold on the GPU at once: atlas, targets, tables, staging, read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.memory.bytes()
+    }
+
+    /// What [`GpuRenderer::gpu_bytes`] would be, had the device not refused some of it.
+    pub fn asked_bytes(&self) -> u64 {
+        self.asked_bytes
     }
 
     /// Bytes of slot codes uploaded so far.
@@ -189,7 +266,7 @@ impl GpuRenderer {
     pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         self.uploader.check(&self.atlas, slot, codes)?;
         if let March::Raycast(raycast) = &mut self.march {
-            raycast.upload(&self.gpu, slot, codes, &self.encoding, self.apron);
+            raycast.upload(&self.gpu, slot, codes, &self.recipe.encoding, self.recipe.apron);
         }
         self.uploader.upload(&self.gpu, &self.atlas, slot, codes)
     }
@@ -199,70 +276,64 @@ impl GpuRenderer {
     /// # Errors
     /// If the picture is too large, the list or settings do not fit this renderer, or the device fails.
     pub fn render(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
+        let mut passes = self.passes(frame, pyramid)?;
+        passes.draw(draw)?;
+        passes.finish()
+    }
+
+    /// Begins a picture of several lists, each farther to the front than the last. Between them slots may be filled anew, so
+    /// that there is no limit to what a picture shows.
+    ///
+    /// # Errors
+    /// If the picture is too large, the settings do not fit this renderer, or the device fails.
+    pub fn passes<'a>(&'a mut self, frame: &'a FrameSettings, pyramid: &'a Pyramid) -> Result<Passes<'a>, GpuError> {
         let start = Instant::now();
         self.gpu.check()?;
-        self.check(frame, pyramid, draw)?;
+        self.check(frame, pyramid)?;
         let gather = gather_of(frame.mode);
         self.prepare(gather, frame)?;
         let uniform = frame_uniform(frame, pyramid, &self.atlas.plan);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        let (Some(targets), Some(pipelines)) = (&self.targets, &self.pipelines[gather as usize]) else {
-            return Err(GpuError::Refused("no target".to_string()));
-        };
-        let gathering = Gathering {
-            shared: &self.shared,
-            target: &targets.gathered,
-            pipeline: &pipelines.march,
-            size_px: (targets.width_px, targets.height_px),
-        };
-        let bricks = (&self.atlas.plan, self.apron);
-        match &self.march {
-            March::Sorted(sorted) => sorted.draw(&self.gpu, &gathering, pyramid, draw, bricks),
-            March::Raycast(raycast) => raycast.draw(&self.gpu, &gathering, frame, pyramid, draw, bricks)?,
-        }
-        let copied = self.resolve(targets, pipelines);
-        let (picture, ticks) = targets.read(&self.gpu, copied)?;
-        self.last_frame_ms = match self.shared.timestamps {
-            Some(_) => ticks[1].wrapping_sub(ticks[0]) as f64 * self.gpu.queue.get_timestamp_period() as f64 * 1e-6,
-            None => start.elapsed().as_secs_f64() * 1e3,
-        };
-        Ok(picture)
+        self.entered = None;
+        Ok(Passes { renderer: self, frame, pyramid, start, lists: 0, cells: 0 })
     }
 
-    fn check(&self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<(), GpuError> {
-        check_size((frame.rays.width, frame.rays.height), self.max_size_px)?;
-        if frame.encoding != self.encoding || pyramid.edge() != self.edge {
+    /// For each cell of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
+    /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
+    /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
+    pub fn visibility(&self) -> Option<&[f32]> {
+        self.entered.as_deref()
+    }
+
+    fn check(&self, frame: &FrameSettings, pyramid: &Pyramid) -> Result<(), GpuError> {
+        check_size((frame.rays.width, frame.rays.height), self.recipe.max_size_px)?;
+        if frame.encoding != self.recipe.encoding || pyramid.edge() != self.recipe.edge {
             return Err(GpuError::Mismatch(format!(
                 "frame of {:?} in bricks of {}: this renderer was made for {:?} in bricks of {}",
                 frame.encoding,
                 pyramid.edge(),
-                self.encoding,
-                self.edge
+                self.recipe.encoding,
+                self.recipe.edge
             )));
         }
-        let entries = self.encoding.format.max_code() as usize + 1;
+        let entries = self.recipe.encoding.format.max_code() as usize + 1;
         if frame.table.entries.len() != entries {
             let found = frame.table.entries.len();
             return Err(GpuError::Mismatch(format!("transfer table of {found} entries: expected {entries}")));
         }
-        match draw.cells.iter().find(|c| c.slot.0 >= self.slots()) {
-            Some(c) => {
-                Err(GpuError::Mismatch(format!("{} is drawn from slot {} of {}", c.brick, c.slot.0, self.slots())))
-            }
-            None => Ok(()),
-        }
+        Ok(())
     }
 
     /// Pipelines, targets and table for this frame.
     fn prepare(&mut self, gather: Gather, frame: &FrameSettings) -> Result<(), GpuError> {
         let (gpu, layouts, compositor) = (&self.gpu, &self.layouts, self.compositor());
         self.pipelines[gather as usize]
-            .get_or_insert_with(|| Pipelines::new(gpu, layouts, compositor, gather, self.encoding.has_invalid));
+            .get_or_insert_with(|| Pipelines::new(gpu, layouts, compositor, gather, self.recipe.encoding.has_invalid));
         let (width, height) = (frame.rays.width, frame.rays.height);
         if !matches!(&self.targets, Some(t) if (t.gather, t.width_px, t.height_px) == (gather, width, height)) {
             // The old ones go first: both together would pass the budget.
             self.targets = None;
-            self.targets = Some(Targets::new(gpu, gather, width, height)?);
+            self.targets = Some(Targets::new(gpu, gather, (width, height), self.marks_bytes)?);
         }
         if self.table.as_ref() != Some(&frame.table) {
             self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&frame.table.entries));
@@ -272,37 +343,6 @@ impl GpuRenderer {
             self.table = Some(frame.table.clone());
         }
         self.gpu.check()
-    }
-
-    /// The last submission: display colours, read-back copy, timestamps.
-    fn resolve(&self, targets: &Targets, pipelines: &Pipelines) -> wgpu::SubmissionIndex {
-        let bindings = self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("resolve"),
-            layout: &self.layouts.resolve,
-            entries: &[
-                entry(0, self.shared.frame.as_entire_binding()),
-                entry(4, self.shared.table.as_entire_binding()),
-                entry(5, BindingResource::TextureView(&targets.gathered)),
-            ],
-        });
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("resolve"),
-                color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
-                timestamp_writes: self.shared.timestamp_writes(None, Some(1)),
-                ..Default::default()
-            });
-            pass.set_pipeline(&pipelines.resolve);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.draw(0..3, 0..1);
-        }
-        targets.copy_back(&mut encoder);
-        if let Some((queries, ticks)) = &self.shared.timestamps {
-            encoder.resolve_query_set(queries, 0..2, ticks, 0);
-            encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
-        }
-        self.gpu.queue.submit([encoder.finish()])
     }
 }
 

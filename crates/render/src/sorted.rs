@@ -33,7 +33,8 @@ impl Sorted {
         Ok(Self { cells, bindings })
     }
 
-    /// Draws the cells in chunks, one submission each: short enough that no watchdog sees one as a hang.
+    /// Draws the cells in chunks, one submission each: short enough that no watchdog sees one as a hang. The
+    /// first list of a picture clears the target; the others come before what is there.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
@@ -41,13 +42,16 @@ impl Sorted {
         pyramid: &Pyramid,
         draw: &DrawList,
         (plan, apron): (&AtlasPlan, u32),
+        is_first: bool,
     ) {
         let chunks = draw.cells.len().div_ceil(CELLS_PER_SUBMISSION).max(1);
         for chunk in 0..chunks {
             let cells = draw.cells.chunks(CELLS_PER_SUBMISSION).nth(chunk).unwrap_or(&[]);
             let instances: Vec<_> = cells.iter().map(|c| cell_instance(c, pyramid, plan, apron)).collect();
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(&instances));
-            gathering.submit(gpu, &self.bindings, chunk == 0, |pass| pass.draw(0..14, 0..instances.len() as u32));
+            gathering.submit(gpu, &self.bindings, is_first && chunk == 0, |pass| {
+                pass.draw(0..14, 0..instances.len() as u32)
+            });
         }
     }
 }

@@ -17,12 +17,26 @@ pub(crate) struct Targets {
     pub(crate) gathered: wgpu::TextureView,
     pub(crate) display_view: wgpu::TextureView,
     display: wgpu::Texture,
-    /// Padded rows of RGBA, then two timestamps.
+    /// Padded rows of RGBA, two timestamps, and bricks' marks.
     pub(crate) read_back: wgpu::Buffer,
 }
 
+/// What comes back of a frame.
+#[derive(Debug)]
+pub(crate) struct Found {
+    pub(crate) picture: Picture,
+    pub(crate) ticks: [u64; 2],
+    pub(crate) marks: Vec<u32>,
+}
+
 impl Targets {
-    pub(crate) fn new(gpu: &Gpu, gather: Gather, width_px: u32, height_px: u32) -> Result<Self, GpuError> {
+    /// Targets for pictures of this size, with room for `marks_bytes` of marks.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        gather: Gather,
+        (width_px, height_px): (u32, u32),
+        marks_bytes: u64,
+    ) -> Result<Self, GpuError> {
         let size = Extent3d { width: width_px, height: height_px, depth_or_array_layers: 1 };
         let texture = |device: &wgpu::Device, format: TextureFormat, usage| {
             device.create_texture(&wgpu::TextureDescriptor {
@@ -38,14 +52,14 @@ impl Targets {
         };
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
-        gpu.allocate("the picture's targets", pixels * 20 + rows_bytes, |device| {
+        gpu.allocate("the picture's targets", pixels * 20 + rows_bytes + marks_bytes, |device| {
             let format = gather_format(gather, &gpu.report.formats);
             let gathered = texture(device, format, TextureUsages::TEXTURE_BINDING).create_view(&Default::default());
             let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC);
             let display_view = display.create_view(&Default::default());
             let read_back = device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("read-back"),
-                size: rows_bytes + TIMESTAMP_BYTES,
+                size: rows_bytes + TIMESTAMP_BYTES + marks_bytes,
                 usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
                 mapped_at_creation: false,
             });
@@ -56,6 +70,11 @@ impl Targets {
     /// Where the timestamps lie in the read-back buffer.
     pub(crate) fn timestamps_offset(&self) -> u64 {
         read_back_row_bytes(self.width_px) * self.height_px as u64
+    }
+
+    /// Where the marks lie in it.
+    pub(crate) fn marks_offset(&self) -> u64 {
+        self.timestamps_offset() + TIMESTAMP_BYTES
     }
 
     /// Queues the copy of the display picture into the read-back buffer.
@@ -70,8 +89,8 @@ impl Targets {
         encoder.copy_texture_to_buffer(self.display.as_image_copy(), destination, size);
     }
 
-    /// Waits for the submission that copied, and takes the picture and the two timestamps.
-    pub(crate) fn read(&self, gpu: &Gpu, copied: wgpu::SubmissionIndex) -> Result<(Picture, [u64; 2]), GpuError> {
+    /// Waits for the submission that copied, and takes the picture, the two timestamps and so many marks.
+    pub(crate) fn read(&self, gpu: &Gpu, copied: wgpu::SubmissionIndex, marks: usize) -> Result<Found, GpuError> {
         let (send, receive) = std::sync::mpsc::channel();
         self.read_back.map_async(wgpu::MapMode::Read, .., move |mapped| {
             // The receiver lives until the end of this function; if it is gone, no one waits for the answer.
@@ -81,15 +100,17 @@ impl Targets {
         let refused = |e: &dyn std::fmt::Display| GpuError::Refused(format!("reading the picture back: {e}"));
         receive.try_recv().map_err(|e| refused(&e))?.map_err(|e| refused(&e))?;
         let bytes = self.read_back.get_mapped_range(..).map_err(|e| refused(&e))?;
-        let (rows, timestamps) = bytes.split_at(self.timestamps_offset() as usize);
+        let (rows, rest) = bytes.split_at(self.timestamps_offset() as usize);
+        let (timestamps, rest) = rest.split_at(TIMESTAMP_BYTES as usize);
         let rgb = rows
             .chunks_exact(read_back_row_bytes(self.width_px) as usize)
             .flat_map(|row| row[..self.width_px as usize * 4].chunks_exact(4).map(|p| [p[0], p[1], p[2]]))
             .collect();
         let tick = |i: usize| bytemuck::pod_read_unaligned(&timestamps[i * 8..i * 8 + 8]);
         let ticks = [tick(0), tick(1)];
+        let marks = bytemuck::pod_collect_to_vec(&rest[..marks * size_of::<u32>()]);
         drop(bytes);
         self.read_back.unmap();
-        Ok((Picture { width: self.width_px, height: self.height_px, rgb }, ticks))
+        Ok(Found { picture: Picture { width: self.width_px, height: self.height_px, rgb }, ticks, marks })
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A page table of all bricks would grow with the volume; this grows with the cut. It holds one word per node in groups of
 //! eight children, 32 bytes for each node that is split, and is built anew for every frame: about 50 ns per cell and level.
-//! Cells whose brick can show nothing under the frame's table are left out here, by the range of codes of the whole brick.
+//! In projections, cells whose brick can show nothing are left out here, by the range of codes of the whole brick. In direct
+//! volume rendering they stay in, so that rays can say that they came by.
 
 use crate::atlas::AtlasPlan;
 use crate::frame::texel_placement;
@@ -22,10 +23,10 @@ pub(crate) struct Visibility<'a> {
 }
 
 impl Visibility<'_> {
-    /// Whether samples with codes in the range can change a pixel.
+    /// Whether the brick is worth a leaf.
     fn any(&self, [low, high]: [u16; 2]) -> bool {
         match self.mode {
-            Mode::Dvr => self.opaque.any([low, high]),
+            Mode::Dvr => true,
             Mode::Mip | Mode::MinIp | Mode::Average => low <= high,
         }
     }
@@ -259,7 +260,7 @@ mod tests {
             let tree = Tree::new(&pyramid, &list, &Visibility { mode, has_invalid, opaque: &opaque }, &slots);
             tree.bricks.iter().rev().map(|b| b.first_range).collect::<Vec<_>>()
         };
-        assert_eq!(firsts(Mode::Dvr, false), [4, 8, NO_RANGES, 16, NO_RANGES]);
+        assert_eq!(firsts(Mode::Dvr, false), [0, 4, 8, NO_RANGES, 16, 20, 24, NO_RANGES]);
         assert_eq!(firsts(Mode::Mip, false), [0, 4, 8, 12, 16, 20, 28]);
         assert_eq!(firsts(Mode::Average, false), [NO_RANGES; 7]);
         assert_eq!(firsts(Mode::Average, true), [0, 4, 8, 12, 16, 20, 28]);

@@ -348,3 +348,87 @@ fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     let Err(GpuError::Budget { least_bytes, .. }) = new(1 << 20) else { panic!("1 MiB is not enough") };
     assert_eq!(new(least_bytes), Ok(()));
 }
+
+/// Until it fits there are half as many slots, again and again; what is left makes the same picture.
+#[test]
+fn refused_memory_ends_in_fewer_slots() {
+    let bricks = Bricks::new([30, 30, 30], 8, uneven(), u8_codes(), waves(255.0));
+    let rays = views(&bricks)[0].1;
+    let frame = bricks.settings(rays, Mode::Dvr, &tinted(0.0, 255.0), Lattice::uniform(0.7, 0));
+    for mut ample in bricks.renderers() {
+        let compositor = ample.compositor();
+        let new = |refuse_above_bytes| {
+            let options = GpuOptions { compositor, max_slots: 2000, refuse_above_bytes, ..Default::default() };
+            GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64))
+        };
+        // 2000 slots of 10^3 texels of 1 or 2 bytes; of 500 one texture takes half a megabyte or one.
+        let whole = new(u64::MAX).unwrap();
+        assert_eq!((whole.slots(), whole.asked_bytes()), (2000, whole.gpu_bytes()));
+        let mut less = new(1 << 20).unwrap();
+        assert!((250..1050).contains(&less.slots()), "{compositor:?}: {} slots", less.slots());
+        assert!(less.gpu_bytes() < whole.gpu_bytes() && less.asked_bytes() == whole.gpu_bytes());
+        let pictures = [&mut ample, &mut less].map(|renderer| {
+            let list = bricks.draw(renderer, &rays, &all_fine, &own);
+            renderer.render(&frame, &bricks.pyramid, &list).unwrap()
+        });
+        assert_eq!(pictures[0], pictures[1], "{compositor:?}");
+        // Even the least atlas is too much here.
+        assert!(matches!(new(1000), Err(GpuError::OutOfMemory { .. })), "{compositor:?}");
+    }
+}
+
+/// What each cell of an orthographic view along x was entered with, in layers of bricks from the eye on.
+fn layers(
+    bricks: &Bricks,
+    renderer: &mut GpuRenderer,
+    transfer: &TransferFunction,
+    mode: Mode,
+) -> Option<Vec<Vec<f32>>> {
+    let world = |x: f64, y: f64, z: f64| bricks.geometry.world_from_voxel(DVec3::new(x, y, z));
+    let camera = look(world(-9.0, 8.0, 8.0), world(40.0, 8.0, 8.0), 1.0);
+    let rays = Camera { projection: Projection::Orthographic { height: 40.0 }, ..camera }.rays(77, 61).unwrap();
+    let frame = bricks.settings(rays, mode, transfer, Lattice::uniform(0.5, 0));
+    let list = bricks.draw(renderer, &rays, &all_fine, &own);
+    renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+    let visibility = renderer.visibility()?;
+    assert_eq!(visibility.len(), list.cells.len());
+    let mut layers = vec![Vec::new(); 5];
+    for (cell, entered) in list.cells.iter().zip(visibility) {
+        layers[cell.cell.index.x as usize].push(*entered);
+    }
+    Some(layers)
+}
+
+#[test]
+fn rays_say_with_what_they_entered_cells() {
+    // Along x, bricks of: nothing, thin, nothing, opaque, opaque. Thin leaves half of the light in 8 voxels.
+    let codes = [0.0, 100.0, 0.0, 200.0, 200.0];
+    let bricks = Bricks::new([40, 16, 16], 8, Geometry::default(), u8_codes(), |[x, ..]| codes[x as usize / 8]);
+    let half = 1.0 - 0.5f64.powf(1.0 / 8.0);
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 1.0, 1.0]],
+        opacity: vec![[99.0, 0.0], [99.5, half], [100.5, half], [101.0, 0.0], [199.0, 0.0], [199.5, 1.0]],
+        unit_distance: 1.0,
+    };
+    let nothing = TransferFunction { opacity: vec![[0.0, 0.0]], ..transfer.clone() };
+    for mut renderer in bricks.renderers() {
+        let marks = renderer.adapter().feedback && renderer.compositor() == brickyard_render::Compositor::Raycast;
+        let found = layers(&bricks, &mut renderer, &transfer, Mode::Dvr);
+        let Some(found) = found else {
+            assert!(!marks, "{:?}", renderer.compositor());
+            continue;
+        };
+        // The thin medium reaches from its first voxel's centre to its last one's, for the values between are not seen.
+        let left = 0.5f32.powf(7.0 / 8.0);
+        for (x, expected) in [1.0, 1.0, left, left, 0.0].into_iter().enumerate() {
+            assert_eq!(found[x].len(), 4);
+            // Rounded up to a step of the scale; a power in f32 is good to a ten-thousandth.
+            let close = |&entered: &f32| (-1e-4..1.0 / 255.0 + 1e-4).contains(&(entered - expected));
+            assert!(found[x].iter().all(close), "layer {x}: {found:?}");
+        }
+        // Where nothing shows, rays come by everywhere; and nothing is left of the picture before.
+        assert_eq!(layers(&bricks, &mut renderer, &nothing, Mode::Dvr), Some(vec![vec![1.0; 4]; 5]));
+        assert_eq!(layers(&bricks, &mut renderer, &transfer, Mode::Dvr), Some(found));
+        assert_eq!(layers(&bricks, &mut renderer, &transfer, Mode::Mip), None);
+    }
+}

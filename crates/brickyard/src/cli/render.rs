@@ -132,6 +132,7 @@ fn run_streaming(
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
     stats.adapter = session.backend_line().to_string();
     stats.backend = session.backend().name();
+    stats.gpu_bytes_asked = session.backend().asked_bytes();
     stats.compositor = session.backend().compositor();
     eprintln!("backend: {} ({}), {} slots", session.backend_line(), stats.compositor, session.backend().slots());
     let mut frame_ms = Vec::new();
@@ -270,7 +271,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
             | BackendError::Cpu(SoftwareError::Budget { .. })
             | BackendError::CpuSorted,
         ) => Failure::usage(error),
-        SessionError::Pager(_) | SessionError::Backend(_) => Failure::failed(error),
+        SessionError::Pager(_) | SessionError::Backend(_) | SessionError::LostAgain { .. } => Failure::failed(error),
     }
 }
 

@@ -1,0 +1,151 @@
+//! One picture in the making: lists of cells gathered one after the other into the same target, then display colours of it, and
+//! the way back to the CPU.
+
+use crate::error::GpuError;
+use crate::gathering::{Gathering, attachment, entry};
+use crate::memory::TIMESTAMP_BYTES;
+use crate::pipelines::{Pipelines, gather_of};
+use crate::raycast::Raycast;
+use crate::renderer::{GpuRenderer, March};
+use crate::targets::{Found, Targets};
+use brickyard_pager::{DrawList, Slot};
+use brickyard_shaders::{Gather, MARK_STEPS};
+use brickyard_volume::{FrameSettings, Picture, Pyramid};
+use std::time::Instant;
+use wgpu::BindingResource;
+
+/// A picture that has been begun: see [`GpuRenderer::passes`].
+#[derive(Debug)]
+pub struct Passes<'a> {
+    pub(crate) renderer: &'a mut GpuRenderer,
+    pub(crate) frame: &'a FrameSettings,
+    pub(crate) pyramid: &'a Pyramid,
+    pub(crate) start: Instant,
+    /// Lists drawn so far, and the cells of the last.
+    pub(crate) lists: u32,
+    pub(crate) cells: usize,
+}
+
+impl Passes<'_> {
+    /// Fills a slot, as [`GpuRenderer::upload`]. Lists drawn before still show what was there.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
+        self.renderer.upload(slot, codes)
+    }
+
+    /// Draws a list before those drawn so far.
+    ///
+    /// # Errors
+    /// If it does not fit the renderer, the device fails, or the compositor takes only one list: `raycast` follows rays from
+    /// front to back.
+    pub fn draw(&mut self, draw: &DrawList) -> Result<(), GpuError> {
+        let renderer = &*self.renderer;
+        if let Some(c) = draw.cells.iter().find(|c| c.slot.0 >= renderer.slots()) {
+            let problem = format!("{} is drawn from slot {} of {}", c.brick, c.slot.0, renderer.slots());
+            return Err(GpuError::Mismatch(problem));
+        }
+        let (targets, pipelines) = self.target()?;
+        let gathering = Gathering {
+            shared: &renderer.shared,
+            target: &targets.gathered,
+            pipeline: &pipelines.march,
+            size_px: (targets.width_px, targets.height_px),
+        };
+        let is_first = self.lists == 0;
+        let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.apron));
+        match &renderer.march {
+            March::Sorted(sorted) => sorted.draw(gpu, &gathering, self.pyramid, draw, bricks, is_first),
+            March::Raycast(raycast) if is_first => {
+                raycast.draw(gpu, &gathering, self.frame, self.pyramid, draw, bricks)?;
+            }
+            March::Raycast(_) => {
+                return Err(GpuError::Mismatch("the raycast compositor draws a picture from a single list".into()));
+            }
+        }
+        self.lists += 1;
+        self.cells = draw.cells.len();
+        Ok(())
+    }
+
+    /// The picture; that of no list is the background.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn finish(mut self) -> Result<Picture, GpuError> {
+        if self.lists == 0 {
+            self.draw(&DrawList::default())?;
+        }
+        let marked = self.marked();
+        let (targets, pipelines) = self.target()?;
+        let copied = self.resolve(targets, pipelines, marked);
+        let count = marked.map_or(0, |_| self.cells);
+        let Found { picture, ticks, marks } = targets.read(&self.renderer.gpu, copied, count)?;
+        // Bricks are numbered from front to back, cells from back to front.
+        let transmittance = |&steps: &u32| steps as f32 / MARK_STEPS as f32;
+        let entered = marked.map(|_| marks.iter().rev().map(transmittance).collect());
+        let renderer = self.renderer;
+        renderer.entered = entered;
+        renderer.last_frame_ms = match renderer.shared.timestamps {
+            Some(_) => {
+                let period_ns = renderer.gpu.queue.get_timestamp_period() as f64;
+                ticks[1].wrapping_sub(ticks[0]) as f64 * period_ns * 1e-6
+            }
+            None => self.start.elapsed().as_secs_f64() * 1e3,
+        };
+        Ok(picture)
+    }
+
+    /// What the picture is drawn into, and with what; both made before.
+    fn target(&self) -> Result<(&Targets, &Pipelines), GpuError> {
+        match (&self.renderer.targets, &self.renderer.pipelines[gather_of(self.frame.mode) as usize]) {
+            (Some(targets), Some(pipelines)) => Ok((targets, pipelines)),
+            _ => Err(GpuError::Refused("no target".to_string())),
+        }
+    }
+
+    /// The compositor, if it marks bricks in this frame.
+    fn marked(&self) -> Option<&Raycast> {
+        let marks = gather_of(self.frame.mode) == Gather::Composite && self.renderer.gpu.report.feedback;
+        match &self.renderer.march {
+            March::Raycast(raycast) if marks => Some(raycast),
+            _ => None,
+        }
+    }
+
+    /// The last submission: display colours, read-back copy, timestamps.
+    fn resolve(&self, targets: &Targets, pipelines: &Pipelines, marked: Option<&Raycast>) -> wgpu::SubmissionIndex {
+        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("resolve"),
+            layout: &layouts.resolve,
+            entries: &[
+                entry(0, shared.frame.as_entire_binding()),
+                entry(4, shared.table.as_entire_binding()),
+                entry(5, BindingResource::TextureView(&targets.gathered)),
+            ],
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("resolve"),
+                color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
+                timestamp_writes: shared.timestamp_writes(None, Some(1)),
+                ..Default::default()
+            });
+            pass.set_pipeline(&pipelines.resolve);
+            pass.set_bind_group(0, &bindings, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        targets.copy_back(&mut encoder);
+        if let Some(raycast) = marked {
+            raycast.take_marks(&mut encoder, self.cells, targets);
+        }
+        if let Some((queries, ticks)) = &shared.timestamps {
+            encoder.resolve_query_set(queries, 0..2, ticks, 0);
+            encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
+        }
+        gpu.queue.submit([encoder.finish()])
+    }
+}

@@ -1,0 +1,142 @@
+//! What breaks in mid-flight: the GPU's device, and the files of an open store.
+
+use brickyard::backend::{Backend, BackendChoice, CompositorChoice};
+use brickyard::session::{Session, SessionError};
+use brickyard::volume::{BrickId, BrickIndex, Extent, Geometry, Level, LevelPolicy, Scene, TransferFunction};
+use brickyard_tests::{FunctionSource, TestStore, WAYS, assert_same, session, session_within, settled};
+use std::fs::{OpenOptions, remove_file};
+use std::ops::RangeInclusive;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+const SIZE: (u32, u32) = (64, 48);
+
+/// One test at a time: lavapipe (Mesa 22.3) was seen to take minutes for a device while another was being destroyed.
+static TURN: Mutex<()> = Mutex::new(());
+
+fn turn() -> MutexGuard<'static, ()> {
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+const COMPOSITORS: [CompositorChoice; 2] = [CompositorChoice::Sorted, CompositorChoice::Raycast];
+
+/// 64^3 voxels in bricks of 16^3, of which 3 MiB hold a part.
+fn waves() -> TestStore {
+    let extent = Extent::new(64, 64, 64);
+    TestStore::pack(&FunctionSource::new(extent, Geometry::default(), |_, _, [x, y, z]| (x ^ y ^ z) as u8 * 4), 16)
+}
+
+fn destroy_device(session: &Session) {
+    let Backend::Gpu(renderer) = session.backend() else { panic!("this is about GPUs") };
+    renderer.destroy_device();
+}
+
+#[test]
+fn a_lost_device_is_started_anew_with_the_same_picture() {
+    let _turn = turn();
+    let store = waves();
+    for compositor in COMPOSITORS {
+        for mebibytes in [3, 64] {
+            let way = (BackendChoice::Gpu, compositor);
+            let Some(mut session) = session_within(&store.store, way, SIZE, mebibytes << 20, 16 << 20) else { return };
+            let scene = Scene::default();
+            let (before, _) = settled(&mut session, &scene, SIZE);
+            assert!(before.rgb.iter().any(|p| *p != before.rgb[0]), "a flat picture proves nothing");
+            let resolved = session.resolve(&scene, SIZE).expect("it was resolved before");
+
+            // Found out by drawing, by uploading what a new view wants, and by drawing in a new size.
+            destroy_device(&session);
+            assert_eq!(session.draw(&resolved.frame).expect("drawn anew"), before, "{way:?}");
+            destroy_device(&session);
+            let aside = Scene { channel: 0, pixel_error: 0.5, ..scene.clone() };
+            let (_, stats) = settled(&mut session, &aside, SIZE);
+            assert_eq!(stats.device_losses, 2, "{way:?}: {stats:?}");
+            destroy_device(&session);
+            settled(&mut session, &aside, (32, 32));
+            assert_eq!(session.device_losses(), 3);
+
+            let (after, stats) = settled(&mut session, &scene, SIZE);
+            assert_eq!(after, before, "{way:?} within {mebibytes} MiB");
+            assert!(stats.gpu_bytes_peak <= mebibytes << 20 && stats.bricks.failed == 0, "{stats:?}");
+        }
+    }
+}
+
+#[test]
+fn a_device_that_is_always_lost_is_an_error() {
+    let _turn = turn();
+    let store = waves();
+    for compositor in COMPOSITORS {
+        let Some(mut session) =
+            session_within(&store.store, (BackendChoice::Gpu, compositor), SIZE, 64 << 20, 16 << 20)
+        else {
+            return;
+        };
+        let scene = session.resolve(&Scene::default(), SIZE).expect("the scene is possible");
+        // Uploads go out in batches, so not every step finds the device gone.
+        let error = (0..1000).find_map(|_| {
+            destroy_device(&session);
+            session.wait(Duration::from_millis(5));
+            session.step(&scene.view).err()
+        });
+        let error = error.expect("four losses without a picture");
+        assert!(matches!(error, SessionError::LostAgain { times: 4, .. }), "{error}");
+        assert!(error.to_string().contains("lost") && error.to_string().contains("--backend cpu"), "{error}");
+    }
+}
+
+/// What it is called, whether the shard is open, how many of its 64 bricks it costs, and how it is done.
+type Harm<'a> = (&'a str, bool, RangeInclusive<u64>, &'a dyn Fn(&Path));
+
+/// One shard of eight is harmed while the store is open, before or after the shard itself was opened: the picture has no
+/// hole, and the bricks that could not be read are counted.
+#[test]
+fn files_that_change_under_an_open_store_are_drawn_around() {
+    let _turn = turn();
+    let truncate = |path: &Path, bytes| OpenOptions::new().write(true).open(path).and_then(|file| file.set_len(bytes));
+    let harms: [Harm<'_>; 5] = [
+        ("halved", true, 2..=64, &|path| {
+            truncate(path, path.metadata().expect("it is there").len() / 2).expect("it is ours");
+        }),
+        ("emptied", true, 64..=64, &|path| truncate(path, 0).expect("it is ours")),
+        ("one byte changed", true, 1..=1, &|path| {
+            let file = OpenOptions::new().read(true).write(true).open(path).expect("it is there");
+            let mut byte = [0];
+            file.read_exact_at(&mut byte, 99).expect("a hundredth byte");
+            file.write_all_at(&[!byte[0]], 99).expect("it is ours");
+        }),
+        // What is mapped stays.
+        ("removed", true, 0..=0, &|path| remove_file(path).expect("it is there")),
+        ("removed before it was opened", false, 64..=64, &|path| remove_file(path).expect("it is there")),
+    ];
+    let extent = Extent::new(128, 128, 128);
+    let noise = |_, _, [x, y, z]: [u32; 3]| (x ^ y.wrapping_mul(31) ^ z.wrapping_mul(57)) as u8 | 1;
+    // One colour, opaque, whatever the value: a hole would show the background, and no level differs from another.
+    let transfer =
+        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, 1.0]], unit_distance: 0.1 };
+    let scene = |level| Scene {
+        transfer: Some(transfer.clone()),
+        background: [0.0, 0.0, 1.0],
+        level: LevelPolicy::Locked(level),
+        ..Scene::default()
+    };
+    for (what, is_open, failed, harm) in harms {
+        for way in WAYS {
+            let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), noise), 16);
+            let Some(mut session) = session(&test.store, way, SIZE) else { continue };
+            let (before, _) = settled(&mut session, &scene(1), SIZE);
+            let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(0, 0, 0) };
+            if is_open {
+                assert!(test.store.is_stored(id).expect("the shard is whole"));
+            }
+            harm(&test.store.layout().shard_path(&test.path(), test.store.layout().shard_of(id).0));
+            let (after, stats) = settled(&mut session, &scene(0), SIZE);
+            assert_same(&after, &before, &format!("{what}, {way:?}"));
+            assert!(failed.contains(&stats.bricks.failed), "{what}, {way:?}: {stats:?}");
+            assert_eq!(stats.bricks.resident + stats.bricks.failed, stats.bricks.wanted, "{what}, {way:?}: {stats:?}");
+            assert_eq!(stats.completeness < 1.0, stats.bricks.failed > 0, "{what}, {way:?}: {stats:?}");
+        }
+    }
+}
