@@ -2,7 +2,7 @@
 //! renderer; every step moves bricks towards what the view wants; a picture can be drawn at any moment.
 
 use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
-use brickyard_pager::{BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Status, View};
+use brickyard_pager::{BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, View};
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Mode, Picture, Scene, SlotEncoding, TransferFunction,
@@ -105,6 +105,7 @@ impl Session {
             apron: needs.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
+            planning: Planning::Inline,
             upload_bytes_per_frame: None,
         };
         let pager = Pager::new(source.clone(), config)?;

@@ -4,6 +4,7 @@
 //! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
+use crate::planner::Planning;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What a pager may use.
@@ -17,6 +18,8 @@ pub struct PagerConfig {
     pub host_bytes: u64,
     /// Decoding threads; fewer are started where the host budget cannot feed them.
     pub workers: u32,
+    /// Where cuts are made.
+    pub planning: Planning,
     /// Limit for one frame's uploads, of which there is always at least one; `None` is no limit (rendering offline).
     pub upload_bytes_per_frame: Option<u64>,
 }
@@ -52,8 +55,8 @@ pub enum PagerError {
         /// The bricks' edge.
         edge: u32,
     },
-    /// A worker thread could not be started.
-    #[error("cannot start a worker thread: {0}")]
+    /// A thread could not be started.
+    #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
 }
 

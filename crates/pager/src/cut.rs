@@ -1,20 +1,16 @@
-//! The cut: the set of octree cells a view wants, disjoint and covering all of the volume that is in the frustum and not
-//! empty under the transfer function.
+//! The cut: an octree cut of the whole volume, disjoint and covering, as fine as a view wants it.
 //!
-//! A max-heap of cells by screen-space error starts from the coarsest level; the worst cell is popped and replaced by its
-//! visible children while its error is above the target and the cut still fits. Splits happen in one order that does not
-//! depend on the budget (ties break by brick id), and the first split that does not fit ends the work. So a larger
-//! budget makes the same splits and then more: no cell is ever coarser for having more slots. The cells stay in one arena
-//! as a tree, parents before children, which later steps walk in linear passes. Pure: no residency, no I/O.
+//! What is in the frustum and not empty under the transfer function is split until its screen-space error is below the
+//! target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for what another camera
+//! sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see [`Sight`](crate::sight::Sight)).
 //!
-//! Cost: 0.2 to 0.4 µs a cell (4,000 cells of a 4096^3 volume in 0.7 ms on one core), whatever the volume's size.
+//! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
+//! it in linear passes. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.
 
-use crate::order;
 use crate::source::BrickSource;
-use brickyard_volume::{BrickId, BrickIndex, Frustum, Level, LevelPolicy, Occupancy, ViewRays};
+use crate::split;
+use brickyard_volume::{BrickId, BrickIndex, Level, LevelPolicy, Occupancy, ViewRays};
 use glam::DVec3;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
 /// What is to be shown: everything besides the data that decides a cut.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +29,18 @@ pub struct View {
     pub channel: u32,
 }
 
-/// Cells the cut may have, pinned roots included, given this many slots: nine tenths, so that there is room to bring in the
+impl View {
+    /// Whether a brick is not empty.
+    pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId) -> bool {
+        self.opaque.is_none_or(|mask| source.occupancy(id).meets(mask))
+    }
+
+    pub(crate) fn id(&self, level: Level, index: BrickIndex) -> BrickId {
+        BrickId { time: self.time, channel: self.channel, level, index }
+    }
+}
+
+/// Cells the cut may want, pinned roots included, given this many slots: nine tenths, so that there is room to bring in the
 /// next brick before the last goes, but always room for the roots.
 pub fn cut_capacity(slots: u32, roots: usize) -> usize {
     (slots as usize * 9 / 10).max(roots)
@@ -44,14 +51,17 @@ pub fn cut_capacity(slots: u32, roots: usize) -> usize {
 pub(crate) struct Node {
     pub(crate) level: Level,
     pub(crate) index: BrickIndex,
+    /// Corners in the world.
+    pub(crate) low: DVec3,
+    pub(crate) high: DVec3,
     pub(crate) error_px: f64,
     /// Position of the parent; the node's own position for a root.
     pub(crate) parent: u32,
-    /// Position of the first child: the children are contiguous. [`LEAF`] for a cell of the cut.
+    /// Position of the first child. [`LEAF`] for a cell of the cut.
     pub(crate) first_child: u32,
-    pub(crate) children: u32,
-    /// Share of the picture, in arbitrary but common units; only of cells.
-    pub(crate) screen_area: f64,
+    pub(crate) children: u8,
+    /// In the frustum and not empty.
+    pub(crate) is_visible: bool,
 }
 
 pub(crate) const LEAF: u32 = u32::MAX;
@@ -60,41 +70,47 @@ impl Node {
     pub(crate) fn is_cell(&self) -> bool {
         self.first_child == LEAF
     }
+
+    pub(crate) fn is_wanted(&self) -> bool {
+        self.is_cell() && self.is_visible
+    }
 }
 
-/// The cells that a view wants.
+/// The cells that a view wants, among cells that cover the rest.
 #[derive(Clone, Debug)]
 pub struct Cut {
-    time: u32,
-    channel: u32,
+    pub(crate) view: View,
     pub(crate) nodes: Vec<Node>,
-    /// Positions of the cells in `nodes`, back to front.
-    pub(crate) cells: Vec<u32>,
-    effective_error_px: f64,
-    memory_bound: bool,
+    /// Number of roots: the first nodes.
+    pub(crate) roots: usize,
+    pub(crate) wanted: usize,
+    pub(crate) effective_error_px: f64,
+    pub(crate) memory_bound: bool,
 }
 
 impl Cut {
-    /// The cut of `source` for `view` with at most `max_cells` cells, all bricks of the coarsest level always counted
+    /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
     /// (they are pinned, so they hold their slots whether they are in the cut or not).
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        let mut build = Build::new(source, view);
-        let (effective_error_px, memory_bound) = build.split_all(max_cells);
-        let Build { mut nodes, .. } = build;
-        for node in nodes.iter_mut().filter(|n| n.is_cell()) {
-            let (low, high) = world_box(source, node.level, node.index);
-            node.screen_area = screen_area(&view.rays, low, high);
-        }
-        let cells = order::back_to_front(source.pyramid(), source.geometry(), &view.rays, &nodes);
-        Self { time: view.time, channel: view.channel, nodes, cells, effective_error_px, memory_bound }
+        split::cut(source, view, max_cells, None)
     }
 
-    /// The cells, back to front.
-    pub fn cells(&self) -> impl ExactSizeIterator<Item = BrickId> {
-        self.cells.iter().map(|&i| self.id(i))
+    /// The same for a view that follows this cut's: cells near the threshold stay as they are.
+    pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
+        split::cut(source, view, max_cells, Some(self))
     }
 
-    /// The largest screen-space error among cells that a finer level could still improve, in pixels; 0 where all cells are
+    /// The cells that the view wants: those in its frustum that are not empty. In no particular order.
+    pub fn cells(&self) -> impl Iterator<Item = BrickId> {
+        self.nodes.iter().filter(|node| node.is_wanted()).map(|node| self.view.id(node.level, node.index))
+    }
+
+    /// The number of cells that the view wants.
+    pub fn wanted(&self) -> usize {
+        self.wanted
+    }
+
+    /// The largest screen-space error among wanted cells that a finer level could still improve, in pixels; 0 where all are
     /// at the finest level, infinite where the eye is inside such a cell.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
@@ -105,9 +121,26 @@ impl Cut {
         self.memory_bound
     }
 
-    pub(crate) fn id(&self, node: u32) -> BrickId {
-        let Node { level, index, .. } = self.nodes[node as usize];
-        BrickId { time: self.time, channel: self.channel, level, index }
+    /// The same cells at another time step or channel. A guess at what the view wants there.
+    pub(crate) fn at(&self, source: &dyn BrickSource, time: u32, channel: u32) -> Self {
+        let mut cut = Self { view: View { time, channel, ..self.view.clone() }, ..self.clone() };
+        let frustum = cut.view.rays.frustum();
+        for node in &mut cut.nodes {
+            let id = cut.view.id(node.level, node.index);
+            node.is_visible = frustum.meets_box(node.low, node.high) && cut.view.shows(source, id);
+        }
+        cut.wanted = cut.wanted_cells().count();
+        cut
+    }
+
+    /// Positions of the wanted cells, coarse first.
+    pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = u32> {
+        self.nodes.iter().zip(0..).filter(|(node, _)| node.is_wanted()).map(|(_, position)| position)
+    }
+
+    pub(crate) fn id(&self, position: u32) -> BrickId {
+        let Node { level, index, .. } = self.nodes[position as usize];
+        self.view.id(level, index)
     }
 }
 
@@ -122,165 +155,9 @@ pub(crate) fn roots(source: &dyn BrickSource, time: u32, channel: u32) -> Vec<Br
     (0..grid.volume()).map(|i| BrickId { time, channel, level, index: index(i) }).collect()
 }
 
-fn world_box(source: &dyn BrickSource, level: Level, index: BrickIndex) -> (DVec3, DVec3) {
+/// Corners of a brick's box in the world.
+pub(crate) fn world_box(source: &dyn BrickSource, level: Level, index: BrickIndex) -> (DVec3, DVec3) {
     let cell = source.pyramid().brick_box_voxel(level, index);
     let corner = |v: [u32; 3]| source.geometry().world_from_voxel(DVec3::from_array(v.map(f64::from)));
     (corner(cell.min.to_array()), corner(cell.max.to_array()))
-}
-
-/// A box's silhouette: pixels times a constant.
-fn screen_area(rays: &ViewRays, low: DVec3, high: DVec3) -> f64 {
-    let size = high - low;
-    let faces = DVec3::new(size.y * size.z, size.z * size.x, size.x * size.y);
-    if rays.orthographic {
-        return rays.forward.abs().dot(faces);
-    }
-    let to_centre = (low + high) * 0.5 - rays.eye;
-    // Nearer than its own radius the box fills the picture; the clamp keeps that finite.
-    let distance = to_centre.length().max(size.length() * 0.5);
-    (to_centre / distance).abs().dot(faces) / (distance * distance)
-}
-
-/// The order of splitting: largest error first, then least brick id. Errors are not negative, so their bits order as they do.
-type Key = (u64, Reverse<(Level, BrickIndex)>, u32);
-
-struct Build<'a> {
-    source: &'a dyn BrickSource,
-    view: &'a View,
-    frustum: Frustum,
-    voxel_size: f64,
-    nodes: Vec<Node>,
-    heap: BinaryHeap<Key>,
-    /// Cells so far, with all roots counted.
-    count: usize,
-}
-
-impl<'a> Build<'a> {
-    fn new(source: &'a dyn BrickSource, view: &'a View) -> Self {
-        let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
-        let frustum = view.rays.frustum();
-        let mut build =
-            Self { source, view, frustum, voxel_size, nodes: Vec::new(), heap: BinaryHeap::new(), count: 0 };
-        for root in roots(source, view.time, view.channel) {
-            build.count += 1;
-            build.push_if_visible(root.level, root.index, build.nodes.len() as u32);
-        }
-        (0..build.nodes.len()).for_each(|node| build.queue(node));
-        build
-    }
-
-    /// Splits while cells are too coarse and fit. Returns the error left and whether room ran out.
-    fn split_all(&mut self, max_cells: usize) -> (f64, bool) {
-        let roots = self.nodes.len();
-        while let Some((error, _, position)) = self.heap.pop() {
-            let node = self.nodes[position as usize];
-            let first = self.nodes.len();
-            let finer = Level(node.level.0 - 1);
-            for child in self.source.pyramid().children(node.level, node.index) {
-                self.push_if_visible(finer, child, position);
-            }
-            let children = self.nodes.len() - first;
-            let freed = (position as usize >= roots) as usize;
-            if self.count - freed + children > max_cells {
-                self.nodes.truncate(first);
-                return (f64::from_bits(error).max(self.largest_error()), true);
-            }
-            self.count = self.count - freed + children;
-            let node = &mut self.nodes[position as usize];
-            (node.first_child, node.children) = (first as u32, children as u32);
-            (first..first + children).for_each(|child| self.queue(child));
-        }
-        (self.largest_error(), false)
-    }
-
-    fn largest_error(&self) -> f64 {
-        self.nodes.iter().filter(|n| n.is_cell() && n.level.0 > 0).map(|n| n.error_px).fold(0.0, f64::max)
-    }
-
-    fn push_if_visible(&mut self, level: Level, index: BrickIndex, parent: u32) {
-        let View { rays, opaque, time, channel, .. } = self.view;
-        let id = BrickId { time: *time, channel: *channel, level, index };
-        if opaque.is_some_and(|mask| !self.source.occupancy(id).meets(mask)) {
-            return;
-        }
-        let (low, high) = world_box(self.source, level, index);
-        if !self.frustum.meets_box(low, high) {
-            return;
-        }
-        let distance = rays.eye.clamp(low, high).distance(rays.eye);
-        let error_px = self.voxel_size * (1u64 << level.0) as f64 / rays.pixel_size(distance);
-        let node = Node { level, index, error_px, parent, first_child: LEAF, children: 0, screen_area: 0.0 };
-        self.nodes.push(node);
-    }
-
-    fn queue(&mut self, position: usize) {
-        let node = &self.nodes[position];
-        let wants_split = match self.view.level {
-            LevelPolicy::Auto => node.level.0 > 0 && node.error_px > self.view.pixel_error,
-            LevelPolicy::Locked(level) => node.level.0 > level,
-        };
-        if wants_split {
-            self.heap.push((node.error_px.to_bits(), Reverse((node.level, node.index)), position as u32));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::test_source::{TestSource, box_view};
-    use brickyard_volume::Projection;
-
-    fn locked(level: u8) -> View {
-        View {
-            level: LevelPolicy::Locked(level),
-            ..box_view(&TestSource::cube(64), Projection::Orthographic { height: 999.0 })
-        }
-    }
-
-    #[test]
-    fn a_locked_level_is_reached_where_it_fits() {
-        let source = TestSource::cube(64);
-        for (level, cells) in [(0, 512), (1, 64), (2, 8), (3, 1), (9, 1)] {
-            let cut = Cut::new(&source, &locked(level), 1000);
-            assert_eq!(cut.cells().len(), cells);
-            assert!(cut.cells().all(|id| id.level.0 == level.min(3)) && !cut.memory_bound());
-        }
-    }
-
-    #[test]
-    fn a_larger_budget_is_nowhere_coarser() {
-        let source = TestSource::cube(64);
-        let eye = glam::DVec3::new(-10.0, 20.0, 70.0);
-        let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 60.0 });
-        view.rays.eye = eye;
-        view.pixel_error = 0.1;
-        let mut last: Option<Cut> = None;
-        for max in 1..600 {
-            let cut = Cut::new(&source, &view, max);
-            assert!(cut.cells().len() <= max);
-            if let Some(last) = last {
-                assert!(cut.effective_error_px() <= last.effective_error_px());
-                // Every node of the smaller cut's tree is in the larger one's.
-                assert!(last.nodes.iter().all(|a| cut.nodes.iter().any(|b| (a.level, a.index) == (b.level, b.index))));
-            }
-            last = Some(cut);
-        }
-        assert!(!last.unwrap().memory_bound());
-    }
-
-    #[test]
-    fn errors_follow_the_distance() {
-        let source = TestSource::cube(64);
-        let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 90.0 });
-        // Edge 8 and 8 bricks a side at level 0; the eye 100 in front of the box: a pixel there is 2 * 100 / 512.
-        view.rays.eye = glam::DVec3::new(31.5, 31.5, -100.5);
-        view.rays.forward = glam::DVec3::Z;
-        (view.rays.right, view.rays.up) = (glam::DVec3::X, glam::DVec3::Y);
-        view.level = LevelPolicy::Locked(3);
-        let cut = Cut::new(&source, &view, 1);
-        assert!((cut.effective_error_px() - 8.0 / (200.0 / 512.0)).abs() < 1e-9);
-        assert_eq!(cut_capacity(1, 1), 1);
-        assert_eq!(cut_capacity(100, 1), 90);
-    }
 }

@@ -17,13 +17,16 @@ mod order;
 mod pager;
 mod parts;
 mod plan;
+mod planner;
 #[cfg(test)]
 mod properties;
 mod ram_cache;
 mod residency;
 mod shelf;
+mod sight;
 mod slots;
 mod source;
+mod split;
 mod store_source;
 #[cfg(test)]
 mod test_source;
@@ -34,6 +37,7 @@ pub use budget::{PagerConfig, PagerError};
 pub use cut::{Cut, View, cut_capacity};
 pub use draw_list::{DrawCell, DrawList, Slot};
 pub use pager::{Counters, Frame, Pager, Status};
+pub use planner::Planning;
 pub use ram_cache::{DecodeCounters, RamCache};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};

@@ -3,37 +3,41 @@
 //! Along any axis a ray moves away from the eye (or, orthographic, along one direction) and never turns, so of two
 //! siblings it meets the one whose grid position is nearer to the eye's on every axis first. Siblings are therefore
 //! visited by descending distance in whole bricks, summed over the axes: exact for 8, 4 or 2 children, for a grid of
-//! roots, and for cells of mixed size, where centre distances are wrong. Cost: one pass over the tree.
+//! roots, and for cells of mixed size, where centre distances are wrong. Cost: one pass over the visible part of the tree.
 
-use crate::cut::Node;
+use crate::cut::{Cut, Node};
 use brickyard_volume::{BrickIndex, Geometry, Pyramid, ViewRays};
 
-/// Positions of the cells in `nodes`, back to front.
-pub(crate) fn back_to_front(pyramid: &Pyramid, geometry: &Geometry, rays: &ViewRays, nodes: &[Node]) -> Vec<u32> {
+/// Positions of the visible cells of a cut, back to front.
+pub(crate) fn back_to_front(
+    pyramid: &Pyramid,
+    geometry: &Geometry,
+    rays: &ViewRays,
+    cut: &Cut,
+    is_visible: impl Fn(&Node) -> bool,
+) -> Vec<u32> {
     let origins = Origins::new(pyramid, geometry, rays);
-    let near_first = |siblings: &mut [(i64, u32)]| {
-        for sibling in siblings.iter_mut() {
-            let node = &nodes[sibling.1 as usize];
-            sibling.0 = origins.distance(node);
-        }
+    let mut cells = Vec::with_capacity(cut.wanted);
+    let mut stack = Vec::new();
+    let mut siblings: Vec<(i64, u32)> = Vec::new();
+    // The last is popped first.
+    let mut push_near_first = |stack: &mut Vec<u32>, positions: std::ops::Range<u32>| {
+        siblings.clear();
+        siblings.extend(positions.map(|position| (origins.distance(&cut.nodes[position as usize]), position)));
         siblings.sort_unstable();
+        stack.extend(siblings.iter().map(|sibling| sibling.1));
     };
-    let roots = nodes.iter().enumerate().take_while(|(i, node)| node.parent as usize == *i).count();
-    let mut siblings: Vec<(i64, u32)> = (0..roots as u32).map(|i| (0, i)).collect();
-    near_first(&mut siblings);
-    let mut stack: Vec<u32> = siblings.iter().map(|s| s.1).collect();
-    let mut cells = Vec::with_capacity(nodes.len());
+    push_near_first(&mut stack, 0..cut.roots as u32);
     while let Some(position) = stack.pop() {
-        let node = &nodes[position as usize];
-        if node.is_cell() {
-            cells.push(position);
+        let node = &cut.nodes[position as usize];
+        if !is_visible(node) {
             continue;
         }
-        let mut siblings = [(0, 0); 8];
-        let siblings = &mut siblings[..node.children as usize];
-        siblings.iter_mut().zip(node.first_child..).for_each(|(s, child)| s.1 = child);
-        near_first(siblings);
-        stack.extend(siblings.iter().map(|s| s.1));
+        if node.is_cell() {
+            cells.push(position);
+        } else {
+            push_near_first(&mut stack, node.first_child..node.first_child + node.children as u32);
+        }
     }
     cells
 }

@@ -1,16 +1,19 @@
 //! The pager itself: joins the pure steps to the workers, frame by frame.
 //!
-//! Per frame: what has arrived is taken in; the cut is made anew if the view has changed; arrived bricks get slots; the draw
-//! list and the next plan follow from what is resident. The calling thread never reads or decodes.
+//! Per frame: what has arrived is taken in; the newest cut is taken, and what the view sees of it; arrived bricks get slots;
+//! the draw list and the next plan follow from what is resident. The calling thread never reads or decodes.
 
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
-use crate::cut::{Cut, View, cut_capacity, roots};
+use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
+use crate::planner::Planner;
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
 use crate::residency::{Residency, Step, Upload};
+use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use crate::workers::Workers;
 use brickyard_volume::{BrickId, SlotEncoding};
+use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -29,13 +32,14 @@ pub struct Frame {
 /// How far a view is, and what it has cost.
 #[derive(Clone, Debug)]
 pub struct Status {
-    /// Cells of the cut.
+    /// Cells that the view sees.
     pub wanted: usize,
-    /// Cells drawn with their own brick.
+    /// Cells drawn with their own brick, at the level that the view wants.
     pub resident: usize,
     /// Cells whose own brick cannot be read: an ancestor stands in for good.
     pub failed: usize,
-    /// Whether nothing more will come: every cell is resident, or failed with its stand-in resident.
+    /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its
+    /// stand-in resident.
     pub settled: bool,
     /// Whether every cell is drawn with something. False only before a volume's first brick has arrived, or with `error`.
     pub covered: bool,
@@ -89,8 +93,9 @@ pub struct Pager {
     meter: Arc<Meter>,
     workers: Workers,
     residency: Residency,
-    /// The last view and its cut.
-    cut: Option<(View, Cut)>,
+    planner: Planner,
+    /// The last frame's view and cut, and what the one saw of the other.
+    sight: Option<(View, Arc<Cut>, Sight)>,
     /// The coarsest bricks of the last view's time and channel: pinned.
     roots: Vec<BrickId>,
     /// The last frame's uploads: host memory until the next call.
@@ -120,9 +125,21 @@ impl Pager {
         let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let residency = Residency::new(config.slots);
-        let (cut, roots, handed_out) = (None, Vec::new(), Vec::new());
+        let planner = Planner::new(&source, config.slots, config.planning)?;
         let bytes_read_before = source.bytes_read();
-        Ok(Self { source, bytes_read_before, config, cache, meter, workers, residency, cut, roots, handed_out })
+        Ok(Self {
+            source,
+            bytes_read_before,
+            config,
+            cache,
+            meter,
+            workers,
+            residency,
+            planner,
+            sight: None,
+            roots: Vec::new(),
+            handed_out: Vec::new(),
+        })
     }
 
     /// What to upload and draw for `view` now. Calling it says that the last frame's uploads are done with.
@@ -136,21 +153,22 @@ impl Pager {
         while let Some(arrival) = self.workers.try_receive() {
             self.residency.arrive(arrival);
         }
-        let cut = match self.cut.take() {
-            Some((last, cut)) if last == *view => cut,
-            _ => {
-                self.roots = roots(&*self.source, view.time, view.channel);
-                Cut::new(&*self.source, view, cut_capacity(self.config.slots, self.roots.len()))
-            }
+        if self.sight.as_ref().is_none_or(|(last, ..)| (last.time, last.channel) != (view.time, view.channel)) {
+            self.roots = roots(&*self.source, view.time, view.channel);
+        }
+        let cut = self.planner.cut(view);
+        let sight = match self.sight.take() {
+            Some((last, of, sight)) if last == *view && Arc::ptr_eq(&of, &cut) => sight,
+            _ => Sight::new(&*self.source, &cut, view),
         };
         let limit = self.config.upload_bytes_per_frame;
-        let Step { uploads, draw, requests, stale, settled } =
-            self.residency.step(self.source.pyramid(), &cut, &self.roots, limit);
+        let step = self.residency.step(self.source.pyramid(), &cut, &sight, &self.roots, limit);
+        let status = self.status(&cut, &sight, &step);
+        let Step { uploads, draw, requests, stale, .. } = step;
         self.workers.give_back(stale);
         self.workers.replace(requests);
         self.handed_out.extend(uploads.iter().map(|upload| upload.codes.clone()));
-        let status = self.status(view, &cut, &draw, settled);
-        self.cut = Some((view.clone(), cut));
+        self.sight = Some((view.clone(), cut, sight));
         Frame { uploads, draw, status }
     }
 
@@ -158,7 +176,17 @@ impl Pager {
     /// it says that the last frame's uploads are done with.
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.workers.give_back(self.handed_out.drain(..));
-        self.residency.has_staged() || self.workers.wait(timeout)
+        if self.residency.has_staged() {
+            return true;
+        }
+        let (arrivals, cut) = (self.workers.arrivals(), self.planner.awaited());
+        if cut.is_none() && !self.workers.is_busy() {
+            return arrivals.is_some_and(|arrivals| !arrivals.is_empty());
+        }
+        let mut select = Select::new();
+        arrivals.map(|arrivals| select.recv(arrivals));
+        cut.map(|cut| select.recv(cut));
+        select.ready_timeout(timeout).is_ok()
     }
 
     /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
@@ -201,35 +229,38 @@ impl Pager {
         self.cache.layout().padded_bytes() as u64
     }
 
-    fn status(&self, view: &View, cut: &Cut, draw: &DrawList, settled: bool) -> Status {
+    fn status(&self, cut: &Cut, sight: &Sight, step: &Step) -> Status {
         let (mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0.0, 0.0);
-        for &position in &cut.cells {
-            let (id, cell_area) = (cut.id(position), cut.nodes[position as usize].screen_area);
+        for ((&position, &cell_area), &is_resident) in sight.cells.iter().zip(&sight.areas).zip(&step.resident) {
             area += cell_area;
-            if self.residency.is_resident(id) {
+            // What the cut does not want is coarser than what the view will want.
+            if is_resident && cut.nodes[position as usize].is_visible {
                 resident += 1;
                 resident_area += cell_area;
             } else {
-                failed += self.residency.failure(id).is_some() as usize;
+                failed += self.residency.failure(cut.id(position)).is_some() as usize;
             }
         }
-        let covered = draw.cells.len() == cut.cells.len();
+        let draw = &step.draw;
+        let covered = draw.cells.len() == sight.cells.len();
+        let settled = step.settled && self.planner.is_done();
         // Once settled, a cell that is left out has failed, and so have all its ancestors.
         let left_out = || {
             let mut drawn = draw.cells.iter().map(|cell| cell.cell).peekable();
-            cut.cells().find(|cell| drawn.next_if_eq(cell).is_none())
+            let mut cells = sight.cells.iter().map(|&position| cut.id(position));
+            cells.find(|cell| drawn.next_if_eq(cell).is_none())
         };
         let left_out = if settled && !covered { left_out() } else { None };
         let decoded = self.cache.counters();
         Status {
-            wanted: cut.cells.len(),
+            wanted: sight.cells.len(),
             resident,
             failed,
             settled,
             covered,
-            completeness: if resident == cut.cells.len() { 1.0 } else { resident_area / area },
+            completeness: if resident == sight.cells.len() { 1.0 } else { resident_area / area },
             effective_error_px: cut.effective_error_px(),
-            pixel_error: view.pixel_error,
+            pixel_error: cut.view.pixel_error,
             memory_bound: cut.memory_bound(),
             error: left_out.and_then(|cell| self.residency.failure(cell).cloned()),
             gpu_bytes: self.config.slots as u64 * self.slot_bytes(),
@@ -258,12 +289,20 @@ fn check_slots(source: &dyn BrickSource, given: u32, slot_bytes: u64) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planner::Planning;
     use crate::test_source::{TestSource, box_view};
     use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, VoxelType};
     use std::collections::HashMap;
 
     fn config(slots: u32, host_bytes: u64) -> PagerConfig {
-        PagerConfig { slots, apron: 1, host_bytes, workers: 3, upload_bytes_per_frame: None }
+        PagerConfig {
+            slots,
+            apron: 1,
+            host_bytes,
+            workers: 3,
+            planning: Planning::Inline,
+            upload_bytes_per_frame: None,
+        }
     }
 
     fn brick(level: u8, index: [u32; 3]) -> BrickId {

@@ -33,24 +33,25 @@ pub(crate) fn requests(
     pyramid: &Pyramid,
     cut: &Cut,
     roots: &[BrickId],
-    state_of: impl Fn(BrickId) -> State,
+    state_of: impl Fn(u32) -> State,
+    state_of_root: impl Fn(BrickId) -> State,
 ) -> Vec<BrickId> {
-    let states: Vec<State> = (0..cut.nodes.len() as u32).map(|position| state_of(cut.id(position))).collect();
     let mut wanted = vec![None; cut.nodes.len()];
-    for &cell in &cut.cells {
-        match states[cell as usize] {
+    for cell in cut.wanted_cells() {
+        let state = state_of(cell);
+        match state {
             State::Resident => continue,
             State::Absent => wanted[cell as usize] = Some(Tier::Visible),
             State::Failed => {}
         }
-        want_cover(cut, &states, cell, &mut wanted);
+        want_cover(cut, &state_of, cell, state, &mut wanted);
     }
-    let absent_roots = roots.iter().filter(|&&root| state_of(root) == State::Absent);
+    let absent_roots = roots.iter().filter(|&&root| state_of_root(root) == State::Absent);
     let mut keyed: Vec<_> = absent_roots.map(|&root| (key(pyramid, Tier::Cover, root, f64::INFINITY), root)).collect();
-    let coarsest = roots.first().map(|root| root.level);
-    for (position, tier) in wanted.iter().enumerate() {
-        let id = cut.id(position as u32);
-        if let Some(tier) = tier.filter(|_| Some(id.level) != coarsest) {
+    // The roots come first in the arena.
+    for (position, tier) in wanted.iter().enumerate().skip(cut.roots) {
+        if let &Some(tier) = tier {
+            let id = cut.id(position as u32);
             keyed.push((key(pyramid, tier, id, cut.nodes[position].error_px), id));
         }
     }
@@ -59,13 +60,13 @@ pub(crate) fn requests(
 }
 
 /// Marks the ancestors that are to stand in for a missing cell.
-fn want_cover(cut: &Cut, states: &[State], cell: u32, wanted: &mut [Option<Tier>]) {
-    let mut failed = states[cell as usize] == State::Failed;
+fn want_cover(cut: &Cut, state_of: impl Fn(u32) -> State, cell: u32, state: State, wanted: &mut [Option<Tier>]) {
+    let mut failed = state == State::Failed;
     let cell_level = cut.nodes[cell as usize].level.0;
     let mut position = cell;
     while cut.nodes[position as usize].parent != position {
         position = cut.nodes[position as usize].parent;
-        match states[position as usize] {
+        match state_of(position) {
             State::Resident => return,
             State::Failed => continue,
             State::Absent if failed || cut.nodes[position as usize].level.0 >= cell_level + 2 => {

@@ -3,7 +3,9 @@
 
 use crate::cut::{Cut, View, cut_capacity, roots};
 use crate::residency::{Arrival, Residency, Step};
+use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
+use crate::split::KEEP;
 use crate::test_source::TestSource;
 use brickyard_volume::{
     BrickId, BrickIndex, Camera, Extent, Level, LevelPolicy, Occupancy, Projection, Pyramid, Ray, VoxelBox, VoxelType,
@@ -193,52 +195,103 @@ fn lineage(pyramid: &Pyramid, id: BrickId) -> impl Iterator<Item = BrickId> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1500))]
 
-    /// A cut's cells are disjoint, fit, and hold every visible voxel that is not empty; they come back to front along
-    /// every ray.
+    /// Of any cut, made after any other: its cells cover the volume once; those that any view sees of it hold every voxel in
+    /// sight that is not empty, and come back to front along every ray; those that its own view wants fit.
     #[test]
-    fn a_cut_covers_what_is_visible_in_a_valid_order(
-        volume in volumes(), shot in shots(), max_cells in 1usize..400, seed in any::<u64>(),
+    fn a_cut_covers_the_volume_and_what_is_seen_comes_in_a_valid_order(
+        volume in volumes(), shots in prop::collection::vec(shots(), 1..4), max_cells in 1usize..400, seed in any::<u64>(),
     ) {
         let source = volume.source();
-        let view = shot.view(&source);
-        let cut = Cut::new(&source, &view, max_cells);
-        let cells: Vec<BrickId> = cut.cells().collect();
-        prop_assert!(cells.len() <= max_cells.max(roots(&source, 0, 0).len()));
-        let set: HashSet<BrickId> = cells.iter().copied().collect();
-        for &cell in &cells {
-            let nested = lineage(source.pyramid(), cell).skip(1).find(|above| set.contains(above));
-            prop_assert_eq!(nested, None, "{} is inside another cell", cell);
+        let views: Vec<View> = shots.iter().map(|shot| shot.view(&source)).collect();
+        let (first, later) = views.split_first().unwrap();
+        let own = shots.len() - 1;
+        let cut = later.iter().fold(Cut::new(&source, first, max_cells), |cut, view| cut.next(&source, view, max_cells));
+        prop_assert!(cut.wanted() <= max_cells.max(cut.roots));
+        prop_assert_eq!(Sight::new(&source, &cut, &views[own]).cells.len(), cut.wanted());
+        for (position, node) in cut.nodes.iter().enumerate() {
+            prop_assert!(position < cut.roots || (node.parent as usize) < position);
         }
-        if !cut.memory_bound() && view.level == LevelPolicy::Auto {
-            prop_assert!(cut.effective_error_px() <= view.pixel_error);
-        }
-        let volume_box = source.pyramid().levels()[0].extent.full_box();
+        let cells: Vec<BrickId> = (0..cut.nodes.len()).filter(|&n| cut.nodes[n].is_cell()).map(|n| cut.id(n as u32)).collect();
+        let voxels: u64 = cells.iter().map(|&cell| region(&source, cell).extent().volume()).sum();
+        prop_assert_eq!(voxels, source.pyramid().levels()[0].extent.volume());
         let mut dice = Dice(seed);
-        for _ in 0..24 {
-            let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
-            let ray = view.rays.ray(x, y);
-            let Some((near, far)) = stretch(&source, &ray, volume_box) else { continue };
-            for _ in 0..4 {
-                let point = ray.origin + ray.direction * (near + (far - near) * (0.001 + 0.998 * dice.unit()));
-                let voxel = source.geometry().voxel_from_world(point).to_array();
-                let voxel: [u32; 3] = std::array::from_fn(|a| (voxel[a].max(0.0) as u32).min(volume.extent[a] - 1));
-                let index = BrickIndex::from_array(voxel.map(|v| v / volume.edge));
-                let finest = BrickId { time: 0, channel: 0, level: Level(0), index };
-                let count = cells.iter().filter(|&&cell| holds(region(&source, cell), voxel)).count();
-                let empty = shot.cull_empty && source.empty.contains(&finest);
-                prop_assert!(count == 1 || (count == 0 && empty), "voxel {:?} is in {} cells", voxel, count);
-            }
-            let mut before = f64::INFINITY;
-            for &cell in &cells {
-                // Stretches shorter than rounding at these distances (about 1e-13 of 1e3) are touches, not hits.
-                let Some((near, far)) = stretch(&source, &ray, region(&source, cell)) else { continue };
-                if far - near > 1e-9 {
-                    prop_assert!(far <= before + 1e-9, "{} is drawn after what is in front of it", cell);
-                    before = near;
+        for (shot, view) in shots.iter().zip(&views) {
+            let seen: Vec<BrickId> = Sight::new(&source, &cut, view).cells.iter().map(|&cell| cut.id(cell)).collect();
+            check_rays(&volume, &source, view, shot.cull_empty, &cells, &seen, &mut dice)?;
+        }
+    }
+
+    /// A cut made after others is as good as a cold one: see [`crate::split`] for why.
+    #[test]
+    fn a_cut_after_others_is_as_good_as_a_cold_one(
+        volume in volumes(), shots in prop::collection::vec(shots(), 2..5), max_cells in 1usize..400,
+    ) {
+        let source = volume.source();
+        let views: Vec<View> = shots.iter().map(|shot| shot.view(&source)).collect();
+        let mut cut = Cut::new(&source, &views[0], max_cells);
+        for view in &views {
+            let cold = Cut::new(&source, view, max_cells);
+            let next = cut.next(&source, view, max_cells);
+            let split = |cut: &Cut| -> HashSet<BrickId> {
+                let positions = 0..cut.nodes.len() as u32;
+                positions.filter(|&n| !cut.nodes[n as usize].is_cell()).map(|n| cut.id(n)).collect()
+            };
+            prop_assert_eq!(next.memory_bound(), cold.memory_bound());
+            if cold.memory_bound() {
+                // The products and quotients that are compared are rounded to one part in 2^52.
+                let worst = cold.effective_error_px() / KEEP * (1.0 + 1e-12);
+                prop_assert!(next.effective_error_px() <= worst, "{} {}", next.effective_error_px(), worst);
+            } else {
+                prop_assert!(split(&next).is_superset(&split(&cold)), "coarser than cold");
+                if view.level == LevelPolicy::Auto {
+                    prop_assert!(next.effective_error_px() <= view.pixel_error);
                 }
+            }
+            let again = next.next(&source, view, max_cells);
+            prop_assert!(split(&again).is_superset(&split(&next)), "coarser at rest");
+            cut = next;
+        }
+    }
+}
+
+/// Along rays of a view: every voxel is in one of the cut's cells; it is in one of those seen unless it is empty; and those
+/// seen come back to front.
+fn check_rays(
+    volume: &Volume,
+    source: &TestSource,
+    view: &View,
+    cull_empty: bool,
+    cells: &[BrickId],
+    seen: &[BrickId],
+    dice: &mut Dice,
+) -> Result<(), TestCaseError> {
+    let volume_box = source.pyramid().levels()[0].extent.full_box();
+    let count = |cells: &[BrickId], voxel| cells.iter().filter(|&&cell| holds(region(source, cell), voxel)).count();
+    for _ in 0..12 {
+        let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
+        let ray = view.rays.ray(x, y);
+        let Some((near, far)) = stretch(source, &ray, volume_box) else { continue };
+        for _ in 0..4 {
+            let point = ray.origin + ray.direction * (near + (far - near) * (0.001 + 0.998 * dice.unit()));
+            let voxel = source.geometry().voxel_from_world(point).to_array();
+            let voxel: [u32; 3] = std::array::from_fn(|a| (voxel[a].max(0.0) as u32).min(volume.extent[a] - 1));
+            let index = BrickIndex::from_array(voxel.map(|v| v / volume.edge));
+            let finest = BrickId { time: 0, channel: 0, level: Level(0), index };
+            prop_assert_eq!(count(cells, voxel), 1);
+            let (count, empty) = (count(seen, voxel), cull_empty && source.empty.contains(&finest));
+            prop_assert!(count == 1 || (count == 0 && empty), "voxel {:?} is in {} cells", voxel, count);
+        }
+        let mut before = f64::INFINITY;
+        for &cell in seen {
+            // Stretches shorter than rounding at these distances (about 1e-13 of 1e3) are touches, not hits.
+            let Some((near, far)) = stretch(source, &ray, region(source, cell)) else { continue };
+            if far - near > 1e-9 {
+                prop_assert!(far <= before + 1e-9, "{} is drawn after what is in front of it", cell);
+                before = near;
             }
         }
     }
+    Ok(())
 }
 
 /// A pager without threads, beside a second one that is fed the same, and a model of the atlas.
@@ -256,10 +309,11 @@ struct Bench<'a> {
 const PADDED: u64 = 10;
 
 impl Bench<'_> {
-    fn frame(&mut self, cut: &Cut, roots: &[BrickId]) -> Step {
+    fn frame(&mut self, cut: &Cut, sight: &Sight, roots: &[BrickId]) -> Step {
         self.deliver();
         let pinned: Vec<BrickId> = self.atlas.values().filter(|id| roots.contains(id)).copied().collect();
-        let [step, twin] = self.twins.each_mut().map(|r| r.step(self.source.pyramid(), cut, roots, self.upload_bytes));
+        let (pyramid, limit) = (self.source.pyramid(), self.upload_bytes);
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(pyramid, cut, sight, roots, limit));
         let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.brick)).collect::<Vec<_>>();
         assert_eq!((names(&step), &step.draw, &step.requests), (names(&twin), &twin.draw, &twin.requests));
         let bytes = step.uploads.len() as u64 * PADDED;
@@ -272,7 +326,7 @@ impl Bench<'_> {
         for pinned in pinned {
             assert!(self.atlas.values().any(|&id| id == pinned), "{pinned} was pinned");
         }
-        self.check_draw(cut, &step);
+        self.check_draw(cut, sight, &step);
         step
     }
 
@@ -294,10 +348,10 @@ impl Bench<'_> {
 
     /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick; left out only where there
     /// is none.
-    fn check_draw(&self, cut: &Cut, step: &Step) {
+    fn check_draw(&self, cut: &Cut, sight: &Sight, step: &Step) {
         let slot_of: HashMap<BrickId, u32> = self.atlas.iter().map(|(&slot, &id)| (id, slot)).collect();
         let mut drawn = step.draw.cells.iter();
-        for cell in cut.cells() {
+        for cell in sight.cells.iter().map(|&cell| cut.id(cell)) {
             let nearest = lineage(self.source.pyramid(), cell).find(|id| slot_of.contains_key(id));
             let Some(nearest) = nearest else { continue };
             let entry = drawn.next().expect("a cell with a resident brick is not drawn");
@@ -307,16 +361,32 @@ impl Bench<'_> {
         assert_eq!(drawn.next(), None);
     }
 
+    /// Some frames of a view with the cut of another, as while the camera moves ahead of the planner.
+    fn fly(&mut self, cut: &Cut, view: &View) {
+        let (roots, sight) = (roots(self.source, 0, 0), Sight::new(self.source, cut, view));
+        for _ in 0..4 {
+            let step = self.frame(cut, &sight, &roots);
+            self.ask(&step);
+        }
+    }
+
+    /// Only so many requests are ever taken from a plan.
+    fn ask(&mut self, step: &Step) {
+        let room = 8usize.saturating_sub(self.in_flight.len());
+        let new: Vec<BrickId> =
+            step.requests.iter().filter(|id| !self.in_flight.contains(id)).take(room).copied().collect();
+        self.in_flight.extend(new);
+    }
+
     /// Runs a view until it settles, and checks that it only refines on the way.
-    fn settle(&mut self, view: &View) {
-        let roots = roots(self.source, 0, 0);
-        let cut = Cut::new(self.source, view, cut_capacity(self.slots, roots.len()));
+    fn settle(&mut self, cut: &Cut, view: &View) {
+        let (roots, sight) = (roots(self.source, 0, 0), Sight::new(self.source, cut, view));
         let mut levels: HashMap<BrickId, Level> = HashMap::new();
         // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
         let rounds = 100 + 10 * self.source.pyramid().brick_count();
         for _ in 0..rounds {
             let staged = self.twins[0].has_staged();
-            let step = self.frame(&cut, &roots);
+            let step = self.frame(cut, &sight, &roots);
             assert!(!self.twins[0].has_staged() || !staged || !step.uploads.is_empty(), "no progress");
             for entry in &step.draw.cells {
                 let before = levels.insert(entry.cell, entry.brick.level);
@@ -324,21 +394,17 @@ impl Bench<'_> {
             }
             assert!(levels.len() == step.draw.cells.len(), "a cell vanished");
             if step.settled {
-                return self.check_settled(&cut, &step);
+                return self.check_settled(cut, &sight, &step);
             }
-            // Only so many requests are ever taken from a plan.
-            let room = 8usize.saturating_sub(self.in_flight.len());
-            let new = step.requests.iter().filter(|id| !self.in_flight.contains(id)).take(room);
-            let new: Vec<BrickId> = new.copied().collect();
-            self.in_flight.extend(new);
+            self.ask(&step);
         }
         panic!("not settled after {rounds} frames");
     }
 
     /// Each cell is drawn with its own brick or, where that cannot be read, its nearest readable ancestor.
-    fn check_settled(&self, cut: &Cut, step: &Step) {
+    fn check_settled(&self, cut: &Cut, sight: &Sight, step: &Step) {
         let mut drawn = step.draw.cells.iter();
-        for cell in cut.cells() {
+        for cell in sight.cells.iter().map(|&cell| cut.id(cell)) {
             let best = lineage(self.source.pyramid(), cell).find(|id| !self.source.failing.contains(id));
             if let Some(best) = best {
                 assert_eq!(drawn.next().map(|entry| entry.brick), Some(best));
@@ -362,8 +428,12 @@ proptest! {
         let twins = [(); 2].map(|()| Residency::new(slots));
         let (atlas, in_flight) = Default::default();
         let mut bench = Bench { source: &source, twins, atlas, in_flight, dice: Dice(seed), slots, upload_bytes };
-        for shot in &views {
-            bench.settle(&shot.view(&source));
+        let max_cells = cut_capacity(slots, roots(&source, 0, 0).len());
+        let mut cut = Cut::new(&source, &views[0].view(&source), max_cells);
+        for view in views.iter().map(|shot| shot.view(&source)) {
+            bench.fly(&cut, &view);
+            cut = cut.next(&source, &view, max_cells);
+            bench.settle(&cut, &view);
         }
     }
 }

@@ -3,13 +3,15 @@
 //!
 //! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, for good.
 //!
-//! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident cells and at
-//! most one stand-in for each missing cell, and pins the roots, which the cut counts; together no more than the cut's count,
-//! which is below the number of slots (or is the roots alone, which need no stand-ins).
+//! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident ones of the cut's
+//! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cut counts; together no more
+//! than the cut's count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
+//! does not want, but that a newer view sees, are drawn with whatever is left: the list is made after the slots are given.
 
 use crate::cut::Cut;
-use crate::draw_list::{DrawList, Slot};
+use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::plan::{self, State};
+use crate::sight::Sight;
 use crate::slots::SlotTable;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, Pyramid};
@@ -39,6 +41,8 @@ pub(crate) struct Arrival {
 pub(crate) struct Step {
     pub(crate) uploads: Vec<Upload>,
     pub(crate) draw: DrawList,
+    /// Of each cell in sight, whether its own brick is resident.
+    pub(crate) resident: Vec<bool>,
     /// What to read next.
     pub(crate) requests: Vec<BrickId>,
     /// Arrivals that this view does not want.
@@ -92,43 +96,58 @@ impl Residency {
         self.failed.get(&id)
     }
 
-    /// One frame of `cut`: places staged bricks, in the plan's order, into slots that this frame does not draw, at most
+    /// One frame: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
     /// `upload_bytes` but at least one; then draws and plans from what is resident.
-    pub(crate) fn step(&mut self, pyramid: &Pyramid, cut: &Cut, roots: &[BrickId], upload_bytes: Option<u64>) -> Step {
+    pub(crate) fn step(
+        &mut self,
+        pyramid: &Pyramid,
+        cut: &Cut,
+        sight: &Sight,
+        roots: &[BrickId],
+        upload_bytes: Option<u64>,
+    ) -> Step {
         self.slots.begin_frame();
         self.slots.set_pins(roots.to_vec());
-        let mut draw = self.draw(pyramid, cut);
-        let mut requests = self.plan(pyramid, cut, roots);
+        let mut stand_ins = self.stand_ins(cut, sight);
+        self.protect(cut, sight, &stand_ins);
+        let mut requests = self.plan(pyramid, cut, &stand_ins, roots);
         let (mut uploads, mut stale) = (Vec::new(), Vec::new());
         if self.has_staged() {
             uploads = self.place(&requests, upload_bytes, &mut stale);
         }
         if !uploads.is_empty() {
-            draw = self.draw(pyramid, cut);
-            requests = self.plan(pyramid, cut, roots);
+            stand_ins = self.stand_ins(cut, sight);
+            requests = self.plan(pyramid, cut, &stand_ins, roots);
         }
+        let draw = DrawList::new(pyramid, cut, sight, &stand_ins);
+        let resident = sight.cells.iter().map(|&cell| stand_ins.is_resident(cell)).collect();
         let settled = requests.is_empty();
         requests.retain(|id| !self.staged.contains_key(id));
-        Step { uploads, draw, requests, stale, settled }
+        Step { uploads, draw, resident, requests, stale, settled }
     }
 
-    /// The draw list, all of whose slots are protected from here on.
-    fn draw(&mut self, pyramid: &Pyramid, cut: &Cut) -> DrawList {
-        let draw = DrawList::new(pyramid, cut, |id| self.slots.get(id));
-        draw.cells.iter().for_each(|cell| self.slots.protect(cell.brick));
-        draw
+    fn stand_ins(&self, cut: &Cut, sight: &Sight) -> StandIns {
+        StandIns::new(cut, |node| node.is_visible || !sight.is_planned, |id| self.slots.get(id))
     }
 
-    fn plan(&self, pyramid: &Pyramid, cut: &Cut, roots: &[BrickId]) -> Vec<BrickId> {
-        plan::requests(pyramid, cut, roots, |id| {
-            if self.is_resident(id) {
-                State::Resident
-            } else if self.failed.contains_key(&id) {
-                State::Failed
-            } else {
-                State::Absent
-            }
-        })
+    /// Protects what stands for the wanted cells. What only this frame's view sees comes next to be kept.
+    fn protect(&mut self, cut: &Cut, sight: &Sight, stand_ins: &StandIns) {
+        if !sight.is_planned {
+            let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_visible);
+            others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
+        }
+        let wanted = cut.wanted_cells().filter_map(|cell| stand_ins.of(cell));
+        wanted.for_each(|(stand_in, _)| self.slots.protect(cut.id(stand_in)));
+    }
+
+    fn plan(&self, pyramid: &Pyramid, cut: &Cut, stand_ins: &StandIns, roots: &[BrickId]) -> Vec<BrickId> {
+        let absent = |id| if self.failed.contains_key(&id) { State::Failed } else { State::Absent };
+        let state_of = |position| match stand_ins.is_resident(position) {
+            true => State::Resident,
+            false => absent(cut.id(position)),
+        };
+        let state_of_root = |id| if self.is_resident(id) { State::Resident } else { absent(id) };
+        plan::requests(pyramid, cut, roots, state_of, state_of_root)
     }
 
     fn place(&mut self, requests: &[BrickId], limit: Option<u64>, stale: &mut Vec<Arc<[u8]>>) -> Vec<Upload> {

@@ -62,6 +62,11 @@ impl SlotTable {
         self.entries.peek(&id).map(|entry| entry.slot)
     }
 
+    /// Moves a resident brick to the recent end: it goes after those that are not used. Before any is protected.
+    pub(crate) fn touch(&mut self, id: BrickId) {
+        self.entries.promote(&id);
+    }
+
     /// Keeps a resident brick for this frame.
     pub(crate) fn protect(&mut self, id: BrickId) {
         let frame = self.frame;

@@ -10,11 +10,10 @@ use crate::budget::Meter;
 use crate::ram_cache::{RamCache, zeroed};
 use crate::residency::Arrival;
 use brickyard_volume::BrickId;
-use crossbeam_channel::{Receiver, Select, Sender, bounded};
+use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::HashSet;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
 const ADVISE_BATCH: usize = 16;
@@ -100,18 +99,15 @@ impl Workers {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
     }
 
-    /// Waits until a finished brick can be received; false if time ran out or nothing is on its way.
-    pub(crate) fn wait(&self, timeout: Duration) -> bool {
-        let Some(arrivals) = &self.arrivals else { return false };
-        {
-            let queue = self.shared.lock();
-            if queue.busy.is_empty() && queue.next == queue.requests.len() {
-                return !arrivals.is_empty();
-            }
-        }
-        let mut select = Select::new();
-        select.recv(arrivals);
-        select.ready_timeout(timeout).is_ok()
+    /// Where finished bricks come from.
+    pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
+        self.arrivals.as_ref()
+    }
+
+    /// Whether a brick is on its way.
+    pub(crate) fn is_busy(&self) -> bool {
+        let queue = self.shared.lock();
+        !queue.busy.is_empty() || queue.next < queue.requests.len()
     }
 }
 

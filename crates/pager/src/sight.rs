@@ -1,0 +1,53 @@
+//! Sight: what a frame's own view sees of a cut, which may have been made for an earlier one.
+//!
+//! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
+//! there is to draw. Cost: one pass over the part of the tree in the frustum; nothing while neither view nor cut change.
+
+use crate::cut::{Cut, Node, View};
+use crate::order;
+use crate::source::BrickSource;
+use brickyard_volume::ViewRays;
+use glam::DVec3;
+
+/// The visible cells of a cut.
+#[derive(Clone, Debug)]
+pub(crate) struct Sight {
+    /// Positions in the cut's arena, back to front.
+    pub(crate) cells: Vec<u32>,
+    /// Share of the picture that each covers, in arbitrary but common units.
+    pub(crate) areas: Vec<f64>,
+    /// Whether the cut was made for this view.
+    pub(crate) is_planned: bool,
+}
+
+impl Sight {
+    /// What `view` sees of `cut`, which must be of the same time step and channel.
+    pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
+        let (pyramid, geometry) = (source.pyramid(), source.geometry());
+        let is_planned = cut.view == *view;
+        let cells = if is_planned {
+            order::back_to_front(pyramid, geometry, &view.rays, cut, |node| node.is_visible)
+        } else {
+            let frustum = view.rays.frustum();
+            let is_visible = |node: &Node| {
+                frustum.meets_box(node.low, node.high) && view.shows(source, view.id(node.level, node.index))
+            };
+            order::back_to_front(pyramid, geometry, &view.rays, cut, is_visible)
+        };
+        let areas = cells.iter().map(|&cell| screen_area(&view.rays, &cut.nodes[cell as usize])).collect();
+        Self { cells, areas, is_planned }
+    }
+}
+
+/// A box's silhouette: pixels times a constant.
+fn screen_area(rays: &ViewRays, &Node { low, high, .. }: &Node) -> f64 {
+    let size = high - low;
+    let faces = DVec3::new(size.y * size.z, size.z * size.x, size.x * size.y);
+    if rays.orthographic {
+        return rays.forward.abs().dot(faces);
+    }
+    let to_centre = (low + high) * 0.5 - rays.eye;
+    // Nearer than its own radius the box fills the picture; the clamp keeps that finite.
+    let distance = to_centre.length().max(size.length() * 0.5);
+    (to_centre / distance).abs().dot(faces) / (distance * distance)
+}
