@@ -193,14 +193,15 @@ impl Pager {
     /// than before are not used. The next frames bring back what the view wants.
     ///
     /// # Errors
-    /// If these are too few.
+    /// If these are too few, or the planner's thread cannot be started again.
     pub fn forget_slots(&mut self, slots: u32) -> Result<(), PagerError> {
         let slots = slots.min(self.config.slots);
         check_slots(&*self.source, slots, self.slot_bytes())?;
         self.config.slots = slots;
         self.residency.forget_slots(slots);
-        // The cut is made for a number of slots.
-        self.cut = None;
+        // Cuts are made for a number of slots.
+        self.planner = Planner::new(&self.source, slots, self.config.planning)?;
+        self.sight = None;
         Ok(())
     }
 
