@@ -121,8 +121,15 @@ pub fn session_within(
     gpu_memory_bytes: u64,
     host_memory_bytes: u64,
 ) -> Option<Session> {
-    let options =
-        SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: size_px };
+    let options = SessionOptions {
+        backend,
+        compositor,
+        gpu_memory_bytes,
+        host_memory_bytes,
+        threads: 2,
+        max_size_px: size_px,
+        live: false,
+    };
     match Session::new(store.clone(), store.default_window(0), &options) {
         Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {

@@ -47,6 +47,8 @@ pub struct FlightReport {
     pub completeness: f64,
     /// Of the flight, the first view not included.
     pub bricks: BrickCounts,
+    /// Uploads in it of bricks that no view wanted yet.
+    pub uploaded_ahead: u64,
     /// Cores decoded in it.
     pub bricks_decoded: u64,
     /// Bytes of it.
@@ -152,6 +154,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
             reuploaded: counters.reuploaded - before.reuploaded,
             failed: status.failed as u64,
         },
+        uploaded_ahead: counters.uploaded_ahead - before.uploaded_ahead,
         bricks_decoded: counters.decoded - before.decoded,
         bytes: ByteCounts {
             read: counters.bytes_read - before.bytes_read,
@@ -219,6 +222,7 @@ impl<'a> Watch<'a> {
             match status {
                 Some(status) if done(&status) => return Ok(status),
                 Some(_) if begun.elapsed() > LONGEST => return Err(FlightError::NotSettled(LONGEST.as_secs_f64())),
+                Some(Status { awaits_feedback: true, .. }) => drop(session.draw(&scene.frame)?),
                 Some(_) => session.wait(Duration::from_millis(50)),
                 None => {}
             }

@@ -53,7 +53,11 @@ pub fn render_settled(
             break status;
         }
         give_up_after(begun, max_wait, &status)?;
-        session.wait(POLL);
+        if status.awaits_feedback {
+            session.draw(&scene.frame)?;
+        } else {
+            session.wait(POLL);
+        }
     };
     let drawing = Instant::now();
     let picture = session.draw(&scene.frame)?;

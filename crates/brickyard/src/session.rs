@@ -2,14 +2,19 @@
 //! renderer; every step moves bricks towards what the view wants; a picture can be drawn at any moment.
 
 use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
-use brickyard_pager::{BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, View};
+use brickyard_pager::{
+    BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
+};
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Mode, Picture, Scene, SlotEncoding, TransferFunction,
     TransferTable,
 };
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// What a live step may upload: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
+const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duration::from_millis(4) };
 
 /// What a session may use.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +31,9 @@ pub struct SessionOptions {
     pub threads: usize,
     /// The largest picture to be rendered, pixels.
     pub max_size_px: (u32, u32),
+    /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, and each step's uploads are
+    /// limited. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
+    pub live: bool,
 }
 
 /// Why a session cannot open or go on.
@@ -83,6 +91,8 @@ pub struct Session {
     losses_in_a_row: u32,
     /// In all.
     losses: u32,
+    /// When it began, if it is live.
+    clock: Option<Instant>,
 }
 
 /// Losses without a picture between them after which making the device anew is given up.
@@ -105,12 +115,14 @@ impl Session {
             apron: needs.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
-            planning: Planning::Inline,
-            upload_bytes_per_frame: None,
+            planning: if options.live { Planning::Thread } else { Planning::Inline },
+            prefetch: options.live,
+            uploads: options.live.then_some(LIVE_UPLOADS),
         };
         let pager = Pager::new(source.clone(), config)?;
+        let clock = options.live.then(Instant::now);
         let (draw, shown, losses_in_a_row, losses) = Default::default();
-        Ok(Self { source, default_window, pager, backend, backend_line, draw, shown, losses_in_a_row, losses })
+        Ok(Self { source, default_window, pager, backend, backend_line, draw, shown, losses_in_a_row, losses, clock })
     }
 
     /// Resolves a scene against this volume.
@@ -127,9 +139,14 @@ impl Session {
     /// If there is no device any more or nothing can be drawn at all.
     pub fn step(&mut self, view: &View) -> Result<Status, SessionError> {
         let frame = loop {
-            let frame = self.pager.frame(view);
+            let at = self.clock.map_or(Duration::ZERO, |began| began.elapsed());
+            let frame = self.pager.frame(view, at);
+            let begun = Instant::now();
             match frame.uploads.iter().try_for_each(|upload| self.backend.upload(upload)) {
-                Ok(()) => break frame,
+                Ok(()) => {
+                    self.pager.uploads_took(begun.elapsed());
+                    break frame;
+                }
                 Err(error) => self.recover(error)?,
             }
         };
@@ -156,11 +173,20 @@ impl Session {
             match self.backend.render(frame, self.source.pyramid(), &self.draw) {
                 Ok(picture) => {
                     self.losses_in_a_row = 0;
+                    self.tell_what_was_seen();
                     return Ok(picture);
                 }
                 Err(error) => self.recover(error)?,
             }
             self.refill()?;
+        }
+    }
+
+    /// Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
+    /// drawing than reading it, and an edit of the transfer function could bring it out.
+    fn tell_what_was_seen(&mut self) {
+        if let (Some(_), Some(visibility)) = (self.clock, self.backend.visibility()) {
+            self.pager.feedback(visibility);
         }
     }
 
@@ -186,7 +212,7 @@ impl Session {
         let Some((view, was_settled)) = self.shown.clone() else { return Ok(()) };
         loop {
             let status = self.step(&view)?;
-            if status.settled || status.covered && !was_settled {
+            if status.settled || status.awaits_feedback || status.covered && !was_settled {
                 return Ok(());
             }
             self.wait(Duration::from_millis(50));

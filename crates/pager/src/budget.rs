@@ -4,11 +4,12 @@
 //! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
+use crate::governor::UploadLimits;
 use crate::planner::Planning;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What a pager may use.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PagerConfig {
     /// Slots of the atlas.
     pub slots: u32,
@@ -20,8 +21,10 @@ pub struct PagerConfig {
     pub workers: u32,
     /// Where cuts are made.
     pub planning: Planning,
-    /// Limit for one frame's uploads, of which there is always at least one; `None` is no limit (rendering offline).
-    pub upload_bytes_per_frame: Option<u64>,
+    /// Whether to fetch bricks that the next views may want.
+    pub prefetch: bool,
+    /// Limits for one frame's uploads; `None` where frames may wait (rendering offline).
+    pub uploads: Option<UploadLimits>,
 }
 
 /// Why a pager cannot start.

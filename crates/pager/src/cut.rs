@@ -1,7 +1,7 @@
 //! The cut: an octree cut of the whole volume, disjoint and covering, as fine as a view wants it.
 //!
-//! What is in the frustum and not empty under the transfer function is split until its screen-space error is below the
-//! target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for what another camera
+//! What is in the frustum, not empty under the transfer function and not known to be hidden is split until its screen-space
+//! error is below the target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for what another camera
 //! sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see [`Sight`](crate::sight::Sight)).
 //!
 //! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
@@ -9,6 +9,7 @@
 
 use crate::source::BrickSource;
 use crate::split;
+use crate::visibility::OPEN;
 use brickyard_volume::{BrickId, BrickIndex, Level, LevelPolicy, Occupancy, ViewRays};
 use glam::DVec3;
 
@@ -62,6 +63,8 @@ pub(crate) struct Node {
     pub(crate) children: u8,
     /// In the frustum and not empty.
     pub(crate) is_visible: bool,
+    /// What a ray brings here at most, as a weight (see [`visibility`](crate::visibility)); 0 where none comes.
+    pub(crate) weight: u8,
 }
 
 pub(crate) const LEAF: u32 = u32::MAX;
@@ -71,8 +74,18 @@ impl Node {
         self.first_child == LEAF
     }
 
+    /// Whether it is visible and not hidden.
+    pub(crate) fn is_seen(&self) -> bool {
+        self.is_visible && self.weight > 0
+    }
+
     pub(crate) fn is_wanted(&self) -> bool {
-        self.is_cell() && self.is_visible
+        self.is_cell() && self.is_seen()
+    }
+
+    /// Whether it is in sight, but behind what lets nothing through.
+    pub(crate) fn is_hidden(&self) -> bool {
+        self.is_visible && self.weight == 0
     }
 }
 
@@ -92,15 +105,15 @@ impl Cut {
     /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
     /// (they are pinned, so they hold their slots whether they are in the cut or not).
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        split::cut(source, view, max_cells, None)
+        split::cut(source, view, max_cells, None, None)
     }
 
     /// The same for a view that follows this cut's: cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        split::cut(source, view, max_cells, Some(self))
+        split::cut(source, view, max_cells, Some(self), None)
     }
 
-    /// The cells that the view wants: those in its frustum that are not empty. In no particular order.
+    /// The cells that the view wants: those in its frustum that are not empty and not known to be hidden. In no particular order.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
         self.nodes.iter().filter(|node| node.is_wanted()).map(|node| self.view.id(node.level, node.index))
     }
@@ -128,6 +141,7 @@ impl Cut {
         for node in &mut cut.nodes {
             let id = cut.view.id(node.level, node.index);
             node.is_visible = frustum.meets_box(node.low, node.high) && cut.view.shows(source, id);
+            node.weight = OPEN;
         }
         cut.wanted = cut.wanted_cells().count();
         cut
@@ -136,6 +150,10 @@ impl Cut {
     /// Positions of the wanted cells, coarse first.
     pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = u32> {
         self.nodes.iter().zip(0..).filter(|(node, _)| node.is_wanted()).map(|(_, position)| position)
+    }
+
+    pub(crate) fn error_px(&self, position: u32) -> f64 {
+        self.nodes[position as usize].error_px
     }
 
     pub(crate) fn id(&self, position: u32) -> BrickId {

@@ -1,18 +1,21 @@
 //! The pager: decides which bricks a view wants, in which order they are drawn, read and evicted, inside hard budgets.
 //! Emits plans as values; knows nothing of the GPU, file formats or windows.
 //!
-//! How a frame passes through: the view gives a [`Cut`] of the octree; its cells become a [`DrawList`] over the bricks that
-//! are resident in slots; what is missing becomes an ordered list of requests that replaces the last one. Worker threads
-//! take from it, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which gives them
-//! slots and hands them to the renderer as uploads. Everything up to the workers is pure or a plain state machine; only
-//! [`Pager`] joins the two.
+//! How a frame passes through: the view, the last [`Cut`] of the octree and what is known of the visibility of its cells give
+//! the next cut; those of its cells that the view sees become a [`DrawList`] over the bricks that are resident in slots; what is
+//! missing, and what the next views may want, becomes an ordered list of requests that replaces the last one. Worker
+//! threads take from it, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which gives
+//! them slots and hands them to the renderer as uploads. What the renderer saw of the cells comes back as feedback.
+//! Everything up to the workers is pure or a plain state machine; only [`Pager`] joins the two.
 
 mod assemble;
 mod blocks;
 mod budget;
 mod cut;
 mod draw_list;
+mod governor;
 mod layout;
+mod motion;
 mod order;
 mod pager;
 mod parts;
@@ -30,12 +33,14 @@ mod split;
 mod store_source;
 #[cfg(test)]
 mod test_source;
+mod visibility;
 mod workers;
 
 pub use assemble::PaddedReader;
 pub use budget::{PagerConfig, PagerError};
 pub use cut::{Cut, View, cut_capacity};
 pub use draw_list::{DrawCell, DrawList, Slot};
+pub use governor::UploadLimits;
 pub use pager::{Counters, Frame, Pager, Status};
 pub use planner::Planning;
 pub use ram_cache::{DecodeCounters, RamCache};

@@ -6,11 +6,14 @@
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
 use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
-use crate::planner::Planner;
+use crate::governor::Governor;
+use crate::motion::Motion;
+use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
-use crate::residency::{Residency, Step, Upload};
+use crate::residency::{Residency, Step, Upload, Wants};
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
+use crate::visibility::Visibility;
 use crate::workers::Workers;
 use brickyard_volume::{BrickId, SlotEncoding};
 use crossbeam_channel::Select;
@@ -32,15 +35,17 @@ pub struct Frame {
 /// How far a view is, and what it has cost.
 #[derive(Clone, Debug)]
 pub struct Status {
-    /// Cells that the view sees.
+    /// Cells that the view sees, those aside that are known to be hidden.
     pub wanted: usize,
     /// Cells drawn with their own brick, at the level that the view wants.
     pub resident: usize,
     /// Cells whose own brick cannot be read: an ancestor stands in for good.
     pub failed: usize,
-    /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its
-    /// stand-in resident.
+    /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
+    /// and, where feedback is given, that of such a frame has changed nothing.
     pub settled: bool,
+    /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`].
+    pub awaits_feedback: bool,
     /// Whether every cell is drawn with something. False only before a volume's first brick has arrived, or with `error`.
     pub covered: bool,
     /// Share of the screen area of all cells that is drawn with the cells' own bricks, 0 to 1.
@@ -79,8 +84,21 @@ pub struct Counters {
     pub uploaded: u64,
     /// Uploads of bricks among the last evicted ones (as many as there are slots are remembered): a measure of thrash.
     pub reuploaded: u64,
+    /// Uploads of bricks that no view wanted yet.
+    pub uploaded_ahead: u64,
     /// Bytes uploaded.
     pub bytes_uploaded: u64,
+}
+
+/// How far ahead bricks are fetched: about as long as a few hundred take to come from a disk.
+const FETCH_TIME: Duration = Duration::from_millis(300);
+
+/// What feedback is about.
+#[derive(Debug, Default)]
+struct Drawn {
+    cells: Vec<BrickId>,
+    /// Whether nothing more was on its way.
+    is_complete: bool,
 }
 
 /// Pages the bricks of one source for one view at a time.
@@ -96,6 +114,14 @@ pub struct Pager {
     planner: Planner,
     /// The last frame's view and cut, and what the one saw of the other.
     sight: Option<(View, Arc<Cut>, Sight)>,
+    motion: Motion,
+    /// What has been told of the visibility of cells, and how often that has changed.
+    visibility: Option<(u64, Arc<Visibility>)>,
+    /// The number of the visibility that a complete frame of this view has confirmed.
+    confirmed: u64,
+    /// The last frame's draw list.
+    drawn: Drawn,
+    governor: Governor,
     /// The coarsest bricks of the last view's time and channel: pinned.
     roots: Vec<BrickId>,
     /// The last frame's uploads: host memory until the next call.
@@ -125,6 +151,7 @@ impl Pager {
         let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let residency = Residency::new(config.slots);
+        let governor = Governor::new(config.uploads);
         let planner = Planner::new(&source, config.slots, config.planning)?;
         let bytes_read_before = source.bytes_read();
         Ok(Self {
@@ -137,32 +164,49 @@ impl Pager {
             residency,
             planner,
             sight: None,
+            motion: Motion::default(),
+            visibility: None,
+            confirmed: 0,
+            drawn: Drawn::default(),
+            governor,
             roots: Vec::new(),
             handed_out: Vec::new(),
         })
     }
 
-    /// What to upload and draw for `view` now. Calling it says that the last frame's uploads are done with.
+    /// What to upload and draw for `view` now, where `at` is the time since some moment that stays the same: motion is
+    /// measured by it. Calling it says that the last frame's uploads are done with.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
-    pub fn frame(&mut self, view: &View) -> Frame {
+    pub fn frame(&mut self, view: &View, at: Duration) -> Frame {
         assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
         assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
         self.workers.give_back(self.handed_out.drain(..));
         while let Some(arrival) = self.workers.try_receive() {
             self.residency.arrive(arrival);
         }
-        if self.sight.as_ref().is_none_or(|(last, ..)| (last.time, last.channel) != (view.time, view.channel)) {
+        let last = self.sight.as_ref().map(|(last, ..)| last);
+        if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
             self.roots = roots(&*self.source, view.time, view.channel);
         }
-        let cut = self.planner.cut(view);
+        if last != Some(view) {
+            self.confirmed = 0;
+        }
+        self.motion.see(at, &view.rays);
+        let visibility = self.visibility.clone();
+        let ahead = self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME));
+        let Outlook { cut, ahead } = self.planner.outlook(Job { view: view.clone(), visibility, ahead });
         let sight = match self.sight.take() {
             Some((last, of, sight)) if last == *view && Arc::ptr_eq(&of, &cut) => sight,
             _ => Sight::new(&*self.source, &cut, view),
         };
-        let limit = self.config.upload_bytes_per_frame;
-        let step = self.residency.step(self.source.pyramid(), &cut, &sight, &self.roots, limit);
+        let (pyramid, roots) = (self.source.pyramid(), &self.roots);
+        let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead: &ahead };
+        let step = self.residency.step(&wants, self.governor.bytes());
+        self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
+        let is_complete = step.settled && self.planner.is_done();
+        self.drawn = Drawn { cells: step.draw.cells.iter().map(|cell| cell.cell).collect(), is_complete };
         let status = self.status(&cut, &sight, &step);
         let Step { uploads, draw, requests, stale, .. } = step;
         self.workers.give_back(stale);
@@ -172,6 +216,40 @@ impl Pager {
         Frame { uploads, draw, status }
     }
 
+    /// What the renderer saw of the last frame: for each cell of its draw list, in its order, the greatest transmittance with
+    /// which any ray entered the cell; 0 if none did, 1 if it is seen in the open. Hidden cells are not wanted from the next
+    /// plan on, and the others in the order of what is seen of them.
+    ///
+    /// # Panics
+    /// If there are not as many numbers as cells.
+    pub fn feedback(&mut self, visibility: &[f32]) {
+        let Drawn { cells, is_complete } = &self.drawn;
+        assert_eq!(visibility.len(), cells.len(), "visibility of another draw list");
+        let Some((view, ..)) = &self.sight else { return };
+        let told = cells.iter().copied().zip(visibility.iter().copied());
+        let told = Visibility::new(self.source.pyramid(), view, told);
+        let (number, has_changed) = match &mut self.visibility {
+            None => {
+                self.visibility = Some((1, Arc::new(told)));
+                (1, true)
+            }
+            // The planner may hold the last one: then this copies it.
+            Some((number, known)) => {
+                let has_changed = Arc::make_mut(known).update(told);
+                *number += has_changed as u64;
+                (*number, has_changed)
+            }
+        };
+        if !has_changed && *is_complete {
+            self.confirmed = number;
+        }
+    }
+
+    /// How long carrying out the last frame's uploads took: so that the next frames' can be fitted to the time there is.
+    pub fn uploads_took(&mut self, time: Duration) {
+        self.governor.took(time);
+    }
+
     /// Waits until the next frame has something to take in; false if `timeout` has passed or nothing is on its way. Calling
     /// it says that the last frame's uploads are done with.
     pub fn wait(&mut self, timeout: Duration) -> bool {
@@ -179,13 +257,13 @@ impl Pager {
         if self.residency.has_staged() {
             return true;
         }
-        let (arrivals, cut) = (self.workers.arrivals(), self.planner.awaited());
-        if cut.is_none() && !self.workers.is_busy() {
+        let (arrivals, outlook) = (self.workers.arrivals(), self.planner.awaited());
+        if outlook.is_none() && !self.workers.is_busy() {
             return arrivals.is_some_and(|arrivals| !arrivals.is_empty());
         }
         let mut select = Select::new();
         arrivals.map(|arrivals| select.recv(arrivals));
-        cut.map(|cut| select.recv(cut));
+        outlook.map(|outlook| select.recv(outlook));
         select.ready_timeout(timeout).is_ok()
     }
 
@@ -231,8 +309,13 @@ impl Pager {
     }
 
     fn status(&self, cut: &Cut, sight: &Sight, step: &Step) -> Status {
-        let (mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0.0, 0.0);
+        let (mut wanted, mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0, 0.0, 0.0);
+        let seen = |position: u32| !cut.nodes[position as usize].is_hidden();
         for ((&position, &cell_area), &is_resident) in sight.cells.iter().zip(&sight.areas).zip(&step.resident) {
+            if !seen(position) {
+                continue;
+            }
+            wanted += 1;
             area += cell_area;
             // What the cut does not want is coarser than what the view will want.
             if is_resident && cut.nodes[position as usize].is_visible {
@@ -242,28 +325,27 @@ impl Pager {
                 failed += self.residency.failure(cut.id(position)).is_some() as usize;
             }
         }
-        let draw = &step.draw;
-        let covered = draw.cells.len() == sight.cells.len();
-        let settled = step.settled && self.planner.is_done();
-        // Once settled, a cell that is left out has failed, and so have all its ancestors.
-        let left_out = || {
-            let mut drawn = draw.cells.iter().map(|cell| cell.cell).peekable();
-            let mut cells = sight.cells.iter().map(|&position| cut.id(position));
-            cells.find(|cell| drawn.next_if_eq(cell).is_none())
-        };
-        let left_out = if settled && !covered { left_out() } else { None };
+        let mut drawn = self.drawn.cells.iter().peekable();
+        let mut left_out = sight.cells.iter().filter(|&&position| drawn.next_if_eq(&&cut.id(position)).is_none());
+        let left_out = left_out.find(|&&position| seen(position)).map(|&position| cut.id(position));
+        let is_complete = self.drawn.is_complete;
+        // What has been told is to be confirmed by what is seen of a complete frame.
+        let is_confirmed = self.visibility.as_ref().is_none_or(|(number, _)| *number == self.confirmed);
+        // Once all is there that can be, a cell that is left out has failed, and so have all its ancestors.
+        let error = left_out.filter(|_| is_complete).and_then(|cell| self.residency.failure(cell).cloned());
         let decoded = self.cache.counters();
         Status {
-            wanted: sight.cells.len(),
+            wanted,
             resident,
             failed,
-            settled,
-            covered,
-            completeness: if resident == sight.cells.len() { 1.0 } else { resident_area / area },
+            settled: is_complete && is_confirmed,
+            awaits_feedback: is_complete && !is_confirmed,
+            covered: left_out.is_none(),
+            completeness: if resident == wanted { 1.0 } else { resident_area / area },
             effective_error_px: cut.effective_error_px(),
             pixel_error: cut.view.pixel_error,
             memory_bound: cut.memory_bound(),
-            error: left_out.and_then(|cell| self.residency.failure(cell).cloned()),
+            error,
             gpu_bytes: self.config.slots as u64 * self.slot_bytes(),
             host_bytes: self.meter.used(),
             host_bytes_peak: self.meter.peak(),
@@ -274,6 +356,7 @@ impl Pager {
                 failed: decoded.failed,
                 uploaded: self.residency.uploaded,
                 reuploaded: self.residency.reuploaded,
+                uploaded_ahead: self.residency.uploaded_ahead,
                 bytes_uploaded: self.residency.bytes_uploaded,
             },
         }
@@ -290,6 +373,8 @@ fn check_slots(source: &dyn BrickSource, given: u32, slot_bytes: u64) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draw_list::DrawCell;
+    use crate::governor::UploadLimits;
     use crate::planner::Planning;
     use crate::test_source::{TestSource, box_view};
     use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, VoxelType};
@@ -302,7 +387,8 @@ mod tests {
             host_bytes,
             workers: 3,
             planning: Planning::Inline,
-            upload_bytes_per_frame: None,
+            prefetch: false,
+            uploads: None,
         }
     }
 
@@ -314,7 +400,7 @@ mod tests {
     fn settle(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
         let deadline = std::time::Instant::now() + Duration::from_secs(20);
         loop {
-            let frame = pager.frame(view);
+            let frame = pager.frame(view, Duration::ZERO);
             for upload in &frame.uploads {
                 atlas.insert(upload.slot.0, upload.codes.to_vec());
             }
@@ -366,7 +452,7 @@ mod tests {
         assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
         assert_eq!(drawn(brick(0, [4, 4, 2])), Some(brick(2, [1, 1, 0])));
         // The same view again uploads and reads nothing.
-        let again = pager.frame(&view);
+        let again = pager.frame(&view, Duration::ZERO);
         assert!(again.uploads.is_empty() && again.status.settled && again.status.counters == status.counters);
         assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
         check_atlas(&pager, &frame, &atlas);
@@ -384,7 +470,7 @@ mod tests {
             assert_eq!(frame.draw.cells[0].brick.channel, channel);
             check_atlas(&pager, &frame, &atlas);
         }
-        assert_eq!(pager.frame(&view).status.counters.reuploaded, 1);
+        assert_eq!(pager.frame(&view, Duration::ZERO).status.counters.reuploaded, 1);
     }
 
     #[test]
@@ -413,13 +499,16 @@ mod tests {
     fn frames_upload_no_more_than_asked_but_always_something() {
         let source = Arc::new(TestSource::cube(64));
         source.read_core(brick(0, [0, 0, 0]), &mut [0; 512]).unwrap();
-        let limited = PagerConfig { upload_bytes_per_frame: Some(2500), ..config(300, 1 << 20) };
+        let limited = PagerConfig {
+            uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
+            ..config(300, 1 << 20)
+        };
         let mut pager = Pager::new(source.clone(), limited).unwrap();
         let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
-        let mut frame = pager.frame(&view);
+        let mut frame = pager.frame(&view, Duration::ZERO);
         while !frame.status.settled {
             assert!(pager.wait(Duration::from_secs(9)));
-            frame = pager.frame(&view);
+            frame = pager.frame(&view, Duration::ZERO);
             // 1,000 bytes a brick.
             assert!((1..=2).contains(&frame.uploads.len()), "{}", frame.uploads.len());
         }
@@ -436,7 +525,7 @@ mod tests {
             View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
         let mut kept = Vec::new();
         loop {
-            let frame = pager.frame(&view);
+            let frame = pager.frame(&view, Duration::ZERO);
             kept.extend(frame.uploads.into_iter().map(|upload| (upload.brick, upload.codes.to_vec(), upload.codes)));
             if frame.status.settled {
                 break;
@@ -459,6 +548,62 @@ mod tests {
         let status = settle(&mut pager, &view, &mut HashMap::new()).status;
         assert!(!status.covered);
         assert_eq!(status.error.map(|err| err.id), Some(brick(0, [0, 0, 0])));
+    }
+
+    #[test]
+    fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
+        let source = Arc::new(TestSource::cube(64));
+        let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 1 << 20) };
+        let mut pager = Pager::new(source.clone(), live).unwrap();
+        let projection = Projection::Perspective { fov_y_deg: 60.0 };
+        let mut view = View { pixel_error: 5.0, ..box_view(&source, projection) };
+        let (mut atlas, eye) = (HashMap::new(), view.rays.eye);
+        for i in 0..30u32 {
+            // In, and about the volume.
+            view.rays.eye = eye * (1.0 - 0.02 * i as f64);
+            let frame = pager.frame(&view, Duration::from_millis(20) * i);
+            for upload in &frame.uploads {
+                atlas.insert(upload.slot.0, upload.codes.to_vec());
+            }
+            check_atlas(&pager, &frame, &atlas);
+            drop(frame);
+            pager.wait(Duration::from_millis(20));
+        }
+        let frame = settle(&mut pager, &view, &mut atlas);
+        check_atlas(&pager, &frame, &atlas);
+        let cold = Cut::new(&*source, &view, crate::cut::cut_capacity(900, 1));
+        let wanted: HashMap<BrickId, BrickId> = frame.draw.cells.iter().map(|c| (c.cell, c.brick)).collect();
+        assert!(wanted.iter().all(|(cell, brick)| cell == brick) && !frame.status.memory_bound);
+        assert!(frame.status.effective_error_px <= 5.0 && wanted.len() >= cold.wanted());
+        assert!(frame.status.counters.uploaded_ahead > 0, "nothing was foreseen");
+    }
+
+    #[test]
+    fn what_is_hidden_is_not_read() {
+        let source = Arc::new(TestSource::cube(64));
+        let view = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };
+        let mut uploaded = Vec::new();
+        for shows in [1.0, 0.0] {
+            let mut pager = Pager::new(source.clone(), config(600, 1 << 20)).unwrap();
+            // The half of the volume that is farther away.
+            let hides = |cell: &DrawCell| cell.region.min.y >= 32;
+            loop {
+                let frame = pager.frame(&view, Duration::ZERO);
+                let told = |cell| if hides(cell) { shows } else { 1.0 };
+                let told: Vec<f32> = frame.draw.cells.iter().map(told).collect();
+                if frame.status.settled {
+                    uploaded.push(frame.status.counters.uploaded);
+                    assert!(frame.status.covered && frame.draw.cells.iter().any(hides));
+                    break;
+                }
+                pager.feedback(&told);
+                if !frame.status.awaits_feedback {
+                    pager.wait(Duration::from_secs(9));
+                }
+            }
+        }
+        // Before anything was told, some were on their way.
+        assert!(uploaded[1] < uploaded[0] * 3 / 4, "{uploaded:?}");
     }
 
     #[test]

@@ -1,15 +1,21 @@
 //! The plan: the ordered list of bricks to read, from the cut and from what is resident. Each plan replaces the last.
 //!
-//! Two tiers so far (next time steps and prefetch will follow as further ones):
+//! Four tiers:
 //! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, as far as nothing
 //!   finer stands in already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and,
 //!   for a cell whose brick cannot be read, its nearest readable ancestor.
-//! - *visible*: the cells' own bricks.
+//! - *visible*: the cells' own bricks;
+//! - *predicted* and *ring*: what the next views may want, as the [planner](crate::planner) lists it.
 //!
-//! Within a tier: coarse before fine, then by factors of two of the screen-space error, then along a Hilbert curve, so that
+//! The first two are what the view needs. The others never take a slot from them, and a share of the slots and of the
+//! buffers on the way to them at most. So they cannot start thrash: who fetches ahead only replaces what no tier names.
+//!
+//! Within a tier: coarse before fine, then by factors of two of the screen-space error (weighted by what is
+//! seen of the cell), then along a Hilbert curve, so that
 //! neighbours, whose voxels make each other's aprons, are decoded soon after one another.
 
 use crate::cut::Cut;
+use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
 
@@ -21,21 +27,39 @@ pub(crate) enum State {
     Failed,
 }
 
-/// Why a brick is wanted; earlier tiers are served first.
+/// Why a brick is wanted; earlier tiers are served first, and evict later ones. (Next time steps would come after `Visible`.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Tier {
+pub(crate) enum Tier {
     Cover,
     Visible,
+    Predicted,
+    Ring,
 }
 
-/// The bricks to read, first things first.
+impl Tier {
+    /// Of all slots, what bricks of this tier may hold.
+    pub(crate) fn share_of_slots(self) -> f64 {
+        match self {
+            Self::Cover | Self::Visible => 1.0,
+            Self::Predicted => 0.125,
+            Self::Ring => 0.0625,
+        }
+    }
+
+    /// Whether the view can do without.
+    pub(crate) fn is_ahead(self) -> bool {
+        self > Self::Visible
+    }
+}
+
+/// The bricks that the view needs to be read, first things first, and their tiers.
 pub(crate) fn requests(
     pyramid: &Pyramid,
     cut: &Cut,
     roots: &[BrickId],
     state_of: impl Fn(u32) -> State,
     state_of_root: impl Fn(BrickId) -> State,
-) -> Vec<BrickId> {
+) -> Vec<(Tier, BrickId)> {
     let mut wanted = vec![None; cut.nodes.len()];
     for cell in cut.wanted_cells() {
         let state = state_of(cell);
@@ -52,9 +76,17 @@ pub(crate) fn requests(
     for (position, tier) in wanted.iter().enumerate().skip(cut.roots) {
         if let &Some(tier) = tier {
             let id = cut.id(position as u32);
-            keyed.push((key(pyramid, tier, id, cut.nodes[position].error_px), id));
+            let node = &cut.nodes[position];
+            keyed.push((key(pyramid, tier, id, node.error_px * visibility::factor(node.weight)), id));
         }
     }
+    keyed.sort_unstable_by_key(|(key, _)| *key);
+    keyed.into_iter().map(|(key, id)| (key.0, id)).collect()
+}
+
+/// Bricks of one tier, given with their errors in pixels, in the order in which they are to be read.
+pub(crate) fn ordered(pyramid: &Pyramid, tier: Tier, bricks: Vec<(BrickId, f64)>) -> Vec<BrickId> {
+    let mut keyed: Vec<_> = bricks.into_iter().map(|(id, error)| (key(pyramid, tier, id, error), id)).collect();
     keyed.sort_unstable_by_key(|(key, _)| *key);
     keyed.into_iter().map(|(_, id)| id).collect()
 }

@@ -1,12 +1,22 @@
-//! The planner: makes the cut for the newest view from the last cut, on a thread of its own or at once.
+//! The planner: makes the cut for the newest view from the last cut, and lists what the next views may want, on a thread of its
+//! own or at once.
+//!
+//! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cut of the foreseen camera
+//! that this cut lacks, and the face neighbours of its cells just outside of the frustum.
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is
 //! newer replaces what nobody has taken. So frames never wait; they draw the newest finished cut, whichever view that was made
 //! for. At once, the cut is always the view's own, and the same views give the same cuts.
 
-use crate::cut::{Cut, View, cut_capacity};
+use crate::cut::{Cut, Node, View, cut_capacity};
+use crate::plan::{self, Tier};
 use crate::source::BrickSource;
+use crate::split;
+use crate::visibility::Visibility;
+use brickyard_volume::{BrickId, BrickIndex, ViewRays};
 use crossbeam_channel::{Receiver, Sender, bounded};
+use glam::DVec3;
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
@@ -20,30 +30,97 @@ pub enum Planning {
     Thread,
 }
 
-/// Makes one cut after the other.
+/// What to plan for.
+#[derive(Clone)]
+pub(crate) struct Job {
+    pub(crate) view: View,
+    /// What is known of the visibility of cells, and its number.
+    pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
+    /// Whether to look ahead, and the camera that is foreseen.
+    pub(crate) ahead: Option<Option<ViewRays>>,
+}
+
+impl Job {
+    /// Whether another job's cut would be the same. A camera that stops is no reason to look ahead anew.
+    fn is_same(&self, other: &Self) -> bool {
+        let number = |job: &Self| job.visibility.as_ref().map(|(number, _)| *number);
+        self.view == other.view && number(self) == number(other)
+    }
+}
+
+/// What has been planned.
+#[derive(Clone)]
+pub(crate) struct Outlook {
+    pub(crate) cut: Arc<Cut>,
+    /// What to fetch ahead, first things first.
+    pub(crate) ahead: Arc<[(Tier, BrickId)]>,
+}
+
+/// Makes one plan after the other.
 struct Desk {
     source: Arc<dyn BrickSource>,
+    slots: usize,
     max_cells: usize,
     last: Option<Arc<Cut>>,
 }
 
 impl Desk {
-    fn cut(&mut self, view: &View) -> Arc<Cut> {
-        let cut = match &self.last {
-            Some(last) => last.next(&*self.source, view, self.max_cells),
-            None => Cut::new(&*self.source, view, self.max_cells),
-        };
-        self.last.insert(Arc::new(cut)).clone()
+    fn plan(&mut self, job: &Job) -> Outlook {
+        let visibility = job.visibility.as_ref().map(|(_, visibility)| &**visibility);
+        let cut = split::cut(&*self.source, &job.view, self.max_cells, self.last.as_deref(), visibility);
+        let cut = self.last.insert(Arc::new(cut)).clone();
+        let ahead = job.ahead.map_or_else(Vec::new, |rays| self.look_ahead(&cut, rays, visibility));
+        Outlook { cut, ahead: ahead.into() }
     }
+
+    fn look_ahead(&self, cut: &Cut, rays: Option<ViewRays>, visibility: Option<&Visibility>) -> Vec<(Tier, BrickId)> {
+        let mut listed: HashSet<BrickId> = cut.cells().collect();
+        let foreseen = rays.map(|rays| View { rays, ..cut.view.clone() });
+        let foreseen = foreseen.map(|view| split::cut(&*self.source, &view, self.max_cells, Some(cut), visibility));
+        let predicted =
+            foreseen.iter().flat_map(|cut| cut.wanted_cells().map(|cell| (cut.id(cell), cut.error_px(cell))));
+        let ring = ring(&*self.source, cut);
+        let mut ahead = Vec::new();
+        for (tier, bricks) in [(Tier::Predicted, predicted.collect()), (Tier::Ring, ring)] {
+            let new = bricks.into_iter().filter(|(id, _)| listed.insert(*id)).collect();
+            let room = (self.slots as f64 * tier.share_of_slots()) as usize;
+            let ordered = plan::ordered(self.source.pyramid(), tier, new);
+            ahead.extend(ordered.into_iter().take(room).map(|id| (tier, id)));
+        }
+        ahead
+    }
+}
+
+/// Face neighbours of the wanted cells, of their level, that are outside of the frustum and not empty; with the cells' errors.
+fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
+    let frustum = cut.view.rays.frustum();
+    let mut ring = Vec::new();
+    for cell in cut.wanted_cells() {
+        let Node { level, index, low, high, error_px, .. } = cut.nodes[cell as usize];
+        let (at, bricks, size) = (index.to_array(), source.pyramid().level(level).bricks, high - low);
+        for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+            let mut beside = at;
+            beside[axis] = at[axis].wrapping_add_signed(side);
+            let away = DVec3::AXES[axis] * size * side as f64;
+            // A neighbour at the volume's end may be smaller than the cell: then this asks a little too much.
+            if bricks.contains(beside) && !frustum.meets_box(low + away, high + away) {
+                let id = cut.view.id(level, BrickIndex::from_array(beside));
+                if cut.view.shows(source, id) {
+                    ring.push((id, error_px));
+                }
+            }
+        }
+    }
+    ring
 }
 
 pub(crate) struct Planner {
     source: Arc<dyn BrickSource>,
-    /// The view asked for last, and its number.
-    asked: Option<View>,
+    /// What was asked for last, and its number.
+    asked: Option<Job>,
     number: u64,
-    /// The newest cut, and the number of the view that it was made for.
-    newest: Option<(u64, Arc<Cut>)>,
+    /// The newest outlook, and the number of what it was made for.
+    newest: Option<(u64, Outlook)>,
     place: Place,
 }
 
@@ -55,7 +132,8 @@ enum Place {
 impl Planner {
     pub(crate) fn new(source: &Arc<dyn BrickSource>, slots: u32, planning: Planning) -> std::io::Result<Self> {
         let roots = source.pyramid().level(source.pyramid().coarsest()).bricks.volume() as usize;
-        let desk = Desk { source: source.clone(), max_cells: cut_capacity(slots, roots), last: None };
+        let max_cells = cut_capacity(slots, roots);
+        let desk = Desk { source: source.clone(), slots: slots as usize, max_cells, last: None };
         let place = match planning {
             Planning::Inline => Place::Inline(desk),
             Planning::Thread => Place::Thread(PlannerThread::start(desk)?),
@@ -63,42 +141,41 @@ impl Planner {
         Ok(Self { source: source.clone(), asked: None, number: 0, newest: None, place })
     }
 
-    /// The newest cut there is, of the view's time step and channel. If it is not the view's own, that is on its way.
-    pub(crate) fn cut(&mut self, view: &View) -> Arc<Cut> {
-        let is_new = self.asked.as_ref() != Some(view);
-        if is_new {
-            self.asked = Some(view.clone());
+    /// The newest there is, of the view's time step and channel. If it is not what is asked for, that is on its way.
+    pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
+        let (time, channel) = (job.view.time, job.view.channel);
+        if self.asked.as_ref().is_none_or(|asked| !asked.is_same(&job)) {
             self.number += 1;
-        }
-        match &mut self.place {
-            Place::Inline(desk) if is_new => self.newest = Some((self.number, desk.cut(view))),
-            Place::Inline(_) => {}
-            Place::Thread(thread) => {
-                if is_new {
-                    thread.ask(self.number, view.clone());
-                }
-                self.newest = thread.newest().or(self.newest.take());
+            match &mut self.place {
+                Place::Inline(desk) => self.newest = Some((self.number, desk.plan(&job))),
+                Place::Thread(thread) => thread.ask(self.number, job.clone()),
             }
+            self.asked = Some(job.clone());
         }
-        let (number, newest) = match self.newest.take() {
+        if let Place::Thread(thread) = &self.place {
+            self.newest = thread.newest().or(self.newest.take());
+        }
+        let guess = |cut: Cut| (0, Outlook { cut: Arc::new(cut), ahead: [].into() });
+        let newest = match self.newest.take() {
             // Before the first: the coarsest level.
-            None => (0, Arc::new(Cut::new(&*self.source, view, 0))),
-            Some((number, cut)) if (cut.view.time, cut.view.channel) == (view.time, view.channel) => (number, cut),
-            Some((_, cut)) => (0, Arc::new(cut.at(&*self.source, view.time, view.channel))),
+            None => guess(Cut::new(&*self.source, &job.view, 0)),
+            Some((_, Outlook { cut, .. })) if (cut.view.time, cut.view.channel) != (time, channel) => {
+                guess(cut.at(&*self.source, time, channel))
+            }
+            Some(newest) => newest,
         };
-        self.newest = Some((number, newest.clone()));
-        newest
+        self.newest.insert(newest).1.clone()
     }
 
-    /// Whether the newest cut was made for the view asked for last.
+    /// Whether the newest outlook is what was asked for last.
     pub(crate) fn is_done(&self) -> bool {
         self.newest.as_ref().is_some_and(|(number, _)| *number == self.number)
     }
 
-    /// Where the next cut comes from, if one is on its way.
-    pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Arc<Cut>)>> {
+    /// Where the next one comes from, if it is on its way.
+    pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
         match &self.place {
-            Place::Thread(thread) if !self.is_done() => Some(&thread.cuts),
+            Place::Thread(thread) if !self.is_done() => Some(&thread.outlooks),
             _ => None,
         }
     }
@@ -106,42 +183,42 @@ impl Planner {
 
 struct PlannerThread {
     /// `None` only while dropping.
-    views: Option<Sender<(u64, View)>>,
+    jobs: Option<Sender<(u64, Job)>>,
     /// The other end, to take back what the thread has not taken.
-    untaken: Receiver<(u64, View)>,
-    cuts: Receiver<(u64, Arc<Cut>)>,
+    untaken: Receiver<(u64, Job)>,
+    outlooks: Receiver<(u64, Outlook)>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl PlannerThread {
     fn start(mut desk: Desk) -> std::io::Result<Self> {
-        let (views, untaken) = bounded::<(u64, View)>(1);
-        let (finished, cuts) = bounded(1);
-        let (inbox, unseen) = (untaken.clone(), cuts.clone());
+        let (jobs, untaken) = bounded::<(u64, Job)>(1);
+        let (finished, outlooks) = bounded(1);
+        let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            for (number, view) in inbox {
-                let cut = desk.cut(&view);
+            for (number, job) in inbox {
+                let outlook = desk.plan(&job);
                 while unseen.try_recv().is_ok() {}
-                if finished.send((number, cut)).is_err() {
+                if finished.send((number, outlook)).is_err() {
                     return;
                 }
             }
         };
         let thread = Some(std::thread::Builder::new().name("planner".into()).spawn(work)?);
-        Ok(Self { views: Some(views), untaken, cuts, thread })
+        Ok(Self { jobs: Some(jobs), untaken, outlooks, thread })
     }
 
-    fn ask(&self, number: u64, view: View) {
+    fn ask(&self, number: u64, job: Job) {
         while self.untaken.try_recv().is_ok() {}
-        if let Some(views) = &self.views {
+        if let Some(jobs) = &self.jobs {
             // The planner holds the other end as long as it lives; `newest` says so if it does not.
-            let _ = views.try_send((number, view));
+            let _ = jobs.try_send((number, job));
         }
     }
 
-    fn newest(&self) -> Option<(u64, Arc<Cut>)> {
-        match self.cuts.try_recv() {
-            Ok(cut) => Some(cut),
+    fn newest(&self) -> Option<(u64, Outlook)> {
+        match self.outlooks.try_recv() {
+            Ok(outlook) => Some(outlook),
             Err(_) if self.thread.as_ref().is_none_or(JoinHandle::is_finished) => panic!("the planner has panicked"),
             Err(_) => None,
         }
@@ -150,7 +227,7 @@ impl PlannerThread {
 
 impl Drop for PlannerThread {
     fn drop(&mut self) {
-        self.views = None;
+        self.jobs = None;
         if let Some(thread) = self.thread.take() {
             // Its own panic has been printed; there is nothing to add while dropping.
             let _ = thread.join();

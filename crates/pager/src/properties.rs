@@ -1,8 +1,13 @@
 //! Property tests of the whole pager without threads or a GPU: random volumes, cameras, occupancies, budgets, failures and
 //! orders of arrival against what must always hold.
 
-use crate::cut::{Cut, View, cut_capacity, roots};
-use crate::residency::{Arrival, Residency, Step};
+use crate::budget::{PagerConfig, TABLE_BYTES_PER_SLOT};
+use crate::cut::{Cut, View, cut_capacity, roots, world_box};
+use crate::draw_list::DrawList;
+use crate::pager::Pager;
+use crate::plan::Tier;
+use crate::planner::Planning;
+use crate::residency::{Arrival, Residency, Step, Wants};
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use crate::split::KEEP;
@@ -14,6 +19,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A cheap generator for choices that need no shrinking of their own.
 #[derive(Clone, Debug)]
@@ -302,6 +308,7 @@ struct Bench<'a> {
     in_flight: BTreeSet<BrickId>,
     dice: Dice,
     slots: u32,
+    seed: u64,
     upload_bytes: Option<u64>,
 }
 
@@ -311,9 +318,11 @@ const PADDED: u64 = 10;
 impl Bench<'_> {
     fn frame(&mut self, cut: &Cut, sight: &Sight, roots: &[BrickId]) -> Step {
         self.deliver();
-        let pinned: Vec<BrickId> = self.atlas.values().filter(|id| roots.contains(id)).copied().collect();
-        let (pyramid, limit) = (self.source.pyramid(), self.upload_bytes);
-        let [step, twin] = self.twins.each_mut().map(|r| r.step(pyramid, cut, sight, roots, limit));
+        let ahead = self.ahead(cut, roots);
+        let wants = Wants { pyramid: self.source.pyramid(), cut, sight, roots, ahead: &ahead };
+        let before: HashSet<BrickId> = self.atlas.values().copied().collect();
+        let limit = self.upload_bytes;
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(&wants, limit));
         let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.brick)).collect::<Vec<_>>();
         assert_eq!((names(&step), &step.draw, &step.requests), (names(&twin), &twin.draw, &twin.requests));
         let bytes = step.uploads.len() as u64 * PADDED;
@@ -322,12 +331,39 @@ impl Bench<'_> {
             assert!(upload.slot.0 < self.slots);
             self.atlas.insert(upload.slot.0, upload.brick);
         }
-        assert_eq!(self.atlas.values().collect::<HashSet<_>>().len(), self.atlas.len(), "a brick has two slots");
-        for pinned in pinned {
-            assert!(self.atlas.values().any(|&id| id == pinned), "{pinned} was pinned");
+        let after: HashSet<BrickId> = self.atlas.values().copied().collect();
+        assert_eq!(after.len(), self.atlas.len(), "a brick has two slots");
+        let stays = |id: &BrickId| !before.contains(id) || after.contains(id);
+        assert!(roots.iter().all(stays) && cut.cells().all(|id| stays(&id)), "pinned or wanted, and evicted");
+        // Only what is wanted for an earlier tier takes a brick's place.
+        let tier_of =
+            |id: BrickId| ahead.iter().find(|(_, other)| *other == id).map_or(Tier::Visible, |(tier, _)| *tier);
+        for tier in [Tier::Predicted, Tier::Ring] {
+            let gone = ahead.iter().filter(|(of, id)| *of == tier && !stays(id)).count();
+            let earlier = step.uploads.iter().filter(|upload| tier_of(upload.brick) < tier).count();
+            assert!(gone <= earlier, "{gone} of {tier:?} are gone for {earlier}");
         }
         self.check_draw(cut, sight, &step);
         step
+    }
+
+    /// Some bricks to fetch ahead, no more than there is room for, the same as long as the cut is the same.
+    fn ahead(&self, cut: &Cut, roots: &[BrickId]) -> Vec<(Tier, BrickId)> {
+        let wanted: HashSet<BrickId> = cut.cells().collect();
+        let mut dice = Dice(wanted.len() as u64 + self.seed);
+        let pyramid = self.source.pyramid();
+        let levels = pyramid.levels().iter().enumerate();
+        let all = levels.flat_map(|(l, grid)| indices(grid.bricks).map(move |index| (Level(l as u8), index)));
+        let mut ahead = Vec::new();
+        for (level, index) in all {
+            let id = BrickId { time: 0, channel: 0, level, index };
+            if !wanted.contains(&id) && level < pyramid.coarsest() && dice.chance(0.1) {
+                ahead.push((if dice.chance(0.5) { Tier::Predicted } else { Tier::Ring }, id));
+            }
+        }
+        ahead.sort();
+        ahead.truncate((self.slots as usize).saturating_sub(cut.wanted() + roots.len()));
+        ahead
     }
 
     /// Some of what is in flight arrives, in any order.
@@ -373,8 +409,8 @@ impl Bench<'_> {
     /// Only so many requests are ever taken from a plan.
     fn ask(&mut self, step: &Step) {
         let room = 8usize.saturating_sub(self.in_flight.len());
-        let new: Vec<BrickId> =
-            step.requests.iter().filter(|id| !self.in_flight.contains(id)).take(room).copied().collect();
+        let requests = step.requests.iter().map(|(_, id)| *id);
+        let new: Vec<BrickId> = requests.filter(|id| !self.in_flight.contains(id)).take(room).collect();
         self.in_flight.extend(new);
     }
 
@@ -427,13 +463,78 @@ proptest! {
         let slots = slots.max(roots(&source, 0, 0).len() as u32);
         let twins = [(); 2].map(|()| Residency::new(slots));
         let (atlas, in_flight) = Default::default();
-        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice: Dice(seed), slots, upload_bytes };
+        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice: Dice(seed), slots, seed, upload_bytes };
         let max_cells = cut_capacity(slots, roots(&source, 0, 0).len());
         let mut cut = Cut::new(&source, &views[0].view(&source), max_cells);
         for view in views.iter().map(|shot| shot.view(&source)) {
             bench.fly(&cut, &view);
             cut = cut.next(&source, &view, max_cells);
             bench.settle(&cut, &view);
+        }
+    }
+}
+
+/// What a renderer would tell of a draw list: rays through a grid of pixels lose what each brick they cross takes. What a
+/// brick takes has nothing to do with what its parent takes, so everything may come out differently at each level.
+fn told(source: &TestSource, view: &View, draw: &DrawList, seed: u64) -> Vec<f32> {
+    let mut told = vec![0f32; draw.cells.len()];
+    for i in 0..96 {
+        let ray = view.rays.ray((i % 12) as f64 * 8.0 + 4.0, (i / 12) as f64 * 8.0 + 4.0);
+        let mut transmittance = 1f32;
+        for (cell, told) in draw.cells.iter().zip(&mut told).rev() {
+            if transmittance > 0.0 && stretch(source, &ray, cell.region).is_some() {
+                *told = told.max(transmittance);
+                let [x, y, z] = cell.brick.index.to_array().map(u64::from);
+                let brick = (cell.brick.level.0 as u64) << 48 | x << 32 | y << 16 | z;
+                transmittance *= [1.0, 0.5, 0.1, 0.0][Dice(seed ^ brick).next() as usize % 4];
+            }
+        }
+    }
+    told
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    /// With feedback on everything that is drawn, whatever bricks hide: views come to rest, and then all that rays reach
+    /// is there at the level that the view wants.
+    #[test]
+    fn feedback_comes_to_rest_and_leaves_nothing_out_that_is_seen(
+        volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..200, seed in any::<u64>(),
+    ) {
+        let source = Arc::new(volume.source());
+        let slots = slots.max(roots(&*source, 0, 0).len() as u32);
+        let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
+        let (planning, prefetch, uploads) = (Planning::Inline, false, None);
+        let config = PagerConfig { slots, apron: 1, host_bytes, workers: 1, planning, prefetch, uploads };
+        let mut pager = Pager::new(source.clone(), config).unwrap();
+        let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
+        for view in views.iter().map(|shot| shot.view(&source)) {
+            // Each brick may be told of with eight weights, one after the other; in truth it is a few dozen frames.
+            let mut frames_left = 100 + 8 * source.pyramid().brick_count();
+            let (frame, visibility) = loop {
+                let frame = pager.frame(&view, Duration::ZERO);
+                let visibility = told(&source, &view, &frame.draw, seed);
+                if frame.status.settled {
+                    break (frame, visibility);
+                }
+                pager.feedback(&visibility);
+                if !frame.status.awaits_feedback {
+                    pager.wait(Duration::from_secs(9));
+                }
+                frames_left -= 1;
+                prop_assert!(frames_left > 0, "{:?}", frame.status);
+            };
+            for (entry, _) in frame.draw.cells.iter().zip(&visibility).filter(|(_, told)| **told > 0.0) {
+                let best = lineage(source.pyramid(), entry.cell).find(|id| !source.failing.contains(id));
+                prop_assert_eq!(Some(entry.brick), best);
+                if view.level == LevelPolicy::Auto && !frame.status.memory_bound && entry.cell.level.0 > 0 {
+                    let (low, high) = world_box(&*source, entry.cell.level, entry.cell.index);
+                    let distance = view.rays.eye.clamp(low, high).distance(view.rays.eye);
+                    let error_px = voxel_size * (1u64 << entry.cell.level.0) as f64 / view.rays.pixel_size(distance);
+                    prop_assert!(error_px <= view.pixel_error, "{} px", error_px);
+                }
+            }
         }
     }
 }

@@ -10,7 +10,7 @@
 
 use crate::cut::Cut;
 use crate::draw_list::{DrawList, Slot, StandIns};
-use crate::plan::{self, State};
+use crate::plan::{self, State, Tier};
 use crate::sight::Sight;
 use crate::slots::SlotTable;
 use crate::source::BrickError;
@@ -44,11 +44,23 @@ pub(crate) struct Step {
     /// Of each cell in sight, whether its own brick is resident.
     pub(crate) resident: Vec<bool>,
     /// What to read next.
-    pub(crate) requests: Vec<BrickId>,
+    pub(crate) requests: Vec<(Tier, BrickId)>,
     /// Arrivals that this view does not want.
     pub(crate) stale: Vec<Arc<[u8]>>,
     /// Whether all that is wanted is resident, or failed with its stand-in resident.
     pub(crate) settled: bool,
+}
+
+/// What a frame wants.
+#[derive(Clone, Copy)]
+pub(crate) struct Wants<'a> {
+    pub(crate) pyramid: &'a Pyramid,
+    pub(crate) cut: &'a Cut,
+    pub(crate) sight: &'a Sight,
+    /// The coarsest bricks: pinned.
+    pub(crate) roots: &'a [BrickId],
+    /// Bricks to fetch ahead, by tier.
+    pub(crate) ahead: &'a [(Tier, BrickId)],
 }
 
 pub(crate) struct Residency {
@@ -57,6 +69,7 @@ pub(crate) struct Residency {
     failed: HashMap<BrickId, BrickError>,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
+    pub(crate) uploaded_ahead: u64,
     pub(crate) bytes_uploaded: u64,
 }
 
@@ -68,6 +81,7 @@ impl Residency {
             failed: HashMap::new(),
             uploaded: 0,
             reuploaded: 0,
+            uploaded_ahead: 0,
             bytes_uploaded: 0,
         }
     }
@@ -98,31 +112,25 @@ impl Residency {
 
     /// One frame: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
     /// `upload_bytes` but at least one; then draws and plans from what is resident.
-    pub(crate) fn step(
-        &mut self,
-        pyramid: &Pyramid,
-        cut: &Cut,
-        sight: &Sight,
-        roots: &[BrickId],
-        upload_bytes: Option<u64>,
-    ) -> Step {
+    pub(crate) fn step(&mut self, wants: &Wants<'_>, upload_bytes: Option<u64>) -> Step {
+        let &Wants { pyramid, cut, sight, roots, .. } = wants;
         self.slots.begin_frame();
         self.slots.set_pins(roots.to_vec());
         let mut stand_ins = self.stand_ins(cut, sight);
-        self.protect(cut, sight, &stand_ins);
-        let mut requests = self.plan(pyramid, cut, &stand_ins, roots);
+        self.claim(wants, &stand_ins);
+        let mut requests = self.plan(wants, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), Vec::new());
         if self.has_staged() {
             uploads = self.place(&requests, upload_bytes, &mut stale);
         }
         if !uploads.is_empty() {
             stand_ins = self.stand_ins(cut, sight);
-            requests = self.plan(pyramid, cut, &stand_ins, roots);
+            requests = self.plan(wants, &stand_ins);
         }
         let draw = DrawList::new(pyramid, cut, sight, &stand_ins);
         let resident = sight.cells.iter().map(|&cell| stand_ins.is_resident(cell)).collect();
-        let settled = requests.is_empty();
-        requests.retain(|id| !self.staged.contains_key(id));
+        let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead());
+        requests.retain(|(_, id)| !self.staged.contains_key(id));
         Step { uploads, draw, resident, requests, stale, settled }
     }
 
@@ -130,38 +138,48 @@ impl Residency {
         StandIns::new(cut, |node| node.is_visible || !sight.is_planned, |id| self.slots.get(id))
     }
 
-    /// Protects what stands for the wanted cells. What only this frame's view sees comes next to be kept.
-    fn protect(&mut self, cut: &Cut, sight: &Sight, stand_ins: &StandIns) {
-        if !sight.is_planned {
-            let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_visible);
-            others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
-        }
+    /// Claims what stands for the wanted cells, and what is fetched ahead. What else is drawn comes next to be kept.
+    fn claim(&mut self, wants: &Wants<'_>, stand_ins: &StandIns) {
+        let &Wants { cut, sight, .. } = wants;
+        let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_wanted());
+        others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
+        self.ahead(wants).iter().rev().for_each(|&(tier, id)| self.slots.claim(id, tier));
         let wanted = cut.wanted_cells().filter_map(|cell| stand_ins.of(cell));
-        wanted.for_each(|(stand_in, _)| self.slots.protect(cut.id(stand_in)));
+        wanted.for_each(|(stand_in, _)| self.slots.claim(cut.id(stand_in), Tier::Visible));
     }
 
-    fn plan(&self, pyramid: &Pyramid, cut: &Cut, stand_ins: &StandIns, roots: &[BrickId]) -> Vec<BrickId> {
+    /// What there is room for beside the view's own bricks: so that what is fetched ahead gets a slot when it comes.
+    fn ahead<'a>(&self, wants: &Wants<'a>) -> &'a [(Tier, BrickId)] {
+        let room = self.slots.count().saturating_sub(wants.cut.wanted() + wants.roots.len());
+        &wants.ahead[..wants.ahead.len().min(room)]
+    }
+
+    fn plan(&self, wants: &Wants<'_>, stand_ins: &StandIns) -> Vec<(Tier, BrickId)> {
+        let &Wants { pyramid, cut, roots, .. } = wants;
         let absent = |id| if self.failed.contains_key(&id) { State::Failed } else { State::Absent };
         let state_of = |position| match stand_ins.is_resident(position) {
             true => State::Resident,
             false => absent(cut.id(position)),
         };
-        let state_of_root = |id| if self.is_resident(id) { State::Resident } else { absent(id) };
-        plan::requests(pyramid, cut, roots, state_of, state_of_root)
+        let state_of_brick = |id| if self.is_resident(id) { State::Resident } else { absent(id) };
+        let mut requests = plan::requests(pyramid, cut, roots, state_of, state_of_brick);
+        requests.extend(self.ahead(wants).iter().filter(|(_, id)| state_of_brick(*id) == State::Absent));
+        requests
     }
 
-    fn place(&mut self, requests: &[BrickId], limit: Option<u64>, stale: &mut Vec<Arc<[u8]>>) -> Vec<Upload> {
+    fn place(&mut self, requests: &[(Tier, BrickId)], limit: Option<u64>, stale: &mut Vec<Arc<[u8]>>) -> Vec<Upload> {
         let mut uploads: Vec<Upload> = Vec::new();
         let (mut kept, mut bytes) = (BTreeMap::new(), 0);
-        for &brick in requests {
+        for &(tier, brick) in requests {
             let Some(codes) = self.staged.remove(&brick) else { continue };
             let size = codes.len() as u64;
             let allowed = uploads.is_empty() || limit.is_none_or(|limit| bytes + size <= limit);
-            let acquired = if allowed { self.slots.acquire(brick) } else { None };
+            let acquired = if allowed { self.slots.acquire(brick, tier) } else { None };
             match acquired {
                 Some(acquired) => {
                     bytes += size;
                     self.reuploaded += acquired.again as u64;
+                    self.uploaded_ahead += tier.is_ahead() as u64;
                     uploads.push(Upload { slot: acquired.slot, brick, codes });
                 }
                 None => drop(kept.insert(brick, codes)),

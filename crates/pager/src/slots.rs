@@ -1,17 +1,19 @@
 //! The slot table: which brick is in which slot, who may not be evicted, and who goes next.
 //!
-//! Three ranks: *pinned* bricks stay, bricks *protected* in the current frame (its draw list and its uploads) stay until the
-//! next, and all others are evicted least recently used first. Protecting a brick moves it to the recent end, so the
-//! first protected brick met from the old end ends the search, and equal histories give equal tables.
+//! *Pinned* bricks stay; bricks *claimed* in the current frame for a tier are evicted for earlier tiers alone; all others go
+//! first, least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so that the
+//! first brick met from the old end that may not go ends the search, and equal histories give equal tables.
 
 use crate::draw_list::Slot;
+use crate::plan::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 
 struct Entry {
     slot: Slot,
-    /// The last frame that drew or uploaded the brick.
+    /// The last frame that claimed the brick, and what for.
     frame: u64,
+    tier: Tier,
 }
 
 pub(crate) struct SlotTable {
@@ -47,7 +49,11 @@ impl SlotTable {
         }
     }
 
-    /// Ends the protection of the last frame's bricks.
+    pub(crate) fn count(&self) -> usize {
+        self.count as usize
+    }
+
+    /// Ends the last frame's claims.
     pub(crate) fn begin_frame(&mut self) {
         self.frame += 1;
     }
@@ -62,39 +68,41 @@ impl SlotTable {
         self.entries.peek(&id).map(|entry| entry.slot)
     }
 
-    /// Moves a resident brick to the recent end: it goes after those that are not used. Before any is protected.
+    /// Moves a resident brick to the recent end: it goes after those that are not used. Before any is claimed.
     pub(crate) fn touch(&mut self, id: BrickId) {
         self.entries.promote(&id);
     }
 
-    /// Keeps a resident brick for this frame.
-    pub(crate) fn protect(&mut self, id: BrickId) {
+    /// Keeps a resident brick for this frame. Later tiers first.
+    pub(crate) fn claim(&mut self, id: BrickId, tier: Tier) {
         let frame = self.frame;
         if let Some(entry) = self.entries.get_mut(&id) {
-            entry.frame = frame;
+            (entry.frame, entry.tier) = (frame, tier);
         }
     }
 
-    /// Gives a brick that has none a slot, protected for this frame; `None` if all slots are pinned or protected.
-    pub(crate) fn acquire(&mut self, id: BrickId) -> Option<Acquired> {
+    /// Gives a brick that has none a slot, claimed for this frame; `None` if all slots are pinned, or claimed for this tier or
+    /// earlier ones.
+    pub(crate) fn acquire(&mut self, id: BrickId, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&id), "{id} has a slot");
         let (slot, victim) = if self.next < self.count {
             self.next += 1;
             (Slot(self.next - 1), None)
         } else {
-            let victim = self.victim()?;
+            let victim = self.victim(tier)?;
             (self.entries.pop(&victim)?.slot, Some(victim))
         };
         let again = self.evicted.pop(&id).is_some();
         victim.map(|victim| self.evicted.put(victim, ()));
-        self.entries.put(id, Entry { slot, frame: self.frame });
+        self.entries.put(id, Entry { slot, frame: self.frame, tier });
         Some(Acquired { slot, again })
     }
 
-    fn victim(&self) -> Option<BrickId> {
+    fn victim(&self, tier: Tier) -> Option<BrickId> {
+        let may_go = |entry: &Entry| entry.frame != self.frame || entry.tier > tier;
         let old_first = self.entries.iter().rev();
-        let mut unprotected = old_first.take_while(|(_, entry)| entry.frame != self.frame).map(|(id, _)| *id);
-        unprotected.find(|id| self.pinned.binary_search(id).is_err())
+        let mut may_go = old_first.take_while(|(_, entry)| may_go(entry)).map(|(id, _)| *id);
+        may_go.find(|id| self.pinned.binary_search(id).is_err())
     }
 }
 
@@ -108,18 +116,18 @@ mod tests {
     }
 
     fn slot(table: &mut SlotTable, x: u32) -> Option<u32> {
-        table.acquire(brick(x)).map(|a| a.slot.0)
+        table.acquire(brick(x), Tier::Visible).map(|a| a.slot.0)
     }
 
     #[test]
-    fn the_oldest_unprotected_unpinned_brick_goes() {
+    fn the_oldest_unclaimed_unpinned_brick_goes() {
         let mut table = SlotTable::new(3);
         table.set_pins(vec![brick(0)]);
         assert_eq!([0, 1, 2].map(|x| slot(&mut table, x)), [Some(0), Some(1), Some(2)]);
         assert_eq!(slot(&mut table, 3), None, "all are this frame's");
         table.begin_frame();
-        table.protect(brick(1));
-        assert_eq!(slot(&mut table, 3), Some(2), "0 is pinned, 1 protected");
+        table.claim(brick(1), Tier::Visible);
+        assert_eq!(slot(&mut table, 3), Some(2), "0 is pinned, 1 claimed");
         assert_eq!(slot(&mut table, 4), None);
         assert_eq!(table.get(brick(2)), None);
         table.begin_frame();
@@ -127,11 +135,27 @@ mod tests {
     }
 
     #[test]
+    fn only_later_tiers_are_evicted() {
+        let mut table = SlotTable::new(4);
+        (0..4).for_each(|x| assert_eq!(slot(&mut table, x), Some(x)));
+        table.begin_frame();
+        for (x, tier) in [(3, Tier::Ring), (2, Tier::Predicted), (1, Tier::Visible)] {
+            table.claim(brick(x), tier);
+        }
+        let mut evicts = |x, tier| table.acquire(brick(x), tier).map(|a| a.slot.0);
+        assert_eq!(evicts(4, Tier::Ring), Some(0), "nobody claims 0");
+        assert_eq!(evicts(5, Tier::Ring), None);
+        assert_eq!(evicts(6, Tier::Predicted), Some(3));
+        assert_eq!(evicts(7, Tier::Predicted), None, "brick 4 is of the ring, but a predicted one is older");
+        assert_eq!(evicts(8, Tier::Visible), Some(2));
+    }
+
+    #[test]
     fn a_brick_that_comes_back_is_told() {
         let mut table = SlotTable::new(1);
         for (x, again) in [(0, false), (1, false), (0, true)] {
             table.begin_frame();
-            assert_eq!(table.acquire(brick(x)).map(|a| a.again), Some(again));
+            assert_eq!(table.acquire(brick(x), Tier::Visible).map(|a| a.again), Some(again));
         }
     }
 }

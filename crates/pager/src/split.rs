@@ -1,6 +1,7 @@
 //! How a cut is made from the last one.
 //!
-//! There is one definition. Cells are split in the order of their screen-space errors, largest first (ties: coarse first,
+//! There is one definition. Cells are split in the order of their screen-space errors, weighted by what is seen of them (see
+//! [`visibility`]; what is hidden is not split), largest first (ties: coarse first,
 //! then least brick id), and the first split that does not fit ends the work. So a larger budget makes the same splits
 //! and then more: no cell is ever coarser for having more slots. Cells that the last cut had split have an advantage, the
 //! *hysteresis*: their errors count [`KEEP`] times less, in other words others must be worse by 1 / [`KEEP`] to displace
@@ -17,6 +18,7 @@
 
 use crate::cut::{Cut, LEAF, Node, View, roots, world_box};
 use crate::source::BrickSource;
+use crate::visibility::{self, OPEN, Visibility};
 use brickyard_volume::{BrickIndex, Frustum, Level, LevelPolicy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -27,8 +29,14 @@ use std::collections::BinaryHeap;
 pub(crate) const KEEP: f64 = 0.8;
 
 /// The cut for a view, after `last`.
-pub(crate) fn cut(source: &dyn BrickSource, view: &View, max_cells: usize, last: Option<&Cut>) -> Cut {
-    let mut build = Build::new(source, view, max_cells, last);
+pub(crate) fn cut(
+    source: &dyn BrickSource,
+    view: &View,
+    max_cells: usize,
+    last: Option<&Cut>,
+    visibility: Option<&Visibility>,
+) -> Cut {
+    let mut build = Build::new(source, view, max_cells, last, visibility);
     let splits = build.repeat_splits();
     let memory_bound = build.exchange(splits);
     let Build { mut nodes, roots, has_merged, .. } = build;
@@ -59,11 +67,12 @@ struct Build<'a> {
     voxel_size: f64,
     max_cells: usize,
     last: &'a [Node],
+    visibility: Option<&'a Visibility>,
     nodes: Vec<Node>,
     /// Of each node, the position of the same node in the last cut; [`LEAF`] if it was not there.
     twins: Vec<u32>,
     roots: usize,
-    /// Wanted cells with all roots counted, and with a split node counted that has no visible child: so that no split
+    /// Wanted cells with all roots counted, and with a split node counted that has no seen child: so that no split
     /// lowers it, and what fits does not depend on the order of the splits.
     count: usize,
     /// Whether the arena holds nodes that nothing leads to.
@@ -71,7 +80,13 @@ struct Build<'a> {
 }
 
 impl<'a> Build<'a> {
-    fn new(source: &'a dyn BrickSource, view: &'a View, max_cells: usize, last: Option<&'a Cut>) -> Self {
+    fn new(
+        source: &'a dyn BrickSource,
+        view: &'a View,
+        max_cells: usize,
+        last: Option<&'a Cut>,
+        visibility: Option<&'a Visibility>,
+    ) -> Self {
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         let frustum = view.rays.frustum();
         let last: &[Node] = last.map_or(&[], |last| &last.nodes);
@@ -83,6 +98,7 @@ impl<'a> Build<'a> {
             voxel_size,
             max_cells,
             last,
+            visibility,
             nodes,
             twins,
             roots: 0,
@@ -177,16 +193,18 @@ impl<'a> Build<'a> {
 
     /// Where a node comes in the order of splitting; `None` if it is not to be split.
     fn key(&self, position: u32) -> Option<Key> {
-        let Node { level, index, error_px, is_visible, .. } = self.nodes[position as usize];
+        let node = &self.nodes[position as usize];
+        let Node { level, index, error_px, .. } = *node;
         let was_split = self.was_split(position);
         let (is_called_for, is_kept) = match self.view.level {
             LevelPolicy::Auto => (error_px > self.view.pixel_error, error_px > self.view.pixel_error * KEEP),
             LevelPolicy::Locked(locked) => (level.0 > locked, false),
         };
-        if !is_visible || level.0 == 0 || !(is_called_for || was_split && is_kept) {
+        if !node.is_seen() || level.0 == 0 || !(is_called_for || was_split && is_kept) {
             return None;
         }
-        let error = if was_split { error_px / KEEP } else { error_px };
+        let error = error_px * visibility::factor(node.weight);
+        let error = if was_split { error / KEEP } else { error };
         Some(Key { is_called_for, error_bits: error.to_bits(), level, index: Reverse(index), position })
     }
 
@@ -223,8 +241,8 @@ impl<'a> Build<'a> {
     fn gain(&self, position: u32) -> usize {
         let Node { first_child, children, .. } = self.nodes[position as usize];
         let children = &self.nodes[first_child as usize..][..children as usize];
-        let visible = children.iter().filter(|child| child.is_visible).count();
-        if (position as usize) < self.roots { visible } else { visible.max(1) - 1 }
+        let seen = children.iter().filter(|child| child.is_seen()).count();
+        if (position as usize) < self.roots { seen } else { seen.max(1) - 1 }
     }
 
     fn push(&mut self, level: Level, index: BrickIndex, parent: u32, twin: u32) {
@@ -234,7 +252,14 @@ impl<'a> Build<'a> {
         let distance = rays.eye.clamp(low, high).distance(rays.eye);
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / rays.pixel_size(distance);
         let (first_child, children) = (LEAF, 0);
-        self.nodes.push(Node { level, index, low, high, error_px, parent, first_child, children, is_visible });
+        let mut node =
+            Node { level, index, low, high, error_px, parent, first_child, children, is_visible, weight: OPEN };
+        // No more can come here than to what holds it: so an ancestor is never split after its descendants.
+        node.weight = self.nodes.get(parent as usize).map_or(OPEN, |parent| parent.weight);
+        if let Some(weight) = self.visibility.and_then(|visibility| visibility.weight(self.view, &node)) {
+            node.weight = node.weight.min(weight);
+        }
+        self.nodes.push(node);
         self.twins.push(twin);
     }
 }

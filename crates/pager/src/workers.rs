@@ -7,6 +7,7 @@
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
+use crate::plan::Tier;
 use crate::ram_cache::{RamCache, zeroed};
 use crate::residency::Arrival;
 use brickyard_volume::BrickId;
@@ -14,6 +15,9 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::HashSet;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+
+/// Of the padded bricks in flight, those that may be fetched ahead of the view.
+const SHARE_AHEAD: f64 = 0.25;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
 const ADVISE_BATCH: usize = 16;
@@ -35,7 +39,7 @@ struct Shared {
 
 #[derive(Default)]
 struct Queue {
-    requests: Vec<BrickId>,
+    requests: Vec<(Tier, BrickId)>,
     /// Requests before this one are taken.
     next: usize,
     /// Requests before this one have been advised.
@@ -44,6 +48,8 @@ struct Queue {
     busy: HashSet<BrickId>,
     /// Padded bricks that may still be started.
     permits: usize,
+    /// So many of them are not for bricks that are fetched ahead.
+    reserved: usize,
     /// Buffers to use again; never more than permits.
     free: Vec<Arc<[u8]>>,
     stop: bool,
@@ -64,7 +70,8 @@ impl Workers {
         meter: Arc<Meter>,
     ) -> std::io::Result<Self> {
         let padded_bytes = cache.layout().padded_bytes();
-        let queue = Mutex::new(Queue { permits: staged, ..Queue::default() });
+        let reserved = (staged as f64 * (1.0 - SHARE_AHEAD)) as usize;
+        let queue = Mutex::new(Queue { permits: staged, reserved, ..Queue::default() });
         let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter });
         let (sender, arrivals) = bounded(staged);
         let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };
@@ -80,7 +87,7 @@ impl Workers {
     }
 
     /// Replaces the plan.
-    pub(crate) fn replace(&self, requests: Vec<BrickId>) {
+    pub(crate) fn replace(&self, requests: Vec<(Tier, BrickId)>) {
         let mut queue = self.shared.lock();
         queue.requests = requests;
         (queue.next, queue.advised) = (0, 0);
@@ -152,11 +159,13 @@ impl Shared {
             if queue.stop {
                 return None;
             }
-            while queue.requests.get(queue.next).is_some_and(|id| queue.busy.contains(id)) {
+            while queue.requests.get(queue.next).is_some_and(|(_, id)| queue.busy.contains(id)) {
                 queue.next += 1;
             }
             match queue.requests.get(queue.next) {
-                Some(&id) if queue.permits > 0 => return Some(self.start(queue, id)),
+                Some(&(tier, id)) if queue.permits > if tier.is_ahead() { queue.reserved } else { 0 } => {
+                    return Some(self.start(queue, id));
+                }
                 _ => queue = self.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
             }
         }
@@ -166,7 +175,7 @@ impl Shared {
         let mut advise = Vec::new();
         if queue.next >= queue.advised {
             queue.advised = (queue.next + ADVISE_BATCH).min(queue.requests.len());
-            advise.extend_from_slice(&queue.requests[queue.next..queue.advised]);
+            advise.extend(queue.requests[queue.next..queue.advised].iter().map(|(_, id)| *id));
         }
         queue.next += 1;
         queue.permits -= 1;

@@ -129,6 +129,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         max_size_px: arguments.size,
+        live: true,
     };
     let plan =
         FlightPlan { scenario, scene: &scene, frames: arguments.frames, size_px: arguments.size, seed: arguments.seed };

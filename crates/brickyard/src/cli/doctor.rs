@@ -126,6 +126,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         host_memory_bytes: 64 << 20,
         threads: processors(),
         max_size_px: SIZE,
+        live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
     let mut session = match Session::new(store.clone(), store.default_window(0), &options) {

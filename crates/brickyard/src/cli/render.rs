@@ -127,6 +127,7 @@ fn run_streaming(
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         max_size_px: arguments.size,
+        live: false,
     };
     let window = store.default_window(scenes[0].channel);
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;

@@ -1,0 +1,109 @@
+//! Visibility: which cells rays reach, as the renderer of the last frames has told.
+//!
+//! A cell's weight is the greatest transmittance with which a ray entered it, in octaves: steps coarse enough that noise
+//! does not change plans, and few, so that a view at rest comes to an end. What no ray reached is hidden: it is not wanted. A
+//! cell that was not drawn yet takes after the smallest cell around it that was, and counts as seen if there is none.
+//!
+//! What was told holds for the cameras of nearby eyes: as long as the line of sight to a cell has not moved by half the
+//! cell's size; a smaller cell then counts like what holds it. So what comes out from behind something, or into the frustum,
+//! is wanted before it is reported; and what is reported is wanted in the next cut. While a view rests, reports add up: what
+//! has been seen stays seen (what finer bricks let through is added, what they hide is not taken away), so that cut, frame
+//! and report come to rest too.
+//!
+//! Cost: a hash entry for each cell drawn and for each of their ancestors.
+
+use crate::cut::{Node, View};
+use brickyard_volume::{BrickId, BrickIndex, Level, Pyramid, ViewRays};
+use std::collections::HashMap;
+
+/// Weight of what is seen in the open, and of what nothing is known about.
+pub(crate) const OPEN: u8 = 9;
+
+/// What has been told of one view.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Visibility {
+    view: View,
+    weights: HashMap<(Level, BrickIndex), u8>,
+}
+
+impl Visibility {
+    /// What a frame told: the transmittance with which rays entered each cell.
+    pub(crate) fn new(pyramid: &Pyramid, view: &View, told: impl Iterator<Item = (BrickId, f32)>) -> Self {
+        let mut weights = HashMap::new();
+        for (id, transmittance) in told {
+            let weight = octave(transmittance);
+            let mut cell = Some((id.level, id.index));
+            // An ancestor is seen where any of its cells is.
+            while let Some((level, index)) = cell {
+                let known = weights.entry((level, index)).or_insert(0);
+                if level > id.level && *known >= weight.max(1) {
+                    break;
+                }
+                *known = weight.max(*known);
+                cell = pyramid.parent(level, index).map(|index| (Level(level.0 + 1), index));
+            }
+        }
+        Self { view: view.clone(), weights }
+    }
+
+    /// Takes in what a later frame told. Returns whether anything has changed.
+    pub(crate) fn update(&mut self, later: Self) -> bool {
+        if later.view != self.view {
+            *self = later;
+            return true;
+        }
+        let mut has_changed = false;
+        for (cell, weight) in later.weights {
+            let known = self.weights.get(&cell).copied();
+            if known.is_none_or(|known| known < weight) {
+                self.weights.insert(cell, weight);
+                has_changed = true;
+            }
+        }
+        has_changed
+    }
+
+    /// What a view may expect of a node: what was told of it, if that still holds.
+    pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
+        let same_content =
+            (self.view.opaque, self.view.time, self.view.channel) == (view.opaque, view.time, view.channel);
+        let allowed = (node.high - node.low).min_element() * 0.5;
+        let holds = same_content && moved(&self.view.rays, &view.rays, node) <= allowed;
+        self.weights.get(&(node.level, node.index)).copied().filter(|_| holds)
+    }
+}
+
+/// How far the line of sight to a node has moved, in the world.
+fn moved(from: &ViewRays, to: &ViewRays, node: &Node) -> f64 {
+    match (from.orthographic, to.orthographic) {
+        (false, false) => from.eye.distance(to.eye),
+        (true, true) => {
+            let distance = ((node.low + node.high) * 0.5 - to.eye).dot(to.forward).abs();
+            from.forward.distance(to.forward) * distance
+        }
+        _ => f64::INFINITY,
+    }
+}
+
+/// 0 for nothing, then 1 to [`OPEN`] by factors of two of the transmittance. What is not a number counts as seen.
+fn octave(transmittance: f32) -> u8 {
+    if transmittance <= 0.0 { 0 } else { (OPEN as f32 + transmittance.log2().ceil()).min(OPEN as f32).max(1.0) as u8 }
+}
+
+/// What an error counts for a node of this weight.
+pub(crate) fn factor(weight: u8) -> f64 {
+    (weight as f64 - OPEN as f64).exp2()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_octaves() {
+        for (transmittance, weight) in [(0.0, 0), (1e-9, 1), (0.25, 7), (0.5, 8), (0.51, 9), (1.0, 9), (f32::NAN, 9)] {
+            assert_eq!(octave(transmittance), weight, "{transmittance}");
+        }
+        assert_eq!((factor(OPEN), factor(OPEN - 2)), (1.0, 0.25));
+    }
+}
