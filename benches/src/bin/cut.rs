@@ -86,7 +86,15 @@ fn main() {
     let first = Camera::looking_at_box(world);
     let view = |camera: Camera| {
         let rays = camera.rays(1920, 1080).expect("the camera makes a picture");
-        View { rays, opaque: Some(Occupancy::ALL), level: LevelPolicy::Auto, pixel_error, time: 0, channel: 0 }
+        View {
+            rays,
+            opaque: Some(Occupancy::ALL),
+            level: LevelPolicy::Auto,
+            pixel_error,
+            time: 0,
+            channel: 0,
+            appearance: 0,
+        }
     };
     let orbit = |i: u32| view(first.orbited(360.0 * i as f64 / views as f64));
     let fly = |i: u32| {

@@ -10,6 +10,7 @@ use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Mode, Picture, Scene, SlotEncoding, TransferFunction,
     TransferTable,
 };
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -278,11 +279,21 @@ pub fn resolve(
             pixel_error: scene.pixel_error,
             time: scene.time,
             channel: scene.channel,
+            appearance: appearance(&table, scene.mode),
         },
         frame: FrameSettings { rays, lattice, geometry, encoding, table, mode: scene.mode, background },
         transfer,
         camera,
     })
+}
+
+/// What of a picture decides which bricks hide others.
+fn appearance(table: &TransferTable, mode: Mode) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    mode.hash(&mut hasher);
+    table.unit_distance.to_bits().hash(&mut hasher);
+    table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
+    hasher.finish()
 }
 
 fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result<(), SessionError> {

@@ -28,6 +28,8 @@ pub struct View {
     pub time: u32,
     /// Channel.
     pub channel: u32,
+    /// A number that differs wherever the same bricks hide other ones: for other opacities or another mode.
+    pub appearance: u64,
 }
 
 impl View {

@@ -501,6 +501,8 @@ mod tests {
         source.read_core(brick(0, [0, 0, 0]), &mut [0; 512]).unwrap();
         let limited = PagerConfig {
             uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
+            // More than one could finish a brick of the first tier after those that make it useless.
+            workers: 1,
             ..config(300, 1 << 20)
         };
         let mut pager = Pager::new(source.clone(), limited).unwrap();

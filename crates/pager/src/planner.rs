@@ -23,10 +23,11 @@ use std::thread::JoinHandle;
 /// Where cuts are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Planning {
-    /// Within the frame: for pictures that are waited for, and wherever the same views are to give the same plans.
+    /// Within the frame, each anew: for pictures that are waited for. The same view always has the same cut, whatever was
+    /// seen before it.
     #[default]
     Inline,
-    /// On a thread of its own: for a moving camera. A frame may draw the cut of an earlier view.
+    /// On a thread of its own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
     Thread,
 }
 
@@ -61,6 +62,7 @@ struct Desk {
     source: Arc<dyn BrickSource>,
     slots: usize,
     max_cells: usize,
+    is_incremental: bool,
     last: Option<Arc<Cut>>,
 }
 
@@ -68,7 +70,10 @@ impl Desk {
     fn plan(&mut self, job: &Job) -> Outlook {
         let visibility = job.visibility.as_ref().map(|(_, visibility)| &**visibility);
         let cut = split::cut(&*self.source, &job.view, self.max_cells, self.last.as_deref(), visibility);
-        let cut = self.last.insert(Arc::new(cut)).clone();
+        let cut = Arc::new(cut);
+        if self.is_incremental {
+            self.last = Some(cut.clone());
+        }
         let ahead = job.ahead.map_or_else(Vec::new, |rays| self.look_ahead(&cut, rays, visibility));
         Outlook { cut, ahead: ahead.into() }
     }
@@ -133,7 +138,8 @@ impl Planner {
     pub(crate) fn new(source: &Arc<dyn BrickSource>, slots: u32, planning: Planning) -> std::io::Result<Self> {
         let roots = source.pyramid().level(source.pyramid().coarsest()).bricks.volume() as usize;
         let max_cells = cut_capacity(slots, roots);
-        let desk = Desk { source: source.clone(), slots: slots as usize, max_cells, last: None };
+        let is_incremental = planning == Planning::Thread;
+        let desk = Desk { source: source.clone(), slots: slots as usize, max_cells, is_incremental, last: None };
         let place = match planning {
             Planning::Inline => Place::Inline(desk),
             Planning::Thread => Place::Thread(PlannerThread::start(desk)?),
