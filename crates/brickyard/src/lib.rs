@@ -6,6 +6,7 @@
 //! that a mode is drawn from. The parts are re-exported under their own names.
 
 pub mod backend;
+pub mod exact;
 pub mod flight;
 pub mod memory;
 pub mod offline;

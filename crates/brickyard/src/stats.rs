@@ -43,6 +43,8 @@ pub struct RenderStats {
     pub effective_pixel_error: Option<f64>,
     /// What was asked for, pixels.
     pub pixel_error: f64,
+    /// Passes of the last picture, if it was asked to be exact.
+    pub passes: Option<usize>,
     /// How many times the GPU was lost and started anew.
     pub device_losses: u32,
     /// Whether the budget, not the view, ended the refinement.

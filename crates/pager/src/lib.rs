@@ -19,6 +19,7 @@ mod motion;
 mod order;
 mod pager;
 mod parts;
+mod passes;
 mod plan;
 mod planner;
 #[cfg(test)]
@@ -43,6 +44,7 @@ pub use draw_list::{DrawCell, DrawList, Slot};
 pub use governor::UploadLimits;
 pub use pager::{Counters, Frame, Pager, Status};
 pub use planner::Planning;
+pub use passes::{ExactError, ExactPasses, Next};
 pub use ram_cache::{DecodeCounters, RamCache};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};

@@ -6,9 +6,10 @@ use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::{store_errors, values};
 use brickyard::backend::{BackendError, CompositorChoice};
+use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::{OfflineError, render_settled};
 use brickyard::oracle::{OracleError, render_reference};
-use brickyard::pager::PagerError;
+use brickyard::pager::{ExactError, PagerError};
 use brickyard::picture_file::write_png;
 use brickyard::projection::for_mode;
 use brickyard::render::GpuError;
@@ -48,6 +49,9 @@ pub(crate) struct RenderArguments {
     /// raycast; reference holds whole levels in memory, in f64
     #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
+    /// Draw every brick that the view wants, however few fit at once: in passes, on a GPU (a software one will do)
+    #[arg(long)]
+    exact: bool,
     /// Hard limit of brick slots, tables, targets and staging
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     gpu_memory: u64,
@@ -102,6 +106,10 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         CompositorArgument::Reference => None,
     };
     match compositor {
+        None if arguments.exact => return Err(exact_failure(ExactPictureError::Way)),
+        Some(compositor) if arguments.exact => {
+            run_exact(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?;
+        }
         None => run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?,
         Some(compositor) => run_streaming(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?,
     }
@@ -120,15 +128,7 @@ fn run_streaming(
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let options = SessionOptions {
-        backend: arguments.backend.into(),
-        compositor,
-        gpu_memory_bytes: arguments.gpu_memory,
-        host_memory_bytes: arguments.host_memory,
-        threads: threads(arguments.threads),
-        max_size_px: arguments.size,
-        live: false,
-    };
+    let options = arguments.session_options(compositor);
     let window = store.default_window(scenes[0].channel);
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
     stats.adapter = session.backend_line().to_string();
@@ -139,8 +139,7 @@ fn run_streaming(
     let mut frame_ms = Vec::new();
     for (scene, output) in scenes.iter().zip(outputs) {
         let resolved = session.resolve(scene, arguments.size).map_err(session_failure)?;
-        let wait = Duration::from_secs_f64(arguments.max_wait.min(1e9));
-        let picture = render_settled(&mut session, &resolved, wait, started, stats, &mut frame_ms);
+        let picture = render_settled(&mut session, &resolved, arguments.max_wait(), started, stats, &mut frame_ms);
         let picture = picture.map_err(|error| match error {
             OfflineError::Session(error) => session_failure(error),
             other => Failure::failed(other),
@@ -151,6 +150,53 @@ fn run_streaming(
     stats.level_cells = level_cells(&session, store);
     report(stats);
     Ok(())
+}
+
+fn run_exact(
+    arguments: &RenderArguments,
+    compositor: CompositorChoice,
+    store: &Arc<Store>,
+    scenes: &[Scene],
+    outputs: &[PathBuf],
+    started: Instant,
+    stats: &mut RenderStats,
+) -> Result<(), Failure> {
+    let options = arguments.session_options(compositor);
+    let mut exact = ExactRenderer::new(store.clone(), &options).map_err(exact_failure)?;
+    (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
+    stats.compositor = exact.renderer().compositor().name();
+    stats.gpu_bytes_asked = exact.renderer().asked_bytes();
+    eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots());
+    let mut frame_ms = Vec::new();
+    for (scene, output) in scenes.iter().zip(outputs) {
+        let window = store.default_window(scene.channel);
+        let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
+        let begun = Instant::now();
+        let picture = exact.render(&resolved, arguments.max_wait(), started, stats).map_err(exact_failure)?;
+        frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+        eprintln!("{} bricks in {} passes", stats.bricks.wanted, stats.passes.unwrap_or(0));
+        write(output, &picture, scene, &resolved, stats)?;
+    }
+    stats.frame_ms = Percentiles::of(&frame_ms);
+    report(stats);
+    Ok(())
+}
+
+impl RenderArguments {
+    fn session_options(&self, compositor: CompositorChoice) -> SessionOptions {
+        SessionOptions {
+            backend: self.backend.into(),
+            compositor,
+            gpu_memory_bytes: self.gpu_memory,
+            host_memory_bytes: self.host_memory,
+            threads: threads(self.threads),
+            max_size_px: self.size,
+        }
+    }
+
+    fn max_wait(&self) -> Duration {
+        Duration::from_secs_f64(self.max_wait.min(1e9))
+    }
 }
 
 fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
@@ -273,6 +319,16 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
             | BackendError::CpuSorted,
         ) => Failure::usage(error),
         SessionError::Pager(_) | SessionError::Backend(_) | SessionError::LostAgain { .. } => Failure::failed(error),
+    }
+}
+
+fn exact_failure(error: ExactPictureError) -> Failure {
+    match error {
+        ExactPictureError::Backend(error) => session_failure(error.into()),
+        ExactPictureError::Passes(ExactError::Budget(error)) => session_failure(error.into()),
+        ExactPictureError::Way | ExactPictureError::Passes(ExactError::TooManyCells { .. }) => Failure::usage(error),
+        ExactPictureError::Passes(ExactError::Unreadable(_)) => Failure::bad_input(error),
+        ExactPictureError::TooLong { .. } => Failure::failed(error),
     }
 }
 

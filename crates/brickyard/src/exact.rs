@@ -1,0 +1,187 @@
+//! Exact pictures: every brick that a view wants at its own level, however few slots there are, in passes from back to front
+//! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
+
+use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
+use crate::memory::ProcessMemory;
+use crate::session::{ResolvedScene, SessionOptions};
+use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
+use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig};
+use brickyard_render::{GpuError, GpuRenderer};
+use brickyard_volume::Picture;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// There is no exact picture.
+#[derive(Debug, thiserror::Error)]
+pub enum ExactPictureError {
+    /// The CPU backend keeps nothing of a picture between passes, nor does `raycast`, which goes from front to back.
+    #[error(
+        "an exact picture is drawn in passes from back to front, which takes a GPU (a software one will do) and the sorted \
+         compositor: use --backend gpu or auto, --compositor sorted or auto"
+    )]
+    Way,
+    /// No backend, too little memory for it, or a lost device.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// The bricks cannot be listed or read.
+    #[error(transparent)]
+    Passes(#[from] ExactError),
+    /// The time allowed was not enough.
+    #[error(
+        "the picture is not finished after {waited_s:.1} s: {drawn} of {cells} bricks are drawn; give it more time with --max-wait"
+    )]
+    TooLong {
+        /// Seconds waited.
+        waited_s: f64,
+        /// Bricks drawn.
+        drawn: usize,
+        /// Bricks of the picture.
+        cells: usize,
+    },
+}
+
+impl From<GpuError> for ExactPictureError {
+    fn from(error: GpuError) -> Self {
+        Self::Backend(error.into())
+    }
+}
+
+/// How long to wait for a brick before looking again whether time is up.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Losses of the device after which a picture is given up.
+const MAX_LOSSES: u32 = 3;
+
+/// Draws exact pictures of one volume.
+pub struct ExactRenderer {
+    source: Arc<dyn BrickSource>,
+    renderer: Box<GpuRenderer>,
+    backend_line: String,
+    config: PagerConfig,
+}
+
+impl ExactRenderer {
+    /// Joins a source and a GPU.
+    ///
+    /// # Errors
+    /// If the options ask for another way, there is no GPU, or a budget is too small.
+    pub fn new(source: Arc<dyn BrickSource>, options: &SessionOptions) -> Result<Self, ExactPictureError> {
+        if options.backend == BackendChoice::Cpu || options.compositor == CompositorChoice::Raycast {
+            return Err(ExactPictureError::Way);
+        }
+        let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
+        let needs = BackendNeeds::new(&*source, &options);
+        let (Backend::Gpu(renderer), backend_line) = Backend::new(BackendChoice::Gpu, &needs)? else {
+            return Err(ExactPictureError::Way);
+        };
+        let config = PagerConfig {
+            slots: renderer.slots(),
+            apron: needs.apron,
+            host_bytes: options.host_memory_bytes,
+            workers: options.threads as u32,
+            upload_bytes_per_frame: None,
+        };
+        Ok(Self { source, renderer, backend_line, config })
+    }
+
+    /// The backend, in words.
+    pub fn backend_line(&self) -> &str {
+        &self.backend_line
+    }
+
+    /// The renderer.
+    pub fn renderer(&self) -> &GpuRenderer {
+        &self.renderer
+    }
+
+    /// Draws a picture. Adds to `stats`; `started` is when the whole run began. Where the device is lost, the picture is
+    /// begun anew.
+    ///
+    /// # Errors
+    /// If a part can be drawn from no level at all, the cells do not fit the host budget, `max_wait` passes, or the device
+    /// fails.
+    pub fn render(
+        &mut self,
+        scene: &ResolvedScene,
+        max_wait: Duration,
+        started: Instant,
+        stats: &mut RenderStats,
+    ) -> Result<Picture, ExactPictureError> {
+        let begun = Instant::now();
+        for _ in 0..MAX_LOSSES {
+            match self.try_render(scene, begun, max_wait, stats) {
+                Err(ExactPictureError::Backend(error)) if error.is_loss() => {
+                    tracing::warn!("{error}; it is started anew");
+                    stats.device_losses += 1;
+                    self.renderer.renew()?;
+                    self.config.slots = self.renderer.slots();
+                }
+                Ok(picture) => {
+                    if stats.frames == 0 {
+                        (stats.first_image_ms, stats.settled_ms) = (ms(started), ms(started));
+                    }
+                    stats.frames += 1;
+                    return Ok(picture);
+                }
+                other => return other,
+            }
+        }
+        self.try_render(scene, begun, max_wait, stats)
+    }
+
+    fn try_render(
+        &mut self,
+        scene: &ResolvedScene,
+        begun: Instant,
+        max_wait: Duration,
+        stats: &mut RenderStats,
+    ) -> Result<Picture, ExactPictureError> {
+        let pyramid = self.source.pyramid();
+        let mut passes = ExactPasses::new(self.source.clone(), &scene.view, &self.config)?;
+        let mut picture = self.renderer.passes(&scene.frame, pyramid)?;
+        let mut level_cells = vec![0; pyramid.levels().len()];
+        let mut stand_ins = 0;
+        loop {
+            match passes.next(POLL)? {
+                Next::Upload(upload) => picture.upload(upload.slot, &upload.codes)?,
+                Next::Draw(list) => {
+                    for cell in &list.cells {
+                        level_cells[cell.brick.level.index()] += 1;
+                        stand_ins += (cell.brick != cell.cell) as u64;
+                    }
+                    picture.draw(&list)?;
+                }
+                Next::Wait => {}
+                Next::Done => break,
+            }
+            if begun.elapsed() > max_wait {
+                let (waited_s, drawn, cells) = (begun.elapsed().as_secs_f64(), passes.drawn(), passes.cells());
+                return Err(ExactPictureError::TooLong { waited_s, drawn, cells });
+            }
+        }
+        let picture = picture.finish()?;
+        record(stats, &passes, stand_ins, self.renderer.gpu_bytes());
+        (stats.pixel_error, stats.level_cells) = (scene.view.pixel_error, level_cells);
+        Ok(picture)
+    }
+}
+
+/// Takes over how a picture went.
+fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64, gpu_bytes: u64) {
+    let (memory, counters, cells) = (ProcessMemory::now(), passes.counters(), passes.cells() as u64);
+    stats.passes = Some(passes.passes());
+    stats.gpu_bytes_peak = stats.gpu_bytes_peak.max(gpu_bytes);
+    stats.host_bytes_peak = stats.host_bytes_peak.max(passes.host_bytes_peak());
+    stats.rss_peak = memory.resident_peak_bytes;
+    stats.anonymous_peak = stats.anonymous_peak.max(memory.anonymous_bytes);
+    let uploaded = stats.bricks.uploaded + counters.uploaded;
+    stats.bricks =
+        BrickCounts { wanted: cells, resident: cells - stand_ins, uploaded, reuploaded: 0, failed: stand_ins };
+    stats.bytes = ByteCounts {
+        read: stats.bytes.read + counters.bytes_read,
+        decoded: stats.bytes.decoded + counters.bytes_decoded,
+        uploaded: stats.bytes.uploaded + counters.bytes_uploaded,
+    };
+    stats.completeness = if cells == 0 { 1.0 } else { (cells - stand_ins) as f64 / cells as f64 };
+    stats.effective_pixel_error = Some(passes.effective_error_px()).filter(|error| error.is_finite());
+}

@@ -1,0 +1,411 @@
+//! Exact pictures of any working set: the cells of a cut that knows no limit of slots, back to front, in passes that fit the
+//! slots, each cell with its own brick.
+//!
+//! Threads read the bricks in the order of the cells, as far ahead as the host budget's buffers go; a pass is complete when
+//! the bricks of its cells are there. Whatever the timing, the passes are the same. A brick that cannot be read is replaced
+//! by its nearest ancestor that can. Cost: every brick is read and uploaded once for each picture; of the host budget a
+//! quarter at most goes to the cut, which is the one thing here that grows with the working set.
+
+use crate::assemble::PaddedReader;
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
+use crate::cut::{Cut, View};
+use crate::draw_list::{DrawCell, DrawList, Slot};
+use crate::pager::Counters;
+use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes, zeroed};
+use crate::residency::Upload;
+use crate::source::{BrickError, BrickSource};
+use brickyard_volume::{BrickId, Level};
+use crossbeam_channel::{Receiver, Sender, bounded};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// What a cell of the cut takes, its share of the cells that were split and the room that lists grow into included.
+const BYTES_PER_CELL: u64 = 384;
+
+/// Why there is no exact picture.
+#[derive(Debug, thiserror::Error)]
+pub enum ExactError {
+    /// A budget too small for one brick.
+    #[error(transparent)]
+    Budget(#[from] PagerError),
+    /// The list of what is to be drawn does not fit.
+    #[error(
+        "an exact picture of this view takes more than {cells} bricks, as many as --host-memory of {host_bytes} bytes can list: \
+         raise it, or --pixel-error"
+    )]
+    TooManyCells {
+        /// Cells that would fit.
+        cells: usize,
+        /// The budget.
+        host_bytes: u64,
+    },
+    /// A cell for which neither its brick nor any ancestor can be read.
+    #[error("nothing can stand in for a part of the picture: {0}")]
+    Unreadable(BrickError),
+}
+
+/// The passes of one picture.
+pub struct ExactPasses {
+    cells: Arc<[BrickId]>,
+    source: Arc<dyn BrickSource>,
+    /// What the source had read before.
+    bytes_read_before: u64,
+    cache: Arc<RamCache>,
+    meter: Arc<Meter>,
+    slots: usize,
+    /// The first cell of the pass, and what is drawn of the pass so far, by cell.
+    start: usize,
+    draw: Vec<Option<DrawCell>>,
+    placed: usize,
+    /// Bricks of later passes.
+    early: BTreeMap<usize, StandIn>,
+    /// The last upload's codes: the caller's until the next call.
+    handed_out: Option<Arc<[u8]>>,
+    readers: Readers,
+    counters: Counters,
+    effective_error_px: f64,
+}
+
+/// What is to be done next.
+#[derive(Clone, Debug)]
+pub enum Next {
+    /// Fill a slot. Draw lists before this still show what was there.
+    Upload(Upload),
+    /// Draw the cells of a pass, in front of all before.
+    Draw(DrawList),
+    /// Nothing has arrived in time.
+    Wait,
+    /// Nothing more: the picture is whole.
+    Done,
+}
+
+/// The brick that is drawn for a cell: its own, or the nearest readable ancestor.
+#[derive(Debug)]
+struct StandIn {
+    brick: BrickId,
+    codes: Arc<[u8]>,
+}
+
+impl ExactPasses {
+    /// Makes the list of cells and starts to read. Of `config` everything counts but the limit of uploads.
+    ///
+    /// # Errors
+    /// If a budget cannot hold the cells or a brick on its way, the apron does not fit, or no thread can be started.
+    pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
+        let layout = layout_of(&*source, config.apron)?;
+        let host_bytes = config.host_bytes;
+        let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
+        let cut = Cut::new(&*source, view, max_cells);
+        if cut.memory_bound() || cut.cells().len() > max_cells {
+            return Err(ExactError::TooManyCells { cells: max_cells, host_bytes });
+        }
+        let cells: Arc<[BrickId]> = cut.cells().collect();
+        let effective_error_px = cut.effective_error_px();
+        drop(cut);
+        let padded = layout.padded_bytes() as u64;
+        let slots = config.slots.max(1) as usize;
+        let sizes = BufferSizes {
+            fixed: cells.len() as u64 * BYTES_PER_CELL + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT,
+            scratch: scratch_bytes(&*source, &encoding_of(&*source)),
+            core: layout.cached_bytes() as u64,
+            padded,
+        };
+        let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
+        let meter = Arc::new(Meter::new(host_bytes));
+        meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);
+        let bytes_read_before = source.bytes_read();
+        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        let readers = Readers::start(&cache, &cells, workers, staged).map_err(PagerError::Thread)?;
+        let (start, draw, placed, early, handed_out, counters) = Default::default();
+        Ok(Self {
+            cells,
+            source,
+            bytes_read_before,
+            cache,
+            meter,
+            slots,
+            start,
+            draw,
+            placed,
+            early,
+            handed_out,
+            readers,
+            counters,
+            effective_error_px,
+        })
+    }
+
+    /// Cells of the picture.
+    pub fn cells(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Cells drawn so far.
+    pub fn drawn(&self) -> usize {
+        self.start
+    }
+
+    /// Passes of the picture.
+    pub fn passes(&self) -> usize {
+        self.cells.len().div_ceil(self.slots)
+    }
+
+    /// The largest projected voxel, in pixels, among those that a finer level could improve; 0 if there are none, infinite
+    /// where the eye is inside one.
+    pub fn effective_error_px(&self) -> f64 {
+        self.effective_error_px
+    }
+
+    /// The most host memory in use so far.
+    pub fn host_bytes_peak(&self) -> u64 {
+        self.meter.peak()
+    }
+
+    /// Totals so far; `failed` are bricks, also those wanted for a neighbour's apron only.
+    pub fn counters(&self) -> Counters {
+        let decoded = self.cache.counters();
+        Counters {
+            decoded: decoded.decoded,
+            bytes_read: self.source.bytes_read() - self.bytes_read_before,
+            bytes_decoded: decoded.bytes_decoded,
+            failed: decoded.failed,
+            ..self.counters
+        }
+    }
+
+    /// The next thing to do; waits for it at most this long. Calling it says that the last upload is done with.
+    ///
+    /// # Errors
+    /// If there is a cell for which nothing can be read.
+    pub fn next(&mut self, timeout: Duration) -> Result<Next, ExactError> {
+        self.readers.give_back(self.handed_out.take());
+        let end = (self.start + self.slots).min(self.cells.len());
+        if self.start == end {
+            return Ok(Next::Done);
+        }
+        if self.draw.is_empty() {
+            self.draw.resize(end - self.start, None);
+        }
+        if self.placed == self.draw.len() {
+            (self.start, self.placed) = (end, 0);
+            return Ok(Next::Draw(DrawList { cells: std::mem::take(&mut self.draw).into_iter().flatten().collect() }));
+        }
+        loop {
+            if let Some(entry) = self.early.first_entry().filter(|entry| *entry.key() < end) {
+                let (at, stand_in) = entry.remove_entry();
+                return Ok(Next::Upload(self.place(at, stand_in)));
+            }
+            let Some((at, result)) = self.readers.receive(timeout) else { return Ok(Next::Wait) };
+            self.early.insert(at, result.map_err(ExactError::Unreadable)?);
+        }
+    }
+
+    /// Gives a cell's brick its slot in the pass.
+    fn place(&mut self, at: usize, StandIn { brick, codes }: StandIn) -> Upload {
+        let (cell, place) = (self.cells[at], at - self.start);
+        let slot = Slot(place as u32);
+        let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
+        self.draw[place] = Some(DrawCell { cell, region, brick, slot });
+        self.placed += 1;
+        self.counters.uploaded += 1;
+        self.counters.bytes_uploaded += codes.len() as u64;
+        self.handed_out = Some(codes.clone());
+        Upload { slot, brick, codes }
+    }
+}
+
+/// Bricks handed to the kernel for reading ahead at a time.
+const ADVISE_BATCH: usize = 16;
+
+/// The threads. A cell is taken together with a buffer and buffers are counted, so reading runs ahead only so far; and the
+/// first cell that is missing always has a buffer, so it comes.
+struct Readers {
+    /// `None` only while dropping.
+    channels: Option<Channels>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+struct Channels {
+    free: Sender<Arc<[u8]>>,
+    arrivals: Receiver<Arrival>,
+}
+
+type Arrival = (usize, Result<StandIn, BrickError>);
+
+impl Readers {
+    fn start(cache: &Arc<RamCache>, cells: &Arc<[BrickId]>, threads: u32, staged: usize) -> std::io::Result<Self> {
+        let (free, taken) = bounded::<Arc<[u8]>>(staged);
+        let (sender, arrivals) = bounded(staged);
+        for _ in 0..staged {
+            // There is room, and somebody to take it: both ends are here.
+            let _ = free.send(zeroed(cache.layout().padded_bytes()));
+        }
+        let next = Arc::new(AtomicUsize::new(0));
+        let mut readers = Self { channels: Some(Channels { free, arrivals }), threads: Vec::new() };
+        for i in 0..threads {
+            let (cells, next, taken, sender) = (cells.clone(), next.clone(), taken.clone(), sender.clone());
+            let (source, mut reader) = (cache.source().clone(), PaddedReader::new(cache.clone()));
+            let work = move || {
+                for mut codes in taken {
+                    let at = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(&cell) = cells.get(at) else { return };
+                    if at % ADVISE_BATCH == 0 {
+                        source.advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
+                    }
+                    // A buffer from the channel has one holder, so the copy never happens.
+                    let read = read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes));
+                    if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
+                        return;
+                    }
+                }
+            };
+            let name = format!("exact-reader-{i}");
+            readers.threads.push(std::thread::Builder::new().name(name).spawn(work)?);
+        }
+        Ok(readers)
+    }
+
+    fn receive(&self, timeout: Duration) -> Option<Arrival> {
+        self.channels.as_ref()?.arrivals.recv_timeout(timeout).ok()
+    }
+
+    /// Takes a buffer back; one that somebody else keeps is theirs, and another takes its place.
+    fn give_back(&self, codes: Option<Arc<[u8]>>) {
+        let (Some(mut codes), Some(channels)) = (codes, &self.channels) else { return };
+        if Arc::get_mut(&mut codes).is_none() {
+            codes = zeroed(codes.len());
+        }
+        // Where all cells have been taken nobody wants it any more.
+        let _ = channels.free.try_send(codes);
+    }
+}
+
+impl Drop for Readers {
+    fn drop(&mut self) {
+        self.channels = None;
+        for thread in self.threads.drain(..) {
+            // A reader's own panic has been printed; there is nothing to add while dropping.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Reads a brick or, where it cannot be read, its nearest ancestor that can: which one.
+fn read_nearest(
+    reader: &mut PaddedReader,
+    source: &dyn BrickSource,
+    cell: BrickId,
+    codes: &mut [u8],
+) -> Result<BrickId, BrickError> {
+    let mut brick = cell;
+    let mut first_error = None;
+    loop {
+        match reader.read(brick, codes) {
+            Ok(()) => return Ok(brick),
+            Err(error) => {
+                let error = first_error.get_or_insert(error);
+                let parent = source.pyramid().parent(brick.level, brick.index);
+                let Some(index) = parent else { return Err(error.clone()) };
+                brick = BrickId { level: Level(brick.level.0 + 1), index, ..brick };
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_source::{TestSource, box_view};
+    use brickyard_volume::{BrickIndex, LevelPolicy, Projection};
+    use std::collections::HashMap;
+
+    const DEADLINE: Duration = Duration::from_secs(20);
+
+    fn config(slots: u32, host_bytes: u64) -> PagerConfig {
+        PagerConfig { slots, apron: 1, host_bytes, workers: 3, upload_bytes_per_frame: None }
+    }
+
+    fn finest(source: &TestSource) -> View {
+        let view = box_view(source, Projection::Perspective { fov_y_deg: 30.0 });
+        View { level: LevelPolicy::Locked(0), ..view }
+    }
+
+    /// All cells drawn, with the codes that were in their slots then.
+    fn run(passes: &mut ExactPasses) -> Vec<(DrawCell, Vec<u8>)> {
+        let (mut atlas, mut drawn, mut lists) = (HashMap::new(), Vec::new(), 0);
+        loop {
+            match passes.next(DEADLINE).unwrap() {
+                Next::Upload(upload) => drop(atlas.insert(upload.slot, (upload.brick, upload.codes.to_vec()))),
+                Next::Draw(list) => {
+                    lists += 1;
+                    for cell in list.cells {
+                        let (brick, codes) = &atlas[&cell.slot];
+                        assert_eq!(*brick, cell.brick);
+                        drawn.push((cell, codes.clone()));
+                    }
+                }
+                Next::Wait => panic!("nothing comes"),
+                Next::Done => {
+                    assert_eq!((lists, drawn.len()), (passes.passes(), passes.cells()));
+                    return drawn;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn passes_draw_every_cell_of_the_cut_in_its_order_within_the_budgets() {
+        let source = Arc::new(TestSource::cube(64));
+        let view = finest(&source);
+        let expected: Vec<BrickId> = Cut::new(&*source, &view, usize::MAX).cells().collect();
+        assert_eq!(expected.len(), 512);
+        let mut codes = None;
+        for (slots, passes) in [(1, 512), (7, 74), (512, 1), (9000, 1)] {
+            // Cells, a few slots and some 20 of 512 cores.
+            let config = config(slots, 4 * 600 * BYTES_PER_CELL);
+            let mut exact = ExactPasses::new(source.clone(), &view, &config).unwrap();
+            assert_eq!((exact.passes(), exact.cells()), (passes, 512));
+            let drawn = run(&mut exact);
+            assert!(drawn.iter().map(|(cell, _)| cell.cell).eq(expected.iter().copied()));
+            assert!(drawn.iter().all(|(cell, _)| cell.cell == cell.brick && cell.slot.0 < slots));
+            let counters = exact.counters();
+            assert_eq!((counters.uploaded, counters.bytes_uploaded, counters.failed), (512, 512_000, 0));
+            assert!(exact.host_bytes_peak() <= config.host_bytes);
+            let found: Vec<_> = drawn.into_iter().map(|(_, codes)| codes).collect();
+            assert!(*codes.get_or_insert_with(|| found.clone()) == found, "{slots} slots: other codes");
+        }
+    }
+
+    #[test]
+    fn the_nearest_readable_ancestor_stands_in() {
+        let brick = |level, x| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) };
+        let mut source = TestSource::cube(64);
+        source.failing = [brick(0, 2), brick(0, 5), brick(1, 2)].into();
+        let source = Arc::new(source);
+        let drawn = run(&mut ExactPasses::new(source.clone(), &finest(&source), &config(50, 1 << 20)).unwrap());
+        let other: Vec<_> = drawn.iter().filter(|(cell, _)| cell.cell != cell.brick).collect();
+        let mut found: Vec<_> = other.iter().map(|(cell, _)| (cell.cell, cell.brick)).collect();
+        found.sort();
+        assert_eq!(found, [(brick(0, 2), brick(1, 1)), (brick(0, 5), brick(2, 1))]);
+
+        let mut source = TestSource::cube(8);
+        source.failing = [brick(0, 0)].into();
+        let source = Arc::new(source);
+        let mut exact = ExactPasses::new(source.clone(), &finest(&source), &config(50, 1 << 20)).unwrap();
+        assert!(matches!(exact.next(DEADLINE), Err(ExactError::Unreadable(error)) if error.id == brick(0, 0)));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_and_what_is_left_ends() {
+        let source = Arc::new(TestSource::cube(64));
+        let new = |host_bytes| ExactPasses::new(source.clone(), &finest(&source), &config(9, host_bytes));
+        let little = 4 * 511 * BYTES_PER_CELL;
+        assert!(matches!(new(little), Err(ExactError::TooManyCells { cells: 511, .. })));
+        // Dropped in the middle, with everything under way.
+        let mut exact = new(1 << 20).ok().unwrap();
+        assert!(matches!(exact.next(DEADLINE), Ok(Next::Upload(_))));
+    }
+}

@@ -1,0 +1,125 @@
+//! Exact pictures: whatever the budget, every brick at the level that the view wants.
+
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::exact::{ExactPictureError, ExactRenderer};
+use brickyard::render::GpuError;
+use brickyard::session::{SessionOptions, resolve};
+use brickyard::stats::RenderStats;
+use brickyard::store::Store;
+use brickyard::volume::{Extent, Geometry, LevelPolicy, Mode, Picture, Scene, TransferFunction};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, oracle, read_png};
+use serde_json::Value;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const SIZE: (u32, u32) = (97, 75);
+
+/// 512 bricks of 16^3 at the finest level.
+fn waves() -> TestStore {
+    let source = FunctionSource::new(Extent::new(128, 128, 128), Geometry::default(), |_, _, [x, y, z]: [u32; 3]| {
+        let [x, y, z] = [x, y, z].map(f64::from);
+        let value =
+            0.5 + 0.2 * (0.31 * x + 0.11 * y).sin() + 0.2 * (0.23 * y - 0.17 * z).cos() + 0.05 * (0.9 * z).sin();
+        (value * 255.0) as u8
+    });
+    TestStore::pack(&source, 16)
+}
+
+/// Light passes through the whole volume, so every brick counts.
+fn scene(mode: Mode, level: LevelPolicy) -> Scene {
+    let transfer = TransferFunction {
+        color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
+        opacity: vec![[0.0, 0.001], [255.0, 0.03]],
+        unit_distance: 1.0,
+    };
+    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.7, background: [0.1, 0.0, 0.2], ..Scene::default() }
+}
+
+fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
+    let (backend, compositor) = (BackendChoice::Auto, CompositorChoice::Auto);
+    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: SIZE }
+}
+
+/// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.
+fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
+    match ExactRenderer::new(store.clone(), &options(1000, 1 << 20)).err().expect("1000 bytes hold nothing") {
+        ExactPictureError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. })) => Some(least_bytes),
+        ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. })) => {
+            eprintln!("SKIPPED: {error}");
+            None
+        }
+        other => panic!("{other}"),
+    }
+}
+
+fn draw(exact: &mut ExactRenderer, store: &Store, scene: &Scene) -> (Picture, RenderStats) {
+    let resolved = resolve(store, store.default_window(0), scene, SIZE).expect("the scene is possible");
+    let mut stats = RenderStats::default();
+    let picture = exact.render(&resolved, Duration::from_secs(60), Instant::now(), &mut stats);
+    (picture.expect("a picture"), stats)
+}
+
+#[test]
+fn any_working_set_is_drawn_whole_within_any_budget() {
+    let test = waves();
+    let Some(least) = least_gpu_bytes(&test.store) else { return };
+    const HOST_BYTES: u64 = 2 << 20;
+    for (gpu_bytes, passes) in [(least, 256..=256), (2 * least, 8..=100)] {
+        let mut exact = ExactRenderer::new(test.store.clone(), &options(gpu_bytes, HOST_BYTES)).expect("it fits");
+        for mode in Mode::ALL {
+            let scene = scene(mode, LevelPolicy::Locked(0));
+            let (picture, stats) = draw(&mut exact, &test.store, &scene);
+            assert_same(&picture, &oracle(&test.store, &scene, SIZE), &format!("{mode:?} in {gpu_bytes} bytes"));
+            assert!(passes.contains(&stats.passes.expect("passes")), "{gpu_bytes}: {stats:?}");
+            assert_eq!((stats.bricks.wanted, stats.bricks.resident, stats.bricks.failed), (512, 512, 0));
+            assert!(stats.gpu_bytes_peak <= gpu_bytes && stats.host_bytes_peak <= HOST_BYTES, "{stats:?}");
+            assert_eq!((stats.level_cells[0], stats.completeness), (512, 1.0));
+            assert!(draw(&mut exact, &test.store, &scene).0 == picture, "{mode:?}: not the same again");
+        }
+        // Levels as the view wants them, and a device that goes in between.
+        let scene = scene(Mode::Dvr, LevelPolicy::Auto);
+        let (picture, stats) = draw(&mut exact, &test.store, &scene);
+        assert!(stats.level_cells[0] > 0 && stats.level_cells[1] > 0, "{stats:?}");
+        assert_same(&picture, &oracle(&test.store, &scene, SIZE), &format!("levels in {gpu_bytes} bytes"));
+        exact.renderer().destroy_device();
+        let (again, stats) = draw(&mut exact, &test.store, &scene);
+        assert!(again == picture && stats.device_losses == 1, "{stats:?}");
+    }
+}
+
+#[test]
+fn the_command_draws_exact_pictures_and_refuses_other_ways() {
+    let sandbox = Sandbox::default();
+    sandbox.run_ok("synth turbulence t.zarr --shape 64,64,64 --brick 16 --shard 64 --progress none");
+    let view = "--size 97x75 --level 0 --transfer viridis --overwrite";
+    for (flags, words) in [
+        ("--backend cpu", "--backend gpu"),
+        ("--compositor raycast", "--compositor sorted"),
+        ("--compositor reference", "--compositor sorted"),
+        ("--host-memory 20KiB", "--host-memory"),
+    ] {
+        let (code, _, stderr) = sandbox.run(&format!("render t.zarr -o no.png {view} --exact {flags}"));
+        if stderr.contains("no graphics adapter") {
+            return eprintln!("SKIPPED: {stderr}");
+        }
+        assert!(code == 2 && stderr.contains(words), "{flags}: exit {code}: {stderr}");
+        assert!(!sandbox.path("no.png").exists(), "{flags}");
+    }
+    sandbox.run_ok(&format!("render t.zarr -o reference.png {view} --compositor reference"));
+    let line = format!("render t.zarr -o o.png {view} --exact --gpu-memory 600KiB --host-memory 1MiB --stats o.json");
+    let (code, _, stderr) = sandbox.run(&line);
+    assert!(code == 0 && stderr.contains("64 bricks in") && stderr.contains("passes"), "exit {code}: {stderr}");
+    assert_same(&read_png(&sandbox.path("o.png")), &read_png(&sandbox.path("reference.png")), "the command's picture");
+    let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
+    assert!(stats["passes"].as_u64() > Some(2), "{stats}");
+    assert_eq!((&stats["memory_bound"], &stats["compositor"]), (&Value::from(false), &Value::from("sorted")));
+
+    // A damaged brick is counted, and an ancestor stands in for it.
+    let mut shard = sandbox.read("t.zarr/0/c/0/0/0");
+    shard[99] ^= 1;
+    sandbox.write("t.zarr/0/c/0/0/0", shard);
+    let (code, _, stderr) = sandbox.run(&line);
+    assert!(code == 0 && stderr.contains("1 bricks could not be read"), "exit {code}: {stderr}");
+    let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
+    assert_eq!(stats["bricks"]["failed"], 1);
+}
