@@ -279,8 +279,8 @@ impl Gpu {
     fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
         // wgpu 30 panics, with none of its locks held, where the driver's answer to a wait is that the device is gone.
         let lost = match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
-            Ok(Ok(_)) => return Ok(()),
-            Ok(Err(wgpu::PollError::Timeout)) => "no answer in time".to_string(),
+            // A device that is still at work is not lost.
+            Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => return Ok(()),
             Ok(Err(error)) => error.to_string(),
             Err(_) => "the driver gave it up".to_string(),
         };
