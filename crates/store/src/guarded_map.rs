@@ -90,9 +90,7 @@ static TABLE: Block = Block::new();
 
 impl Block {
     const fn new() -> Self {
-        const PLACE: Place =
-            Place { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faults: AtomicUsize::new(0) };
-        Self { places: [PLACE; 256], next: AtomicPtr::new(null_mut()) }
+        Self { places: [const { Place::new() }; 256], next: AtomicPtr::new(null_mut()) }
     }
 
     fn next(&self) -> Option<&'static Block> {
@@ -107,10 +105,10 @@ impl Block {
         }
         let new: *mut Block = Box::into_raw(Box::new(Block::new()));
         let added = self.next.compare_exchange(null_mut(), new, Ordering::AcqRel, Ordering::Acquire);
-        // SAFETY: `new` came from a box. Where another thread was faster nobody else has seen it, and it is freed here;
-        // otherwise it is never freed.
         match added {
+            // SAFETY: it came from a box, and is never freed.
             Ok(_) => unsafe { &*new },
+            // SAFETY: another thread was faster: nobody else has seen the new one, and theirs is never freed.
             Err(theirs) => unsafe {
                 drop(Box::from_raw(new));
                 &*theirs
@@ -120,6 +118,10 @@ impl Block {
 }
 
 impl Place {
+    const fn new() -> Self {
+        Self { start: AtomicUsize::new(FREE), end: AtomicUsize::new(0), faults: AtomicUsize::new(0) }
+    }
+
     fn take(start: usize, bytes: usize) -> &'static Self {
         let mut block = &TABLE;
         loop {
