@@ -13,6 +13,7 @@ pub mod offline;
 pub mod oracle;
 pub mod picture_file;
 pub mod projection;
+pub mod quality;
 pub mod scenario;
 pub mod session;
 pub mod stats;

@@ -191,6 +191,7 @@ impl RenderArguments {
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
             max_size_px: self.size,
+            live: false,
         }
     }
 

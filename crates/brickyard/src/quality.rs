@@ -1,0 +1,173 @@
+//! Quality while the camera moves: how many pixels and steps a frame may take so that it keeps to a time goal, and when to draw
+//! at all.
+//!
+//! A frame's time is taken to be proportional to its work, pixels over step length. The controller keeps one number, the
+//! share of the exact frame's work that fits the goal, corrected after every frame; the share is spent on both at once,
+//! for pixels that are too coarse and steps that are too long look bad in different ways. When the camera rests, the next
+//! frame is exact: once more for everything that still arrives, and then none until something changes. Pure: it neither
+//! measures nor draws.
+
+use std::time::Duration;
+
+/// What one frame is drawn with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Pixels along an axis, of those of the exact frame: above 0, at most 1.
+    pub scale: f64,
+    /// Times the exact frame's step: 1 or more.
+    pub step: f64,
+}
+
+impl Quality {
+    /// Every pixel, every step.
+    pub const EXACT: Self = Self { scale: 1.0, step: 1.0 };
+
+    /// Spends a share of the exact frame's work: as many times fewer pixels as longer steps.
+    fn of_share(share: f64) -> Self {
+        let step = share.powf(-0.5).clamp(1.0, MAX_STEP);
+        Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
+    }
+
+    /// The share of the exact frame's work that this takes.
+    pub fn share(self) -> f64 {
+        self.scale * self.scale / self.step
+    }
+}
+
+/// A quarter of the pixels along an axis can still be steered by.
+const MIN_SCALE: f64 = 0.25;
+/// Longer steps jump over what the eye follows.
+const MAX_STEP: f64 = 4.0;
+/// How much of a frame's message is believed: more makes the picture flicker between qualities, less lags behind.
+const TRUST: f64 = 0.5;
+/// Differences below a tenth are not worth a change of resolution.
+const DEAD_BAND: f64 = 0.1;
+
+/// What the picture depends on, as far as it can change between frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Change {
+    /// The camera, the transfer function or the mode is another than in the last frame.
+    pub moved: bool,
+    /// Bricks have come since the last frame.
+    pub refined: bool,
+}
+
+/// Decides, before every frame, how it is to be drawn.
+#[derive(Clone, Debug)]
+pub struct QualityControl {
+    goal_ms: f64,
+    /// The share of the exact frame's work that is taken to fit the goal.
+    share: f64,
+    /// What the last frame was drawn with; `None` before the first.
+    last: Option<Quality>,
+}
+
+impl QualityControl {
+    /// Frames are to take at most `goal` while the camera moves.
+    pub fn new(goal: Duration) -> Self {
+        Self { goal_ms: goal.as_secs_f64() * 1e3, share: 1.0, last: None }
+    }
+
+    /// How to draw the next frame; `None` if the last one still stands.
+    pub fn next(&mut self, change: Change) -> Option<Quality> {
+        let stands = self.last == Some(Quality::EXACT) && !change.refined;
+        let quality = match change.moved {
+            true => Quality::of_share(self.share),
+            false if stands => return None,
+            false => Quality::EXACT,
+        };
+        self.last = Some(quality);
+        Some(quality)
+    }
+
+    /// How long the frame took that was last decided on. Exact frames count too: they say what all of the work takes.
+    pub fn took(&mut self, time: Duration) {
+        let Some(last) = self.last else { return };
+        let ms = (time.as_secs_f64() * 1e3).max(1e-3);
+        let fits = (last.share() * self.goal_ms / ms).min(1.0);
+        let is_close = (fits / self.share - 1.0).abs() <= DEAD_BAND;
+        if is_close && fits == 1.0 {
+            self.share = 1.0;
+        } else if !is_close {
+            self.share = (self.share.powf(1.0 - TRUST) * fits.powf(TRUST)).clamp(MIN_SHARE, 1.0);
+        }
+    }
+}
+
+/// What the least quality takes.
+const MIN_SHARE: f64 = MIN_SCALE * MIN_SCALE / MAX_STEP;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOVING: Change = Change { moved: true, refined: false };
+    const RESTING: Change = Change { moved: false, refined: false };
+
+    fn ms(ms: f64) -> Duration {
+        Duration::from_secs_f64(ms / 1e3)
+    }
+
+    /// Frame times of a flight over scenes whose exact frame takes this long, plus 5 ms whatever the quality.
+    fn fly(control: &mut QualityControl, exact_ms: impl Fn(usize) -> f64, frames: usize) -> Vec<(Quality, f64)> {
+        let frame = |i| {
+            let quality = control.next(MOVING).expect("a moving camera needs frames");
+            let took = 5.0 + exact_ms(i) * quality.share();
+            control.took(ms(took));
+            (quality, took)
+        };
+        (0..frames).map(frame).collect()
+    }
+
+    #[test]
+    fn what_fits_is_exact() {
+        let mut control = QualityControl::new(ms(100.0));
+        assert!(fly(&mut control, |_| 90.0, 50).iter().all(|(quality, _)| *quality == Quality::EXACT));
+    }
+
+    #[test]
+    fn slow_scenes_reach_the_goal_and_stay_there() {
+        for exact_ms in [150.0, 400.0, 2000.0] {
+            let mut control = QualityControl::new(ms(50.0));
+            let flight = fly(&mut control, |_| exact_ms, 60);
+            for (quality, took) in &flight[8..] {
+                assert!((0.7..1.2).contains(&(took / 50.0)), "{exact_ms}: {took} ms with {quality:?}");
+            }
+            // Settled: no flicker.
+            assert!(flight[30..].iter().all(|(quality, _)| *quality == flight[30].0), "{exact_ms}");
+        }
+    }
+
+    #[test]
+    fn it_follows_scenes_that_change() {
+        let mut control = QualityControl::new(ms(50.0));
+        // Fast, then slow, then fast.
+        let flight = fly(&mut control, |i| if (20..40).contains(&i) { 800.0 } else { 30.0 }, 60);
+        assert!(flight[10..20].iter().all(|(quality, _)| *quality == Quality::EXACT));
+        assert!(flight[30..40].iter().all(|(_, took)| *took < 60.0));
+        assert_eq!(flight[59].0, Quality::EXACT);
+    }
+
+    #[test]
+    fn there_is_a_least_quality() {
+        let mut control = QualityControl::new(ms(1.0));
+        let (quality, _) = fly(&mut control, |_| 1e6, 50)[49];
+        assert_eq!(quality, Quality { scale: MIN_SCALE, step: MAX_STEP });
+        assert!((quality.share() - MIN_SHARE).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_resting_camera_gets_the_exact_frame_once() {
+        let mut control = QualityControl::new(ms(50.0));
+        fly(&mut control, |_| 500.0, 20);
+        assert_ne!(control.next(MOVING), Some(Quality::EXACT));
+        assert_eq!(control.next(RESTING), Some(Quality::EXACT));
+        control.took(ms(505.0));
+        assert_eq!(control.next(RESTING), None, "nothing is drawn where nothing changes");
+        assert_eq!(control.next(Change { moved: false, refined: true }), Some(Quality::EXACT));
+        assert_eq!(control.next(RESTING), None);
+        // What the moving frames had learnt is still known.
+        let quality = control.next(MOVING).expect("a frame");
+        assert!((5.0 + 500.0 * quality.share()) / 50.0 < 1.2, "{quality:?}");
+    }
+}
