@@ -7,7 +7,7 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::Mask;
 use crate::sample::{Chunk, Code, LANES, PACKETS, Packet};
 use crate::steps::StepTable;
-use glam::Vec4;
+use glam::{Vec4, Vec4Swizzles};
 
 /// How much of a brick can be seen.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -25,6 +25,9 @@ pub(crate) trait Blend {
 
     /// Whether the order of samples matters. Where it does not, the most promising bricks come first.
     const FRONT_TO_BACK: bool;
+
+    /// Whether what is in front takes light from what is behind; the sum's last component then is the light left.
+    const OCCLUDES: bool = false;
 
     /// How much of a brick can change the sum.
     #[inline(always)]
@@ -58,25 +61,37 @@ impl Dvr {
 
     #[inline(always)]
     fn add_whole_steps(frame: &Frame<'_>, table: &StepTable<'_>, sum: Vec4, chunk: &Chunk) -> Vec4 {
-        let (mut color, mut transmittance) = (sum, sum.w);
+        // Two by two, so that a sample need not wait for the one before it.
+        let (mut near, mut far) = (sum, Vec4::ZERO);
+        let mut light = Vec4::splat(sum.w);
         for p in 0..chunk.packets.min(PACKETS) {
             if !frame.shows(&chunk.code[p]) {
                 continue;
             }
-            let steps = table.lookup(&chunk.code[p]);
-            for i in 0..LANES.min(chunk.whole_steps - p * LANES) {
-                color += steps[i] * transmittance;
-                transmittance *= steps[i].w;
+            let mut steps = table.lookup(&chunk.code[p]);
+            if (p + 1) * LANES > chunk.whole_steps {
+                for i in chunk.whole_steps % LANES..LANES {
+                    steps[i] = Vec4::W;
+                }
+            }
+            for i in (0..LANES).step_by(2) {
+                let (a, b) = (steps[i], steps[i + 1]);
+                near += a * light;
+                far += b * (light * a.wwww());
+                light *= a.wwww() * b.wwww();
+            }
+            if light.x < Self::FAINTEST {
+                break;
             }
         }
-        color.w = transmittance;
-        color
+        (near + far).with_w(light.x)
     }
 }
 
 impl Blend for Dvr {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
+    const OCCLUDES: bool = true;
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {

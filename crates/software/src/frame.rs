@@ -12,6 +12,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A frame in the making.
 pub(crate) struct Frame<'a> {
@@ -19,6 +20,9 @@ pub(crate) struct Frame<'a> {
     pub(crate) ticks: Ticks,
     /// Level-0 voxels along each axis: the volume's box in voxel space is `[0, extent)`.
     pub(crate) extent: [f64; 3],
+    /// For each cell of the draw list the most light with which a ray has entered it so far, as the bits of an `f32`: their
+    /// order is that of the numbers. Empty in modes without occlusion.
+    pub(crate) light: Box<[AtomicU32]>,
     /// Front to back; in modes where order does not matter, those first that will likely decide.
     pub(crate) cells: Vec<Cell<'a>>,
     /// Voxels along a core's edge, and around it.
@@ -34,6 +38,8 @@ pub(crate) struct Frame<'a> {
 
 /// One cell of the draw list.
 pub(crate) struct Cell<'a> {
+    /// Its place in the list.
+    index: usize,
     /// The half-open box in voxel space, without bound where it ends at the volume's faces: rays are clipped there
     /// already, and a sample that rounding has put a hair outside still belongs to a cell.
     pub(crate) low: [f64; 3],
@@ -89,8 +95,9 @@ impl<'a> Frame<'a> {
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let extent = pyramid.levels()[0].extent.to_array().map(f64::from);
         let opaque = (settings.mode == Mode::Dvr).then(|| OpaqueCodes::new(&settings.table));
-        let near_first = list.cells.par_iter().rev();
-        let cell = |c: &DrawCell| Cell::new(settings, pyramid, c, apron, opaque.as_ref(), brick(c.slot));
+        let near_first = list.cells.par_iter().enumerate().rev();
+        let cell =
+            |(i, c): (usize, &DrawCell)| Cell::new(settings, pyramid, i, c, apron, opaque.as_ref(), brick(c.slot));
         let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
         match settings.mode {
             Mode::Mip => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
@@ -104,9 +111,10 @@ impl<'a> Frame<'a> {
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
-        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
+        let (zones, lit) = if settings.mode == Mode::Dvr { (ticks.zones, list.cells.len()) } else { (0, 0) };
         Self {
             settings,
+            light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
             ticks,
             extent,
@@ -120,6 +128,17 @@ impl<'a> Frame<'a> {
 }
 
 impl Frame<'_> {
+    /// The most light with which a ray has entered the cell so far.
+    #[inline(always)]
+    pub(crate) fn entered(&self, cell: &Cell<'_>) -> f32 {
+        f32::from_bits(self.light[cell.index].load(Ordering::Relaxed))
+    }
+
+    /// A ray enters the cell with so much light, at least 0.
+    pub(crate) fn enter(&self, cell: &Cell<'_>, light: f32) {
+        self.light[cell.index].fetch_max(light.to_bits(), Ordering::Relaxed);
+    }
+
     /// Whether any of a packet's table positions may have opacity.
     #[inline(always)]
     pub(crate) fn shows(&self, position: &Packet) -> bool {
@@ -151,6 +170,7 @@ impl<'a> Cell<'a> {
     fn new(
         settings: &FrameSettings,
         pyramid: &Pyramid,
+        index_in_list: usize,
         cell: &DrawCell,
         apron: u32,
         opaque: Option<&OpaqueCodes>,
@@ -158,15 +178,13 @@ impl<'a> Cell<'a> {
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
         let mask = mask(opaque, &brick.cells, pyramid.edge() as usize);
-        if matches!(mask, Mask::None) {
-            return None;
-        }
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
         let (min, max) = (cell.region.min.to_array(), cell.region.max.to_array());
         let extent = pyramid.levels()[0].extent.to_array();
         let core = |a: usize| index[a] as f64 * pyramid.edge() as f64;
         Some(Self {
+            index: index_in_list,
             low: std::array::from_fn(|a| if min[a] == 0 { f64::NEG_INFINITY } else { min[a] as f64 }),
             high: std::array::from_fn(|a| if max[a] == extent[a] { f64::INFINITY } else { max[a] as f64 }),
             scale: factor.map(|f| 1.0 / f as f64),

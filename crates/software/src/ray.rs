@@ -146,9 +146,9 @@ impl Ray {
         (0.5 * (start + end), end - start)
     }
 
-    /// Takes the run of segments that belong to the cell, as first tick and one past the last.
+    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last.
     #[inline(always)]
-    pub(crate) fn take_run(&mut self, ticks: &Ticks, cell: &Cell<'_>) -> Option<(u32, u32)> {
+    pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.
         let (mut near, mut far) = (self.t_in, self.t_out);
         for a in 0..3 {
@@ -173,11 +173,7 @@ impl Ray {
         let mut last = if about > first { about } else { first };
         last = if self.segment(ticks, last).0 < far { ticks.next(last) } else { last };
         last = if last < self.end { last } else { self.end };
-        if first >= last {
-            return None;
-        }
-        self.cursor = last;
-        Some((first, last))
+        (first < last).then_some((first, last))
     }
 
     /// The least distance at which the ray has passed the plane. Boxes hold their lower planes but not their upper ones, so

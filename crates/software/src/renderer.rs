@@ -7,9 +7,10 @@ use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::macrocells;
-use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
+use brickyard_volume::{FrameSettings, Mode, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// What a renderer is made for; fixed for its life.
 #[derive(Clone, Copy, Debug)]
@@ -63,6 +64,7 @@ pub struct SoftwareRenderer {
     options: SoftwareOptions,
     slots: Vec<Option<Resident>>,
     fixed_bytes: u64,
+    visibility: Option<Vec<f32>>,
     pool: rayon::ThreadPool,
 }
 
@@ -93,7 +95,7 @@ impl SoftwareRenderer {
         let pool = pool.build().map_err(|source| SoftwareError::Threads { threads, source })?;
         let mut slots = Vec::new();
         slots.resize_with(count.min(u32::MAX as u64) as usize, || None);
-        Ok(Self { options, slots, fixed_bytes, pool })
+        Ok(Self { options, slots, fixed_bytes, visibility: None, pool })
     }
 
     /// How many bricks it holds at once.
@@ -132,11 +134,13 @@ impl SoftwareRenderer {
             self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
         };
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
-        let drawn: Vec<TilePixels> = self.pool.install(|| {
+        let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
             let frame = Frame::new(settings, pyramid, list, apron, brick);
             let draw = tile::for_frame(&frame);
-            tiles.par_iter().map(|t| draw(&frame, t)).collect()
+            (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
         });
+        let occludes = settings.mode == Mode::Dvr;
+        self.visibility = occludes.then(|| light.iter().map(|l| f32::from_bits(l.load(Ordering::Relaxed))).collect());
         let mut rgb = vec![[0; 3]; width as usize * height as usize];
         for (tile, pixels) in tiles.iter().zip(&drawn) {
             for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
@@ -147,18 +151,26 @@ impl SoftwareRenderer {
         }
         Picture { width, height, rgb }
     }
+
+    /// For each cell of the list drawn last, in its order, the greatest transmittance with which a ray entered the cell: 1
+    /// where nothing is in front, 0 where no ray came because the light had been used up, or the cell is out of view. `None`
+    /// after projections, in which nothing hides anything, and before the first picture.
+    pub fn visibility(&self) -> Option<&[f32]> {
+        self.visibility.as_deref()
+    }
 }
 
 fn slot_bytes(options: &SoftwareOptions) -> u64 {
     (options.edge as u64 + 2 * options.apron as u64).pow(3) * options.encoding.format.bytes() as u64
 }
 
-/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask.
+/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask and its light.
 fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     let edge = options.edge as usize;
     let cells = macrocells::bytes(edge) + corners(edge) * size_of::<[u16; 2]>();
     let mask = corners(edge) * size_of::<bool>();
-    slot_bytes(options) + (cells + mask + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
+    let light = size_of::<AtomicU32>() + size_of::<f32>();
+    slot_bytes(options) + (cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 
 /// The picture as tiles and as rows, what steps do, and every thread's rays.

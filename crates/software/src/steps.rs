@@ -57,21 +57,24 @@ impl StepTable<'_> {
     #[inline(always)]
     pub(crate) fn lookup(&self, codes: &Packet) -> [Vec4; LANES] {
         const LAST: f32 = (255 * SUBSTEPS) as f32;
-        let (mut index, mut fraction) = ([0i32; LANES], [0.0f32; LANES]);
+        let (mut offset, mut fraction) = ([0i32; LANES], [0.0f32; LANES]);
         for i in 0..LANES {
             let position = codes[i] * SUBSTEPS as f32;
             // Written so that NaN, too, ends up inside.
             let position = if position > 0.0 { position } else { 0.0 };
             let position = if position < LAST { position } else { LAST };
             // SAFETY: 0 <= position <= LAST.
-            index[i] = unsafe { position.to_int_unchecked::<i32>() };
-            fraction[i] = position - index[i] as f32;
+            let index = unsafe { position.to_int_unchecked::<i32>() };
+            fraction[i] = position - index as f32;
+            offset[i] = index * size_of::<Vec4>() as i32;
         }
         let mut steps = [Vec4::ZERO; LANES];
         for i in 0..LANES {
-            // SAFETY: at most LAST, and there are two entries more than that.
-            let (a, b) =
-                unsafe { (*self.0.get_unchecked(index[i] as usize), *self.0.get_unchecked(index[i] as usize + 1)) };
+            // SAFETY: the index is at most LAST, and there are two entries more than that.
+            let (a, b) = unsafe {
+                let at = self.0.as_ptr().byte_add(offset[i] as usize);
+                (*at, *at.add(1))
+            };
             steps[i] = a + (b - a) * fraction[i];
         }
         steps

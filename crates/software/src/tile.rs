@@ -4,7 +4,9 @@ use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip};
 use crate::frame::{Cell, Frame, PixelRect};
 use crate::macrocells::Blocks;
 use crate::ray::Ray;
-use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS};
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS, Portable, Unit};
 use brickyard_volume::{Mode, Picture, SlotFormat};
 
 /// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
@@ -59,17 +61,17 @@ fn for_machine<C: Code, B: Blend, const INVALID: bool>() -> DrawTile {
         // SAFETY: the machine has AVX2.
         return |frame, tile| unsafe { draw_avx2::<C, B, INVALID>(frame, tile) };
     }
-    draw::<C, B, INVALID>
+    draw::<C, B, Portable, INVALID>
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn draw_avx2<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
-    draw::<C, B, INVALID>(frame, tile)
+    draw::<C, B, Avx2, INVALID>(frame, tile)
 }
 
 #[inline(always)]
-fn draw<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
+fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
     let mut rays = [Ray::EMPTY; PIXELS];
     let mut chunk = Chunk::EMPTY;
     let mut waiting = 0;
@@ -86,19 +88,34 @@ fn draw<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) 
         }
         let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
         let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
+        let known = if B::OCCLUDES { frame.entered(cell) } else { 0.0 };
+        let mut brightest = known;
         for y in y0..y1 {
             for x in x0..x1 {
                 let ray = &mut rays[place(tile, x, y)];
-                if ray.cursor >= ray.end || B::coverage(cell, ray.sum) == Coverage::None {
+                if ray.cursor >= ray.end {
                     continue;
                 }
-                if let Some((first, last)) = ray.take_run(&frame.ticks, cell) {
-                    if !march::<C, B, INVALID>(frame, cell, ray, &mut chunk, first, last) && !B::FRONT_TO_BACK {
+                if B::coverage(cell, ray.sum) == Coverage::None {
+                    if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell).is_some() {
+                        brightest = ray.sum.w;
+                    }
+                    continue;
+                }
+                if let Some((first, last)) = ray.run(&frame.ticks, cell) {
+                    ray.cursor = last;
+                    if B::OCCLUDES && ray.sum.w > brightest {
+                        brightest = ray.sum.w;
+                    }
+                    if !march::<C, B, U, INVALID>(frame, cell, ray, &mut chunk, first, last) && !B::FRONT_TO_BACK {
                         ray.cursor = ray.first;
                     }
                     waiting -= (ray.cursor >= ray.end) as u32;
                 }
             }
+        }
+        if brightest > known {
+            frame.enter(cell, brightest);
         }
     }
     let mut pixels = [[0; 3]; PIXELS];
@@ -119,7 +136,7 @@ fn place(tile: &Tile, x: u32, y: u32) -> usize {
 /// Adds the samples of a run of segments, zone by zone, leaping over the macro-cells that cannot be seen. True if nothing
 /// further can be seen.
 #[inline(always)]
-fn march<C: Code, B: Blend, const INVALID: bool>(
+fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
     frame: &Frame<'_>,
     cell: &Cell<'_>,
     ray: &mut Ray,
@@ -133,7 +150,7 @@ fn march<C: Code, B: Blend, const INVALID: bool>(
     while start < last {
         let stretch = Stretch::new(frame, cell, ray, start, last);
         if !leaps {
-            if stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, 0, stretch.count) {
+            if stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, 0, stretch.count) {
                 return true;
             }
         } else {
@@ -142,13 +159,13 @@ fn march<C: Code, B: Blend, const INVALID: bool>(
             let (mut from, mut to) = (0, 0);
             while let Some((corner, next, end)) = blocks.next() {
                 let sees = B::sees(cell, corner, ray.sum);
-                if !sees && from < to && stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, from, to) {
+                if !sees && from < to && stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from, to) {
                     return true;
                 }
                 from = if sees && from < to { from } else { next };
                 to = if sees { end } else { from };
             }
-            if from < to && stretch.add::<C, B, INVALID>(frame, &brick, ray, chunk, from, to) {
+            if from < to && stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from, to) {
                 return true;
             }
         }
@@ -193,7 +210,7 @@ impl Stretch {
 
     /// Adds the samples `from..to`. True if nothing behind them can be seen.
     #[inline(always)]
-    fn add<C: Code, B: Blend, const INVALID: bool>(
+    fn add<C: Code, B: Blend, U: Unit, const INVALID: bool>(
         &self,
         frame: &Frame<'_>,
         brick: &Brick<'_>,
@@ -230,7 +247,7 @@ impl Stretch {
                     chunk.weight[p][i] = (length.max(0.0) * per_unit) as f32;
                 }
             }
-            brick.sample::<C, INVALID>(self.origin, self.step, chunk);
+            brick.sample::<C, U, INVALID>(self.origin, self.step, chunk);
             sum = B::add::<C>(frame, sum, chunk);
             if B::is_final::<C>(sum) {
                 ray.cursor = ray.end;
@@ -294,7 +311,7 @@ mod tests {
             DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
         let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, 1, |_| &resident);
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
-        let picture = draw::<C, B, INVALID>(&frame, &tile);
+        let picture = draw::<C, B, Portable, INVALID>(&frame, &tile);
         assert!(picture.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
         assert_eq!(picture, for_frame(&frame)(&frame, &tile), "{mode:?}");
     }
