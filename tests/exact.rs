@@ -32,12 +32,20 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
         opacity: vec![[0.0, 0.001], [255.0, 0.03]],
         unit_distance: 1.0,
     };
-    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.7, background: [0.1, 0.0, 0.2], ..Scene::default() }
+    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.9, background: [0.1, 0.0, 0.2], ..Scene::default() }
 }
 
 fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     let (backend, compositor) = (BackendChoice::Auto, CompositorChoice::Auto);
-    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, max_size_px: SIZE }
+    SessionOptions {
+        backend,
+        compositor,
+        gpu_memory_bytes,
+        host_memory_bytes,
+        threads: 2,
+        max_size_px: SIZE,
+        live: false,
+    }
 }
 
 /// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.

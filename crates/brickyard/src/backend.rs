@@ -220,11 +220,11 @@ impl Backend {
     }
 
     /// For each cell of the last list drawn, in its order, how much light was left where a ray entered it, the most of all
-    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, of `sorted`, of the CPU.
+    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections and of `sorted`.
     pub fn visibility(&self) -> Option<&[f32]> {
         match self {
             Self::Gpu(r) => r.visibility(),
-            Self::Cpu(_) => None,
+            Self::Cpu(r) => r.visibility(),
         }
     }
 

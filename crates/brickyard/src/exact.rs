@@ -5,7 +5,7 @@ use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, Composi
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
-use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig};
+use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning};
 use brickyard_render::{GpuError, GpuRenderer};
 use brickyard_volume::Picture;
 use std::sync::Arc;
@@ -79,7 +79,9 @@ impl ExactRenderer {
             apron: needs.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
-            upload_bytes_per_frame: None,
+            planning: Planning::Inline,
+            prefetch: false,
+            uploads: None,
         };
         Ok(Self { source, renderer, backend_line, config })
     }

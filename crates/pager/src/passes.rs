@@ -13,6 +13,7 @@ use crate::draw_list::{DrawCell, DrawList, Slot};
 use crate::pager::Counters;
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes, zeroed};
 use crate::residency::Upload;
+use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -99,10 +100,11 @@ impl ExactPasses {
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
-        if cut.memory_bound() || cut.cells().len() > max_cells {
+        if cut.memory_bound() || cut.wanted() > max_cells {
             return Err(ExactError::TooManyCells { cells: max_cells, host_bytes });
         }
-        let cells: Arc<[BrickId]> = cut.cells().collect();
+        let back_to_front = Sight::new(&*source, &cut, view).cells;
+        let cells: Arc<[BrickId]> = back_to_front.into_iter().map(|position| cut.id(position)).collect();
         let effective_error_px = cut.effective_error_px();
         drop(cut);
         let padded = layout.padded_bytes() as u64;
@@ -318,6 +320,7 @@ fn read_nearest(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planner::Planning;
     use crate::test_source::{TestSource, box_view};
     use brickyard_volume::{BrickIndex, LevelPolicy, Projection};
     use std::collections::HashMap;
@@ -325,7 +328,15 @@ mod tests {
     const DEADLINE: Duration = Duration::from_secs(20);
 
     fn config(slots: u32, host_bytes: u64) -> PagerConfig {
-        PagerConfig { slots, apron: 1, host_bytes, workers: 3, upload_bytes_per_frame: None }
+        PagerConfig {
+            slots,
+            apron: 1,
+            host_bytes,
+            workers: 3,
+            planning: Planning::Inline,
+            prefetch: false,
+            uploads: None,
+        }
     }
 
     fn finest(source: &TestSource) -> View {
@@ -360,7 +371,9 @@ mod tests {
     fn passes_draw_every_cell_of_the_cut_in_its_order_within_the_budgets() {
         let source = Arc::new(TestSource::cube(64));
         let view = finest(&source);
-        let expected: Vec<BrickId> = Cut::new(&*source, &view, usize::MAX).cells().collect();
+        let cut = Cut::new(&*source, &view, usize::MAX);
+        let back_to_front = Sight::new(&*source, &cut, &view).cells;
+        let expected: Vec<BrickId> = back_to_front.into_iter().map(|position| cut.id(position)).collect();
         assert_eq!(expected.len(), 512);
         let mut codes = None;
         for (slots, passes) in [(1, 512), (7, 74), (512, 1), (9000, 1)] {
