@@ -118,8 +118,9 @@ pub(crate) struct HostSplit {
     pub(crate) cores: usize,
 }
 
-/// What the slot table, the cut, the plan and the draw list take for a slot, rounded up: each is linear in the slots.
-pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 512;
+/// What the slot table, the cuts, the plan and the draw list take for a slot, rounded up: each is linear in the slots. Most
+/// of it are up to four cuts (drawn, last, being made, foreseen) with about two nodes of 80 bytes for a cell.
+pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.
 const MAX_STAGED: u64 = 256;

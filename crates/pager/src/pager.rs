@@ -229,18 +229,17 @@ impl Pager {
         let told = cells.iter().copied().zip(visibility.iter().copied());
         let told = Visibility::new(self.source.pyramid(), view, told);
         let (number, has_changed) = match &mut self.visibility {
-            None => {
-                self.visibility = Some((1, Arc::new(told)));
-                (1, true)
-            }
-            // The planner may hold the last one: then this copies it.
-            Some((number, known)) => {
-                let has_changed = Arc::make_mut(known).update(told);
-                *number += has_changed as u64;
-                (*number, has_changed)
+            // The planner may hold it: then this copies it.
+            Some((number, known)) if known.is_of(view) => (*number, Arc::make_mut(known).add(told)),
+            known => {
+                let number = known.as_ref().map_or(0, |(number, _)| *number);
+                *known = Some((number, Arc::new(told)));
+                (number, true)
             }
         };
-        if !has_changed && *is_complete {
+        if has_changed {
+            self.visibility.iter_mut().for_each(|(number, _)| *number += 1);
+        } else if *is_complete {
             self.confirmed = number;
         }
     }
@@ -377,7 +376,7 @@ mod tests {
     use crate::governor::UploadLimits;
     use crate::planner::Planning;
     use crate::test_source::{TestSource, box_view};
-    use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, VoxelType};
+    use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, ViewRays, VoxelType};
     use std::collections::HashMap;
 
     fn config(slots: u32, host_bytes: u64) -> PagerConfig {
@@ -577,7 +576,30 @@ mod tests {
         let wanted: HashMap<BrickId, BrickId> = frame.draw.cells.iter().map(|c| (c.cell, c.brick)).collect();
         assert!(wanted.iter().all(|(cell, brick)| cell == brick) && !frame.status.memory_bound);
         assert!(frame.status.effective_error_px <= 5.0 && wanted.len() >= cold.wanted());
-        assert!(frame.status.counters.uploaded_ahead > 0, "nothing was foreseen");
+    }
+
+    #[test]
+    fn what_is_foreseen_is_there_when_it_is_wanted() {
+        let source = Arc::new(TestSource::cube(64));
+        let ahead = PagerConfig { prefetch: true, ..config(1200, 2 << 20) };
+        let mut pager = Pager::new(source.clone(), ahead).unwrap();
+        let whole = box_view(&source, Projection::Orthographic { height: 30.0 });
+        let view = |aside: f64| {
+            let eye = whole.rays.eye + whole.rays.right.normalize() * aside;
+            View { rays: ViewRays { eye, ..whole.rays }, level: LevelPolicy::Locked(0), ..whole.clone() }
+        };
+        pager.frame(&view(0.0), Duration::ZERO);
+        let (view_now, now) = (view(1.0), Duration::from_millis(50));
+        let mut frame = pager.frame(&view_now, now);
+        while pager.wait(Duration::from_secs(9)) {
+            frame = pager.frame(&view_now, now);
+        }
+        assert!(frame.status.settled && frame.status.counters.uploaded_ahead > 0);
+        // Foreseen is the camera after 300 ms and a frame of 50: 7 farther.
+        let then = pager.frame(&view(7.5), Duration::from_millis(375)).status;
+        assert!(then.settled && then.wanted > 0 && then.completeness == 1.0, "{then:?}");
+        let behind = pager.frame(&view(-12.0), Duration::from_millis(400)).status;
+        assert!(behind.completeness < 1.0, "nothing was to be foreseen there");
     }
 
     #[test]

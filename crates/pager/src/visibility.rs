@@ -46,12 +46,13 @@ impl Visibility {
         Self { view: view.clone(), weights }
     }
 
-    /// Takes in what a later frame told. Returns whether anything has changed.
-    pub(crate) fn update(&mut self, later: Self) -> bool {
-        if later.view != self.view {
-            *self = later;
-            return true;
-        }
+    /// Whether it was told of this view.
+    pub(crate) fn is_of(&self, view: &View) -> bool {
+        self.view == *view
+    }
+
+    /// Takes in what a later frame of the same view told. Returns whether anything has changed.
+    pub(crate) fn add(&mut self, later: Self) -> bool {
         let mut has_changed = false;
         for (cell, weight) in later.weights {
             let known = self.weights.get(&cell).copied();
@@ -98,6 +99,42 @@ pub(crate) fn factor(weight: u8) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::BrickSource;
+    use crate::split;
+    use crate::test_source::{TestSource, box_view};
+    use brickyard_volume::{LevelPolicy, Occupancy, Projection};
+
+    #[test]
+    fn what_was_told_holds_near_by_and_adds_up_at_rest() {
+        let source = TestSource::cube(64);
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let brick = |level, x| view.id(Level(level), BrickIndex::new(x, 0, 0));
+        let told = |pairs: &[(BrickId, f32)]| Visibility::new(source.pyramid(), &view, pairs.iter().copied());
+        let mut known = told(&[(brick(0, 0), 0.0), (brick(0, 1), 0.5), (brick(1, 1), 0.0)]);
+        let node = |level: u8, x: u32| {
+            let cut = split::cut(&source, &View { level: LevelPolicy::Locked(level), ..view.clone() }, 999, None, None);
+            *cut.nodes.iter().find(|node| (node.level, node.index.to_array()) == (Level(level), [x, 0, 0])).unwrap()
+        };
+        let expected = |known: &Visibility, view: &View| {
+            [(0, 0), (0, 1), (1, 0), (1, 1), (0, 2)].map(|(l, x)| known.weight(view, &node(l, x)))
+        };
+        // An ancestor is seen as far as any of its cells; of a descendant nothing is known.
+        assert_eq!(expected(&known, &view), [Some(0), Some(8), Some(8), Some(0), None]);
+        // Bricks of 8 voxels: 5 to the side is too far for the finest, 9 for their parents, too.
+        let aside = |by: f64| {
+            let mut aside = view.clone();
+            aside.rays.eye += aside.rays.right.normalize() * by;
+            expected(&known, &aside)
+        };
+        assert_eq!(aside(3.0), [Some(0), Some(8), Some(8), Some(0), None]);
+        assert_eq!(aside(5.0), [None, None, Some(8), Some(0), None]);
+        assert_eq!(aside(9.0), [None; 5]);
+        let other_values = View { opaque: Some(Occupancy(1)), ..view.clone() };
+        assert_eq!(expected(&known, &other_values), [None; 5]);
+        assert!(!known.add(told(&[(brick(0, 1), 0.0), (brick(0, 0), 0.0)])), "what was seen stays seen");
+        assert!(known.add(told(&[(brick(0, 0), 1.0)])));
+        assert_eq!(expected(&known, &view), [Some(9), Some(8), Some(9), Some(0), None]);
+    }
 
     #[test]
     fn weights_are_octaves() {
