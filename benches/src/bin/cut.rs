@@ -98,7 +98,7 @@ fn main() {
     };
     let orbit = |i: u32| view(first.orbited(360.0 * i as f64 / views as f64));
     let fly = |i: u32| {
-        let way = (first.target - first.eye) * (2.0 * i as f64 / views as f64);
+        let way = (first.target - first.eye) * (i as f64 / views as f64);
         view(Camera { eye: first.eye + way, target: first.target + way, ..first })
     };
     let flights: [Flight<'_>; 3] = [("cold", false, &orbit), ("orbit", true, &orbit), ("fly", true, &fly)];

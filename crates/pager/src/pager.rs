@@ -500,19 +500,21 @@ mod tests {
         source.read_core(brick(0, [0, 0, 0]), &mut [0; 512]).unwrap();
         let limited = PagerConfig {
             uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
-            // More than one could finish a brick of the first tier after those that make it useless.
-            workers: 1,
             ..config(300, 1 << 20)
         };
         let mut pager = Pager::new(source.clone(), limited).unwrap();
         let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
         let mut frame = pager.frame(&view, Duration::ZERO);
+        let (mut frames, mut without) = (0, 0);
         while !frame.status.settled {
             assert!(pager.wait(Duration::from_secs(9)));
             frame = pager.frame(&view, Duration::ZERO);
             // 1,000 bytes a brick.
-            assert!((1..=2).contains(&frame.uploads.len()), "{}", frame.uploads.len());
+            assert!(frame.uploads.len() <= 2, "{}", frame.uploads.len());
+            (frames, without) = (frames + 1, without + frame.uploads.is_empty() as u32);
         }
+        // Once in a while all that comes is a stand-in for what came before it.
+        assert!(without * 10 <= frames, "{without} of {frames} frames without an upload");
         let counters = frame.status.counters;
         assert_eq!(counters.bytes_uploaded, counters.uploaded * 1000);
         assert_eq!(counters.bytes_read, counters.decoded * 512, "of this pager alone");
