@@ -187,6 +187,47 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
     }
 }
 
+/// A clip box cuts through bricks and voxels; what is outside of it is neither shown nor read.
+#[test]
+fn a_clip_box_equals_the_oracle() {
+    let extent = Extent::new(61, 53, 67);
+    let geometry = Geometry { spacing: DVec3::new(0.5, 0.8, 1.1), ..Geometry::default() };
+    let value = |v| u8::from_f64_rounded(shells(extent, v) * 255.0);
+    let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), |_, _, v| value(v)), 16);
+    let (low, high) = geometry.world_box(extent);
+    let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
+    let clips = [
+        // A corner is cut out; a slab thinner than a brick; a box that reaches out on one side.
+        [at(0.13, 0.0, 0.21), at(0.72, 1.0, 0.9)],
+        [at(0.0, 0.4, 0.0), at(1.0, 0.47, 1.0)],
+        [at(0.5, -3.0, -1.0), at(2.0, 0.61, 0.53)],
+    ];
+    for (name, camera) in cameras(low, high) {
+        for (i, &clip) in clips.iter().enumerate() {
+            for mode in [Mode::Dvr, Mode::Average] {
+                let transfer = Some(transfer(0.0, 255.0, geometry.voxel_size(extent) * 2.0));
+                let scene = Scene { camera: Some(camera), transfer, mode, clip: Some(clip), ..Scene::default() };
+                let expected = oracle(&test.store, &scene, SIZE);
+                if expected.rgb.iter().all(|p| *p == expected.rgb[0]) {
+                    // This camera looks past what is left.
+                    continue;
+                }
+                check(&test.store, &scene, &format!("{name}, clip box {i}, {mode:?}"));
+            }
+        }
+    }
+    let scene = |clip| Scene { clip, level: LevelPolicy::Locked(0), ..Scene::default() };
+    for backend in WAYS {
+        let wanted = |clip| {
+            let mut session = session(&test.store, backend, SIZE)?;
+            Some(settled(&mut session, &scene(clip), SIZE).1.bricks.uploaded)
+        };
+        let Some(whole) = wanted(None) else { continue };
+        let clipped = wanted(Some(clips[1])).expect("the same backend");
+        assert!(clipped * 3 < whole, "{backend:?}: {clipped} of {whole} bricks");
+    }
+}
+
 /// Bright specks keep their brightness in the maximum projection of a coarse level, if the store has a pyramid of maxima.
 #[test]
 fn the_maximum_projection_is_exact_at_any_level_of_maxima() {

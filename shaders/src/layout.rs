@@ -59,6 +59,14 @@ pub struct FrameUniform {
     pub root_size: [f32; 3],
     /// Macro-cells along a brick's edge.
     pub macro_cells: u32,
+    /// Low corner of what is shown, level-0 voxels.
+    pub shown_low: [f32; 3],
+    /// Padding.
+    pub spare_3: f32,
+    /// High corner of what is shown.
+    pub shown_high: [f32; 3],
+    /// Padding.
+    pub spare_4: f32,
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
 }

@@ -26,6 +26,10 @@ struct Frame {
     spare_2: vec2f,
     root_size: vec3f,
     macro_cells: u32,
+    shown_low: vec3f,
+    spare_3: f32,
+    shown_high: vec3f,
+    spare_4: f32,
     zone_starts: array<vec4u, 4>,
 }
 

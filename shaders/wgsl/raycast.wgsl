@@ -24,7 +24,7 @@ const NO_RANGES: u32 = 0xffffffffu;
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let ray = pixel_ray(position.xy);
-    let whole = clip(ray, vec3f(0.0), frame.extent);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
     let t_in = max(whole.x, 0.0);
     let t_out = whole.y;
     var pixel = pixel_start();

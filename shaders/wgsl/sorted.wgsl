@@ -57,7 +57,7 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     let ray = pixel_ray(in.position.xy);
-    let whole = clip(ray, vec3f(0.0), frame.extent);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
     let t_in = max(whole.x, 0.0);
     let t_out = whole.y;
     // Where samples of this cell can be: its box, widened by what rounding moves a point.

@@ -93,6 +93,7 @@ fn main() {
             pixel_error,
             time: 0,
             channel: 0,
+            clip: None,
             appearance: 0,
         }
     };

@@ -279,9 +279,19 @@ pub fn resolve(
             pixel_error: scene.pixel_error,
             time: scene.time,
             channel: scene.channel,
+            clip: scene.clip,
             appearance: appearance(&table, scene.mode),
         },
-        frame: FrameSettings { rays, lattice, geometry, encoding, table, mode: scene.mode, background },
+        frame: FrameSettings {
+            rays,
+            lattice,
+            geometry,
+            encoding,
+            table,
+            mode: scene.mode,
+            background,
+            clip: scene.clip,
+        },
         transfer,
         camera,
     })
@@ -310,6 +320,13 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
         if !(value.is_finite() && value > 0.0) {
             return Err(SessionError::Scene(format!("the {name} is {value}: expected a positive number")));
         }
+    }
+    if let Some([low, high]) = scene.clip
+        && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())
+    {
+        return Err(SessionError::Scene(format!(
+            "the clip box from {low} to {high} is empty: expected low below high"
+        )));
     }
     if let Some(transfer) = &scene.transfer {
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;

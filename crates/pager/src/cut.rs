@@ -28,11 +28,18 @@ pub struct View {
     pub time: u32,
     /// Channel.
     pub channel: u32,
+    /// Corners of a world box: what is outside of it is not shown.
+    pub clip: Option<[DVec3; 2]>,
     /// A number that differs wherever the same bricks hide other ones: for other opacities or another mode.
     pub appearance: u64,
 }
 
 impl View {
+    /// Whether a world box has a part inside the clip box.
+    pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
+        self.clip.is_none_or(|[from, to]| low.cmplt(to).all() && high.cmpgt(from).all())
+    }
+
     /// Whether a brick is not empty.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId) -> bool {
         self.opaque.is_none_or(|mask| source.occupancy(id).meets(mask))
@@ -142,7 +149,8 @@ impl Cut {
         let frustum = cut.view.rays.frustum();
         for node in &mut cut.nodes {
             let id = cut.view.id(node.level, node.index);
-            node.is_visible = frustum.meets_box(node.low, node.high) && cut.view.shows(source, id);
+            let is_in_sight = frustum.meets_box(node.low, node.high) && cut.view.is_inside_clip(node.low, node.high);
+            node.is_visible = is_in_sight && cut.view.shows(source, id);
             node.weight = OPEN;
         }
         cut.wanted = cut.wanted_cells().count();

@@ -108,7 +108,8 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             beside[axis] = at[axis].wrapping_add_signed(side);
             let away = DVec3::AXES[axis] * size * side as f64;
             // A neighbour at the volume's end may be smaller than the cell: then this asks a little too much.
-            if bricks.contains(beside) && !frustum.meets_box(low + away, high + away) {
+            let is_shown = cut.view.is_inside_clip(low + away, high + away);
+            if bricks.contains(beside) && is_shown && !frustum.meets_box(low + away, high + away) {
                 let id = cut.view.id(level, BrickIndex::from_array(beside));
                 if cut.view.shows(source, id) {
                     ring.push((id, error_px));

@@ -136,7 +136,16 @@ impl Shot {
         let fallback = Camera { eye, target: eye + DVec3::X, up: DVec3::Z, projection };
         let rays = camera.rays(96, 64).or_else(|_| fallback.rays(96, 64)).unwrap();
         let opaque = self.cull_empty.then_some(Occupancy::ALL);
-        View { rays, opaque, level: self.level, pixel_error: self.pixel_error, time: 0, channel: 0, appearance: 0 }
+        View {
+            rays,
+            opaque,
+            level: self.level,
+            pixel_error: self.pixel_error,
+            time: 0,
+            channel: 0,
+            clip: None,
+            appearance: 0,
+        }
     }
 }
 

@@ -30,7 +30,8 @@ impl Sight {
         } else {
             let frustum = view.rays.frustum();
             let is_visible = |node: &Node| {
-                frustum.meets_box(node.low, node.high) && view.shows(source, view.id(node.level, node.index))
+                let is_in_sight = frustum.meets_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
+                is_in_sight && view.shows(source, view.id(node.level, node.index))
             };
             order::back_to_front(pyramid, geometry, &view.rays, cut, is_visible)
         };

@@ -248,7 +248,8 @@ impl<'a> Build<'a> {
     fn push(&mut self, level: Level, index: BrickIndex, parent: u32, twin: u32) {
         let View { rays, .. } = self.view;
         let (low, high) = world_box(self.source, level, index);
-        let is_visible = self.frustum.meets_box(low, high) && self.view.shows(self.source, self.view.id(level, index));
+        let is_in_sight = self.frustum.meets_box(low, high) && self.view.is_inside_clip(low, high);
+        let is_visible = is_in_sight && self.view.shows(self.source, self.view.id(level, index));
         let distance = rays.eye.clamp(low, high).distance(rays.eye);
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / rays.pixel_size(distance);
         let (first_child, children) = (LEAF, 0);

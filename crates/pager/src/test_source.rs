@@ -50,7 +50,16 @@ impl TestSource {
 pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
     let world = source.geometry.world_box(source.pyramid.levels()[0].extent);
     let rays = Camera { projection, ..Camera::looking_at_box(world) }.rays(512, 512).unwrap();
-    View { rays, opaque: None, level: LevelPolicy::Auto, pixel_error: 1.0, time: 0, channel: 0, appearance: 0 }
+    View {
+        rays,
+        opaque: None,
+        level: LevelPolicy::Auto,
+        pixel_error: 1.0,
+        time: 0,
+        channel: 0,
+        clip: None,
+        appearance: 0,
+    }
 }
 
 impl BrickSource for TestSource {

@@ -127,7 +127,9 @@ struct Sample {
 fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> Vec<Sample> {
     let origin = frame.geometry.voxel_from_world(ray.origin);
     let direction = ray.direction / frame.geometry.spacing;
-    let Some((t_in, t_out)) = clip(origin, direction, volume.levels[0].extent) else { return Vec::new() };
+    let Some((t_in, t_out)) = clip(origin, direction, frame.shown_box(volume.levels[0].extent)) else {
+        return Vec::new();
+    };
     let segments = frame.lattice.segments(t_in, t_out);
     let sample = |s: brickyard_volume::Segment| {
         let point = origin + direction * s.middle();
@@ -137,18 +139,18 @@ fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray)
     segments.filter_map(sample).collect()
 }
 
-/// Where the ray is inside the half-open box `[0, extent)`, `t >= 0`.
-fn clip(origin: DVec3, direction: DVec3, extent: Extent) -> Option<(f64, f64)> {
+/// Where the ray is inside the half-open box, `t >= 0`.
+fn clip(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> Option<(f64, f64)> {
     let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
-    for (a, n) in extent.to_array().into_iter().enumerate() {
-        let (o, d, high) = (origin[a], direction[a], n as f64);
+    for a in 0..3 {
+        let (o, d) = (origin[a], direction[a]);
         if d == 0.0 {
-            if o < 0.0 || o >= high {
+            if o < low[a] || o >= high[a] {
                 return None;
             }
             continue;
         }
-        let (near, far) = (-o / d, (high - o) / d);
+        let (near, far) = ((low[a] - o) / d, (high[a] - o) / d);
         t_in = t_in.max(near.min(far));
         t_out = t_out.min(near.max(far));
     }
@@ -223,6 +225,7 @@ mod tests {
             table: TransferTable::new(transfer, &encoding),
             mode,
             background: [0.25, 0.0, 1.0],
+            clip: None,
         }
     }
 

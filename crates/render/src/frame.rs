@@ -14,6 +14,7 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
     let eye = frame.geometry.voxel_from_world(rays.eye);
+    let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
     FrameUniform {
         eye: single(eye),
@@ -42,6 +43,10 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         size_px: [rays.width as f32, rays.height as f32],
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
+        shown_low: single(shown_low),
+        spare_3: 0.0,
+        shown_high: single(shown_high),
+        spare_4: 0.0,
         zone_starts: frame.lattice.zone_starts,
         ..Default::default()
     }

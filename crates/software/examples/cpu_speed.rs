@@ -72,6 +72,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         table: TransferTable::new(&transfer, &volume.encoding),
         mode,
         background: [0.0; 3],
+        clip: None,
     }
 }
 

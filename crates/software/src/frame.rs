@@ -18,8 +18,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
-    /// Level-0 voxels along each axis: the volume's box in voxel space is `[0, extent)`.
-    pub(crate) extent: [f64; 3],
+    /// The box that is shown, in level-0 voxels.
+    pub(crate) shown_low: DVec3,
+    pub(crate) shown_high: DVec3,
     /// For each cell of the draw list the most light with which a ray has entered it so far, as the bits of an `f32`: their
     /// order is that of the numbers. Empty in modes without occlusion.
     pub(crate) light: Box<[AtomicU32]>,
@@ -93,7 +94,7 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
-        let extent = pyramid.levels()[0].extent.to_array().map(f64::from);
+        let (shown_low, shown_high) = settings.shown_box(pyramid.levels()[0].extent);
         let opaque = (settings.mode == Mode::Dvr).then(|| OpaqueCodes::new(&settings.table));
         let near_first = list.cells.par_iter().enumerate().rev();
         let cell =
@@ -117,7 +118,8 @@ impl<'a> Frame<'a> {
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
             ticks,
-            extent,
+            shown_low,
+            shown_high,
             cells,
             edge: pyramid.edge(),
             apron,

@@ -117,10 +117,11 @@ impl Ray {
         let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
             ray.inverse[a] = inverse_or_huge(direction[a]);
-            let (enter, leave) = if direction[a] < 0.0 { (frame.extent[a], 0.0) } else { (0.0, frame.extent[a]) };
+            let (low, high) = (frame.shown_low[a], frame.shown_high[a]);
+            let (enter, leave) = if direction[a] < 0.0 { (high, low) } else { (low, high) };
             t_in = t_in.max((enter - origin[a]) * ray.inverse[a]);
             t_out = t_out.min((leave - origin[a]) * ray.inverse[a]);
-            if direction[a] == 0.0 && !(0.0 <= origin[a] && origin[a] < frame.extent[a]) {
+            if direction[a] == 0.0 && !(low <= origin[a] && origin[a] < high) {
                 t_out = 0.0;
             }
         }

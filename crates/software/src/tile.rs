@@ -296,6 +296,7 @@ mod tests {
             table: TransferTable::new(&transfer, &encoding),
             mode,
             background: [0.1, 0.2, 0.3],
+            clip: None,
         };
         let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 16);
         // A linear congruential generator's high bytes; a fifth of them 0.

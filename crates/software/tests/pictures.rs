@@ -64,6 +64,7 @@ impl View {
             table: TransferTable::new(transfer, &volume.encoding),
             mode: self.mode,
             background: [0.1, 0.2, 0.35],
+            clip: None,
         }
     }
 }

@@ -35,6 +35,7 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         table: TransferTable::new(&transfer, &encoding),
         mode,
         background: [0.0; 3],
+        clip: None,
     };
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
     let (mut renderer, list) = volume.load(&cut, &frame.rays, 2);

@@ -5,7 +5,9 @@ use crate::code::SlotEncoding;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::scene::Mode;
+use crate::space::Extent;
 use crate::transfer::TransferTable;
+use glam::DVec3;
 
 /// Everything besides bricks that decides a frame, resolved for one picture size. Every renderer takes exactly this.
 #[derive(Clone, Debug)]
@@ -24,6 +26,18 @@ pub struct FrameSettings {
     pub mode: Mode,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
+    /// Corners of the world box outside of which nothing is shown.
+    pub clip: Option<[DVec3; 2]>,
+}
+
+impl FrameSettings {
+    /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is.
+    pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
+        let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));
+        let Some(clip) = self.clip else { return (low, high) };
+        let clip = clip.map(|corner| self.geometry.voxel_from_world(corner));
+        (low.max(clip[0]), high.min(clip[1]))
+    }
 }
 
 /// 8-bit RGB, row 0 on top.

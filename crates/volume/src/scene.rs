@@ -2,6 +2,7 @@
 
 use crate::camera::Camera;
 use crate::transfer::TransferFunction;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// How samples along a ray become a pixel.
@@ -57,6 +58,8 @@ pub struct Scene {
     pub time: u32,
     /// Channel.
     pub channel: u32,
+    /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read.
+    pub clip: Option<[DVec3; 2]>,
 }
 
 impl Default for Scene {
@@ -71,6 +74,7 @@ impl Default for Scene {
             pixel_error: 1.0,
             time: 0,
             channel: 0,
+            clip: None,
         }
     }
 }
@@ -79,7 +83,6 @@ impl Default for Scene {
 mod tests {
     use super::*;
     use crate::camera::Projection;
-    use glam::DVec3;
 
     #[test]
     fn scenes_round_trip_through_json() {
@@ -98,6 +101,7 @@ mod tests {
             pixel_error: 1.5,
             time: 4,
             channel: 2,
+            clip: Some([DVec3::ZERO, DVec3::ONE]),
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);

@@ -55,6 +55,9 @@ pub(crate) struct SceneArguments {
     /// Channel
     #[arg(long)]
     channel: Option<u32>,
+    /// Show only this box, world units
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::world_box, allow_hyphen_values = true)]
+    clip: Option<[DVec3; 2]>,
 }
 
 /// [`Mode`] on the command line.
@@ -117,6 +120,7 @@ impl SceneArguments {
         scene.pixel_error = self.pixel_error.unwrap_or(scene.pixel_error);
         scene.time = self.time.unwrap_or(scene.time);
         scene.channel = channel;
+        scene.clip = self.clip.or(scene.clip);
         Ok(scene)
     }
 

@@ -76,16 +76,29 @@ pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
 
 /// `x0:x1,y0:y1,z0:z1` in voxels of the level, half-open.
 pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
-    let form = "x0:x1,y0:y1,z0:z1 in voxels, ends excluded";
-    let [x, y, z]: [String; 3] = list(text, ',', form)?;
-    let mut ends = [[0u32; 2]; 3];
-    for (end, part) in ends.iter_mut().zip([x, y, z]) {
-        *end = list(&part, ':', form)?;
-        if end[0] >= end[1] {
-            return Err(format!("'{part}' in '{text}' is empty: expected {form}"));
-        }
-    }
+    let ends: [[u32; 2]; 3] = box_ends(text, "x0:x1,y0:y1,z0:z1 in voxels, ends excluded")?;
     Ok(VoxelBox::new(ends.map(|e| e[0]), ends.map(|e| e[1])))
+}
+
+/// `X0:X1,Y0:Y1,Z0:Z1` in world units: two corners.
+pub(crate) fn world_box(text: &str) -> Result<[DVec3; 2], String> {
+    let ends: [[f64; 2]; 3] = box_ends(text, "X0:X1,Y0:Y1,Z0:Z1 in world units")?;
+    let corners = [0, 1].map(|i| DVec3::from_array(ends.map(|end| end[i])));
+    if corners.iter().all(|corner| corner.is_finite()) {
+        Ok(corners)
+    } else {
+        Err(format!("'{text}': expected finite numbers"))
+    }
+}
+
+fn box_ends<T: std::str::FromStr + PartialOrd>(text: &str, form: &str) -> Result<[[T; 2]; 3], String> {
+    let axes: [String; 3] = list(text, ',', form)?;
+    let ends = axes.into_iter().map(|part| match list(&part, ':', form)? {
+        [low, high] if low < high => Ok([low, high]),
+        [_, _] => Err(format!("'{part}' in '{text}' is empty: expected {form}")),
+    });
+    let ends: Vec<[T; 2]> = ends.collect::<Result<_, String>>()?;
+    ends.try_into().map_err(|_| format!("'{text}': expected {form}"))
 }
 
 /// A positive finite number.
@@ -136,6 +149,9 @@ mod tests {
         assert_eq!(voxel_box("0:2,1:3,5:9"), Ok(VoxelBox::new([0, 1, 5], [2, 3, 9])));
         assert!(voxel_box("0:2,3:3,5:9").unwrap_err().contains("empty"));
         assert!(voxel_box("0:2,3").is_err());
+        assert_eq!(world_box("-1:2,1.5:3,5:9"), Ok([DVec3::new(-1.0, 1.5, 5.0), DVec3::new(2.0, 3.0, 9.0)]));
+        assert!(world_box("0:2,3:1,5:9").unwrap_err().contains("empty"));
+        assert!(world_box("0:nan,0:1,5:9").is_err() && world_box("0:inf,0:1,5:9").is_err());
     }
 
     #[test]

@@ -152,6 +152,7 @@ impl Bricks {
             table: TransferTable::new(transfer, &self.encoding),
             mode,
             background: [0.2, 0.1, 0.4],
+            clip: None,
         }
     }
 
