@@ -32,7 +32,7 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
         opacity: vec![[0.0, 0.001], [255.0, 0.03]],
         unit_distance: 1.0,
     };
-    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.9, background: [0.1, 0.0, 0.2], ..Scene::default() }
+    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.93, background: [0.1, 0.0, 0.2], ..Scene::default() }
 }
 
 fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {

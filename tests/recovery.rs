@@ -104,14 +104,14 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
         ("one byte changed", true, 1..=1, &|path| {
             let file = OpenOptions::new().read(true).write(true).open(path).expect("it is there");
             let mut byte = [0];
-            file.read_exact_at(&mut byte, 99).expect("a hundredth byte");
-            file.write_all_at(&[!byte[0]], 99).expect("it is ours");
+            file.read_exact_at(&mut byte, 20).expect("the first brick has more");
+            file.write_all_at(&[!byte[0]], 20).expect("it is ours");
         }),
         // What is mapped stays.
         ("removed", true, 0..=0, &|path| remove_file(path).expect("it is there")),
         ("removed before it was opened", false, 64..=64, &|path| remove_file(path).expect("it is there")),
     ];
-    let extent = Extent::new(128, 128, 128);
+    let extent = Extent::new(64, 64, 64);
     let noise = |_, _, [x, y, z]: [u32; 3]| (x ^ y.wrapping_mul(31) ^ z.wrapping_mul(57)) as u8 | 1;
     // One colour, opaque, whatever the value: a hole would show the background, and no level differs from another.
     let transfer =
@@ -123,8 +123,10 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
         ..Scene::default()
     };
     for (what, is_open, failed, harm) in harms {
-        for way in WAYS {
-            let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), noise), 16);
+        // What is drawn with makes no difference to what is read: all ways once, then the quickest.
+        let ways = if what == "halved" { &WAYS[..] } else { &[(BackendChoice::Cpu, CompositorChoice::Raycast)] };
+        for &way in ways {
+            let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), noise), 8);
             let Some(mut session) = session(&test.store, way, SIZE) else { continue };
             let (before, _) = settled(&mut session, &scene(1), SIZE);
             let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(0, 0, 0) };
