@@ -1,9 +1,10 @@
 //! The upload governor: how many bytes a frame may upload.
 //!
 //! A frame has a limit in bytes and a goal in time. Who carries the uploads out says how long they took; from that the cost of a
-//! byte is followed, and the bytes are cut so that the goal is met. Dearer bytes are believed at once, cheaper ones slowly:
-//! one slow frame is noticed, one fast frame is not luck to count on. Costs nothing.
+//! byte is followed, and the bytes are cut so that the goal is met. The cost is the median of the last few measurements: a
+//! thread that was interrupted once says nothing about uploads, and one that is slow three times does.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Limits for one frame's uploads, of which there is always at least one.
@@ -11,18 +12,19 @@ use std::time::Duration;
 pub struct UploadLimits {
     /// At most so many bytes.
     pub bytes: u64,
-    /// What uploads may add to a frame, as far as [`Pager::uploads_took`](crate::Pager::uploads_took) is told.
+    /// What uploads may add to a frame, as far as [`Pager::uploads_took`](crate::Pager::uploads_took) is told; or an eighth of
+    /// the time between frames, if that is more: where frames are slow, uploads are not what makes them so.
     pub time: Duration,
 }
 
-/// How much of a cheaper measurement is believed.
-const TRUST: f64 = 0.125;
+/// Measurements whose median is believed.
+const MEASUREMENTS: usize = 5;
 
 #[derive(Debug)]
 pub(crate) struct Governor {
     limits: Option<UploadLimits>,
-    /// Seconds that a byte takes, as far as is known.
-    cost: Option<f64>,
+    /// Seconds that a byte took in the last frames that had uploads.
+    costs: VecDeque<f64>,
     /// Bytes of the last frame, until somebody says what they took.
     unmeasured: u64,
 }
@@ -30,15 +32,17 @@ pub(crate) struct Governor {
 impl Governor {
     /// A governor; without limits everything is allowed.
     pub(crate) fn new(limits: Option<UploadLimits>) -> Self {
-        Self { limits, cost: None, unmeasured: 0 }
+        Self { limits, costs: VecDeque::new(), unmeasured: 0 }
     }
 
-    /// What a frame may upload, if there is a limit.
-    pub(crate) fn bytes(&self) -> Option<u64> {
+    /// What a frame so long after the last one may upload, if there is a limit.
+    pub(crate) fn bytes(&self, since_last: Duration) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
-        let affordable = self.cost.map_or(f64::INFINITY, |cost| time.as_secs_f64() / cost);
+        let mut costs: Vec<f64> = self.costs.iter().copied().collect();
+        costs.sort_by(f64::total_cmp);
+        let affordable = |cost: &f64| time.max(since_last / 8).as_secs_f64() / cost;
         // Saturates.
-        Some(bytes.min(affordable as u64))
+        Some(bytes.min(costs.get(costs.len() / 2).map_or(f64::INFINITY, affordable) as u64))
     }
 
     /// A frame has handed out so many bytes.
@@ -52,11 +56,10 @@ impl Governor {
         if bytes == 0 {
             return;
         }
-        let measured = time.as_secs_f64() / bytes as f64;
-        let cost = self
-            .cost
-            .map_or(measured, |cost| if measured > cost { measured } else { cost + (measured - cost) * TRUST });
-        self.cost = Some(cost);
+        self.costs.push_back(time.as_secs_f64() / bytes as f64);
+        if self.costs.len() > MEASUREMENTS {
+            self.costs.pop_front();
+        }
     }
 }
 
@@ -65,12 +68,13 @@ mod tests {
     use super::*;
 
     const LIMITS: UploadLimits = UploadLimits { bytes: 8 << 20, time: Duration::from_millis(4) };
+    const FRAME: Duration = Duration::from_millis(16);
 
     /// Runs frames on a machine that uploads so many bytes a second, with bricks of 300,000 bytes. What each frame took.
     fn frames(governor: &mut Governor, count: usize, rate: f64) -> Vec<f64> {
         let brick = 300_000;
         let frame = |_| {
-            let bytes = (governor.bytes().unwrap() / brick).max(1) * brick;
+            let bytes = (governor.bytes(FRAME).unwrap() / brick).max(1) * brick;
             let seconds = bytes as f64 / rate;
             governor.spent(bytes);
             governor.took(Duration::from_secs_f64(seconds));
@@ -84,13 +88,26 @@ mod tests {
         let mut governor = Governor::new(Some(LIMITS));
         // 10 GB/s: the limit in bytes decides. 500 MB/s: the time. 10 MB/s: one brick, 30 ms, is more than the goal.
         assert!(frames(&mut governor, 20, 10e9).iter().all(|&s| s < 0.001));
-        assert_eq!(governor.bytes(), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
         let slow = frames(&mut governor, 20, 500e6);
-        assert!(slow[0] > 0.004 && slow[1..].iter().all(|&s| s > 0.003 && s < 0.004 + 1e-9), "{slow:?}");
-        assert!(frames(&mut governor, 20, 10e6)[1..].iter().all(|&s| s == 0.03));
-        // When the machine is fast again, it is found out within a second of frames.
-        frames(&mut governor, 60, 10e9);
-        assert_eq!(governor.bytes(), Some(LIMITS.bytes));
+        // A change is believed once it is the middle one of five.
+        assert!(slow[..3].iter().all(|&s| s > 0.004), "{slow:?}");
+        assert!(slow[3..].iter().all(|&s| s > 0.003 && s < 0.004 + 1e-9), "{slow:?}");
+        assert!(frames(&mut governor, 20, 10e6)[3..].iter().all(|&s| s == 0.03));
+        frames(&mut governor, 3, 10e9);
+        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+        // One interruption, or two, is nothing.
+        frames(&mut governor, 2, 1e6);
+        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+    }
+
+    #[test]
+    fn slow_frames_leave_time_for_more() {
+        let mut governor = Governor::new(Some(LIMITS));
+        frames(&mut governor, 5, 100e6);
+        let bytes = |millis| governor.bytes(Duration::from_millis(millis)).unwrap();
+        // 4 ms, 4 ms and 20 ms at 100 MB/s; rounded down from a measured cost.
+        assert!([(0, 400_000), (30, 400_000), (160, 2_000_000)].iter().all(|&(ms, b)| bytes(ms).abs_diff(b) <= 1));
     }
 
     #[test]
@@ -98,9 +115,9 @@ mod tests {
         let mut unlimited = Governor::new(None);
         unlimited.spent(100);
         unlimited.took(Duration::from_secs(9));
-        assert_eq!(unlimited.bytes(), None);
+        assert_eq!(unlimited.bytes(FRAME), None);
         let mut governor = Governor::new(Some(LIMITS));
         governor.took(Duration::from_secs(9));
-        assert_eq!(governor.bytes(), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
     }
 }

@@ -122,6 +122,8 @@ pub struct Pager {
     /// The last frame's draw list.
     drawn: Drawn,
     governor: Governor,
+    /// The last frame's time.
+    last_at: Duration,
     /// The coarsest bricks of the last view's time and channel: pinned.
     roots: Vec<BrickId>,
     /// The last frame's uploads: host memory until the next call.
@@ -169,6 +171,7 @@ impl Pager {
             confirmed: 0,
             drawn: Drawn::default(),
             governor,
+            last_at: Duration::ZERO,
             roots: Vec::new(),
             handed_out: Vec::new(),
         })
@@ -203,7 +206,8 @@ impl Pager {
         };
         let (pyramid, roots) = (self.source.pyramid(), &self.roots);
         let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead: &ahead };
-        let step = self.residency.step(&wants, self.governor.bytes());
+        let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)));
+        self.last_at = at;
         self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
         let is_complete = step.settled && self.planner.is_done();
         self.drawn = Drawn { cells: step.draw.cells.iter().map(|cell| cell.cell).collect(), is_complete };

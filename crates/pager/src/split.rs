@@ -247,7 +247,8 @@ impl<'a> Build<'a> {
 
     fn push(&mut self, level: Level, index: BrickIndex, parent: u32, twin: u32) {
         let View { rays, .. } = self.view;
-        let (low, high) = world_box(self.source, level, index);
+        let twin_box = self.last.get(twin as usize).map(|node| (node.low, node.high));
+        let (low, high) = twin_box.unwrap_or_else(|| world_box(self.source, level, index));
         let is_in_sight = self.frustum.meets_box(low, high) && self.view.is_inside_clip(low, high);
         let is_visible = is_in_sight && self.view.shows(self.source, self.view.id(level, index));
         let distance = rays.eye.clamp(low, high).distance(rays.eye);
