@@ -10,11 +10,16 @@ use std::time::Duration;
 /// Limits for one frame's uploads, of which there is always at least one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UploadLimits {
-    /// At most so many bytes.
+    /// At most so many bytes; more where frames are slower than [`Self::FRAME`], in proportion.
     pub bytes: u64,
     /// What uploads may add to a frame, as far as [`Pager::uploads_took`](crate::Pager::uploads_took) is told; or an eighth of
     /// the time between frames, if that is more: where frames are slow, uploads are not what makes them so.
     pub time: Duration,
+}
+
+impl UploadLimits {
+    /// Between frames, as far as the limits are meant.
+    pub const FRAME: Duration = Duration::from_millis(16);
 }
 
 /// Measurements whose median is believed.
@@ -38,6 +43,8 @@ impl Governor {
     /// What a frame so long after the last one may upload, if there is a limit.
     pub(crate) fn bytes(&self, since_last: Duration) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
+        let frames = since_last.as_secs_f64() / UploadLimits::FRAME.as_secs_f64();
+        let bytes = (bytes as f64 * frames.max(1.0)) as u64;
         let mut costs: Vec<f64> = self.costs.iter().copied().collect();
         costs.sort_by(f64::total_cmp);
         let affordable = |cost: &f64| time.max(since_last / 8).as_secs_f64() / cost;
