@@ -5,8 +5,8 @@
 //! that this cut lacks, and the face neighbours of its cells just outside of the frustum.
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is
-//! newer replaces what nobody has taken. So frames never wait; they draw the newest finished cut, whichever view that was made
-//! for. At once, the cut is always the view's own, and the same views give the same cuts.
+//! newer replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
+//! draws the newest finished one, whichever view that was made for. At once, the cut is always the view's own, and the same views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
 use crate::plan::{self, Tier};
@@ -19,6 +19,7 @@ use glam::DVec3;
 use std::collections::HashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// Where cuts are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,6 +32,9 @@ pub enum Planning {
     Thread,
 }
 
+/// How long a frame waits for its own view's cut.
+const PATIENCE: Duration = Duration::from_millis(1);
+
 /// What to plan for.
 #[derive(Clone)]
 pub(crate) struct Job {
@@ -42,6 +46,10 @@ pub(crate) struct Job {
 }
 
 impl Job {
+    fn visibility(&self) -> Option<&Visibility> {
+        self.visibility.as_ref().map(|(_, visibility)| &**visibility)
+    }
+
     /// Whether another job's cut would be the same. A camera that stops is no reason to look ahead anew.
     fn is_same(&self, other: &Self) -> bool {
         let number = |job: &Self| job.visibility.as_ref().map(|(number, _)| *number);
@@ -67,21 +75,22 @@ struct Desk {
 }
 
 impl Desk {
-    fn plan(&mut self, job: &Job) -> Outlook {
-        let visibility = job.visibility.as_ref().map(|(_, visibility)| &**visibility);
-        let cut = split::cut(&*self.source, &job.view, self.max_cells, self.last.as_deref(), visibility);
+    fn cut(&mut self, job: &Job) -> Arc<Cut> {
+        let cut = split::cut(&*self.source, &job.view, self.max_cells, self.last.as_deref(), job.visibility());
         let cut = Arc::new(cut);
         if self.is_incremental {
             self.last = Some(cut.clone());
         }
-        let ahead = job.ahead.map_or_else(Vec::new, |rays| self.look_ahead(&cut, rays, visibility));
-        Outlook { cut, ahead: ahead.into() }
+        cut
     }
 
-    fn look_ahead(&self, cut: &Cut, rays: Option<ViewRays>, visibility: Option<&Visibility>) -> Vec<(Tier, BrickId)> {
+    /// What to fetch ahead of a job's cut.
+    fn look_ahead(&self, job: &Job, cut: &Cut) -> Arc<[(Tier, BrickId)]> {
+        let Some(rays) = job.ahead else { return [].into() };
         let mut listed: HashSet<BrickId> = cut.cells().collect();
         let foreseen = rays.map(|rays| View { rays, ..cut.view.clone() });
-        let foreseen = foreseen.map(|view| split::cut(&*self.source, &view, self.max_cells, Some(cut), visibility));
+        let foreseen =
+            foreseen.map(|view| split::cut(&*self.source, &view, self.max_cells, Some(cut), job.visibility()));
         let predicted =
             foreseen.iter().flat_map(|cut| cut.wanted_cells().map(|cell| (cut.id(cell), cut.error_px(cell))));
         let ring = ring(&*self.source, cut);
@@ -92,7 +101,7 @@ impl Desk {
             let ordered = plan::ordered(self.source.pyramid(), tier, new);
             ahead.extend(ordered.into_iter().take(room).map(|id| (tier, id)));
         }
-        ahead
+        ahead.into()
     }
 }
 
@@ -151,16 +160,22 @@ impl Planner {
     /// The newest there is, of the view's time step and channel. If it is not what is asked for, that is on its way.
     pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
         let (time, channel) = (job.view.time, job.view.channel);
+        if let Place::Thread(thread) = &self.place {
+            self.newest = thread.newest(Duration::ZERO).or(self.newest.take());
+        }
         if self.asked.as_ref().is_none_or(|asked| !asked.is_same(&job)) {
             self.number += 1;
             match &mut self.place {
-                Place::Inline(desk) => self.newest = Some((self.number, desk.plan(&job))),
-                Place::Thread(thread) => thread.ask(self.number, job.clone()),
+                Place::Inline(desk) => {
+                    let cut = desk.cut(&job);
+                    self.newest = Some((self.number, Outlook { ahead: desk.look_ahead(&job, &cut), cut }));
+                }
+                Place::Thread(thread) => {
+                    thread.ask(self.number, job.clone());
+                    self.newest = thread.newest(PATIENCE).or(self.newest.take());
+                }
             }
             self.asked = Some(job.clone());
-        }
-        if let Place::Thread(thread) = &self.place {
-            self.newest = thread.newest().or(self.newest.take());
         }
         let guess = |cut: Cut| (0, Outlook { cut: Arc::new(cut), ahead: [].into() });
         let newest = match self.newest.take() {
@@ -203,10 +218,18 @@ impl PlannerThread {
         let (finished, outlooks) = bounded(1);
         let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            for (number, job) in inbox {
-                let outlook = desk.plan(&job);
+            let finish = |number, cut, ahead| {
                 while unseen.try_recv().is_ok() {}
-                if finished.send((number, outlook)).is_err() {
+                finished.send((number, Outlook { cut, ahead })).is_ok()
+            };
+            let mut ahead: Arc<[_]> = [].into();
+            for (number, job) in inbox {
+                // A frame may be waiting for the cut.
+                let cut = desk.cut(&job);
+                let mut goes_on = finish(number, cut.clone(), ahead);
+                ahead = desk.look_ahead(&job, &cut);
+                goes_on = goes_on && finish(number, cut, ahead.clone());
+                if !goes_on {
                     return;
                 }
             }
@@ -223,8 +246,9 @@ impl PlannerThread {
         }
     }
 
-    fn newest(&self) -> Option<(u64, Outlook)> {
-        match self.outlooks.try_recv() {
+    /// The newest outlook that nobody has taken; if there is none, that which comes within a time.
+    fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
+        match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),
             Err(_) if self.thread.as_ref().is_none_or(JoinHandle::is_finished) => panic!("the planner has panicked"),
             Err(_) => None,
