@@ -48,7 +48,9 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
 
             // Found out by drawing, by uploading what a new view wants, and by drawing in a new size.
             destroy_device(&session);
-            assert!(session.draw(&resolved.frame).expect("drawn anew") == before, "{way:?}");
+            let anew = session.draw(&resolved.frame).expect("drawn anew");
+            // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded otherwise.
+            assert_same(&anew, &before, &format!("{way:?} within {mebibytes} MiB"));
             destroy_device(&session);
             let aside = Scene { channel: 0, pixel_error: 0.5, ..scene.clone() };
             let (_, stats) = settled(&mut session, &aside, SIZE);
@@ -58,7 +60,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
             assert_eq!(session.device_losses(), 3);
 
             let (after, stats) = settled(&mut session, &scene, SIZE);
-            assert!(after == before, "{way:?} within {mebibytes} MiB: {:?}", after.difference(&before));
+            assert_same(&after, &before, &format!("{way:?} within {mebibytes} MiB, after other views"));
             assert!(stats.gpu_bytes_peak <= mebibytes << 20 && stats.bricks.failed == 0, "{stats:?}");
         }
     }
