@@ -3,7 +3,7 @@
 //! ```text
 //! cold    Cut::new for each view
 //! orbit   Cut::next for each view of a camera that goes around the volume in 360 views
-//! fly     the same, straight through the volume in 360 views
+//! fly     the same, from outside to the volume's centre in 360 views
 //! ```
 //!
 //! Each at a number of slots. The target is half a pixel of 1920x1080, for which there are too few slots: the cuts are memory bound,
