@@ -37,12 +37,12 @@ pub(crate) enum Tier {
 }
 
 impl Tier {
-    /// Of all slots, what bricks of this tier may hold.
-    pub(crate) fn share_of_slots(self) -> f64 {
+    /// Of so many slots, those that bricks of this tier may hold.
+    pub(crate) fn slots(self, slots: usize) -> usize {
         match self {
-            Self::Cover | Self::Visible => 1.0,
-            Self::Predicted => 0.125,
-            Self::Ring => 0.0625,
+            Self::Cover | Self::Visible => slots,
+            Self::Predicted => slots / 8,
+            Self::Ring => slots / 16,
         }
     }
 

@@ -97,7 +97,8 @@ impl Desk {
         let mut ahead = Vec::new();
         for (tier, bricks) in [(Tier::Predicted, predicted.collect()), (Tier::Ring, ring)] {
             let new = bricks.into_iter().filter(|(id, _)| listed.insert(*id)).collect();
-            let room = (self.slots as f64 * tier.share_of_slots()) as usize;
+            // Twice what there is room for: so that what is there already is not forgotten for being a little less urgent.
+            let room = 2 * tier.slots(self.slots);
             let ordered = plan::ordered(self.source.pyramid(), tier, new);
             ahead.extend(ordered.into_iter().take(room).map(|id| (tier, id)));
         }

@@ -371,7 +371,14 @@ impl Bench<'_> {
             }
         }
         ahead.sort();
-        ahead.truncate((self.slots as usize).saturating_sub(cut.wanted() + roots.len()));
+        let slots = self.slots as usize;
+        let mut left = [Tier::Predicted, Tier::Ring].map(|tier| tier.slots(slots));
+        ahead.retain(|(tier, _)| {
+            let left = &mut left[(*tier == Tier::Ring) as usize];
+            *left = left.wrapping_sub(1);
+            *left < slots
+        });
+        ahead.truncate(slots.saturating_sub(cut.wanted() + roots.len()));
         ahead
     }
 

@@ -59,7 +59,7 @@ pub(crate) struct Wants<'a> {
     pub(crate) sight: &'a Sight,
     /// The coarsest bricks: pinned.
     pub(crate) roots: &'a [BrickId],
-    /// Bricks to fetch ahead, by tier.
+    /// Bricks to fetch ahead, tier by tier.
     pub(crate) ahead: &'a [(Tier, BrickId)],
 }
 
@@ -143,15 +143,25 @@ impl Residency {
         let &Wants { cut, sight, .. } = wants;
         let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_wanted());
         others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
-        self.ahead(wants).iter().rev().for_each(|&(tier, id)| self.slots.claim(id, tier));
+        self.ahead(wants).into_iter().rev().for_each(|(tier, id)| self.slots.claim(id, tier));
         let wanted = cut.wanted_cells().filter_map(|cell| stand_ins.of(cell));
         wanted.for_each(|(stand_in, _)| self.slots.claim(cut.id(stand_in), Tier::Visible));
     }
 
-    /// What there is room for beside the view's own bricks: so that what is fetched ahead gets a slot when it comes.
-    fn ahead<'a>(&self, wants: &Wants<'a>) -> &'a [(Tier, BrickId)] {
-        let room = self.slots.count().saturating_sub(wants.cut.wanted() + wants.roots.len());
-        &wants.ahead[..wants.ahead.len().min(room)]
+    /// What is kept and fetched ahead of the view, as far as there is room beside the view's own bricks: so that each gets a
+    /// slot when it comes. What is there already comes before what is not: bricks of a tier do not displace each other.
+    fn ahead(&self, wants: &Wants<'_>) -> Vec<(Tier, BrickId)> {
+        let mut room = self.slots.count().saturating_sub(wants.cut.wanted() + wants.roots.len());
+        let mut ahead = Vec::new();
+        for of_tier in wants.ahead.chunk_by(|a, b| a.0 == b.0) {
+            let readable = of_tier.iter().copied().filter(|(_, id)| !self.failed.contains_key(id));
+            let (there, missing): (Vec<_>, Vec<_>) = readable.partition(|(_, id)| self.is_resident(*id));
+            let share = of_tier[0].0.slots(self.slots.count()).min(room);
+            let before = ahead.len();
+            ahead.extend(there.into_iter().chain(missing).take(share));
+            room -= ahead.len() - before;
+        }
+        ahead
     }
 
     fn plan(&self, wants: &Wants<'_>, stand_ins: &StandIns) -> Vec<(Tier, BrickId)> {
@@ -163,7 +173,7 @@ impl Residency {
         };
         let state_of_brick = |id| if self.is_resident(id) { State::Resident } else { absent(id) };
         let mut requests = plan::requests(pyramid, cut, roots, state_of, state_of_brick);
-        requests.extend(self.ahead(wants).iter().filter(|(_, id)| state_of_brick(*id) == State::Absent));
+        requests.extend(self.ahead(wants).into_iter().filter(|(_, id)| state_of_brick(*id) == State::Absent));
         requests
     }
 
