@@ -35,10 +35,13 @@ pub(crate) trait Blend {
         Coverage::All
     }
 
-    /// Whether samples in the macro-cells around a corner can change the sum.
+    /// In which boxes of macro-cells samples can change the sum: a bit for each.
+    ///
+    /// # Safety
+    /// The brick has these boxes.
     #[inline(always)]
-    fn sees(_: &Cell<'_>, _corner: usize, _: Vec4) -> bool {
-        true
+    unsafe fn sees(_: &Cell<'_>, _: &[i32; LANES], _: Vec4) -> u64 {
+        u64::MAX
     }
 
     /// Adds a chunk of samples.
@@ -60,22 +63,23 @@ impl Dvr {
     const FAINTEST: f32 = 1.0 / 4096.0;
 
     #[inline(always)]
-    fn add_whole_steps(frame: &Frame<'_>, table: &StepTable<'_>, sum: Vec4, chunk: &Chunk) -> Vec4 {
+    fn add_whole_steps(table: &StepTable<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+        let packets = chunk.packets.min(PACKETS);
+        let mut shows = [false; PACKETS];
+        for p in 0..packets {
+            let count = chunk.whole_steps as i32 - (p * LANES) as i32;
+            shows[p] = table.find(&chunk.code[p], count, &mut chunk.places[p]);
+        }
         // Two by two, so that a sample need not wait for the one before it.
         let (mut near, mut far) = (sum, Vec4::ZERO);
         let mut light = Vec4::splat(sum.w);
-        for p in 0..chunk.packets.min(PACKETS) {
-            if !frame.shows(&chunk.code[p]) {
+        for p in 0..packets {
+            if !shows[p] {
                 continue;
             }
-            let mut steps = table.lookup(&chunk.code[p]);
-            if (p + 1) * LANES > chunk.whole_steps {
-                for i in chunk.whole_steps % LANES..LANES {
-                    steps[i] = Vec4::W;
-                }
-            }
             for i in (0..LANES).step_by(2) {
-                let (a, b) = (steps[i], steps[i + 1]);
+                // SAFETY: the places have been found.
+                let [a, b] = unsafe { [table.step(&chunk.places[p], i), table.step(&chunk.places[p], i + 1)] };
                 near += a * light;
                 far += b * (light * a.wwww());
                 light *= a.wwww() * b.wwww();
@@ -103,12 +107,18 @@ impl Blend for Dvr {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, corner: usize, _: Vec4) -> bool {
-        match &cell.mask {
-            Mask::None => false,
-            Mask::Some(seen) => seen[corner],
-            Mask::All => true,
+    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
+        let seen = match &cell.mask {
+            Mask::None => return 0,
+            Mask::Some(seen) => seen,
+            Mask::All => return u64::MAX,
+        };
+        let mut bits = 0;
+        for i in 0..LANES {
+            // SAFETY: the caller's promise; a mask has all boxes.
+            bits |= (unsafe { *seen.get_unchecked(boxes[i] as usize) } as u64) << i;
         }
+        bits
     }
 
     #[inline(always)]
@@ -117,7 +127,7 @@ impl Blend for Dvr {
             && chunk.whole_steps > 0
             && let Some(table) = frame.steps.zone(chunk.zone)
         {
-            return Self::add_whole_steps(frame, &table, sum, chunk);
+            return Self::add_whole_steps(&table, sum, chunk);
         }
         let entries = Entries::of(frame);
         let packets = chunk.packets.min(PACKETS);
@@ -218,9 +228,14 @@ impl Blend for Mip {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, corner: usize, sum: Vec4) -> bool {
-        let [low, high] = cell.brick.ranges[corner];
-        low <= high && high as f32 > sum.x
+    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], sum: Vec4) -> u64 {
+        let mut bits = 0;
+        for i in 0..LANES {
+            // SAFETY: the caller's promise; there is an extreme for every box.
+            let greatest = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
+            bits |= ((greatest as f32 > sum.x) as u64) << i;
+        }
+        bits
     }
 
     #[inline(always)]
@@ -260,9 +275,14 @@ impl Blend for MinIp {
     }
 
     #[inline(always)]
-    fn sees(cell: &Cell<'_>, corner: usize, sum: Vec4) -> bool {
-        let [low, high] = cell.brick.ranges[corner];
-        low <= high && (low as f32) < sum.x
+    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], sum: Vec4) -> u64 {
+        let mut bits = 0;
+        for i in 0..LANES {
+            // SAFETY: the caller's promise; there is an extreme for every box.
+            let least = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
+            bits |= (((least as f32) < sum.x) as u64) << i;
+        }
+        bits
     }
 
     #[inline(always)]

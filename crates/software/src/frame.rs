@@ -1,13 +1,13 @@
 //! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
-use crate::macrocells::{Mask, ranges_around_corners};
+use crate::macrocells::{Mask, over_boxes};
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
-use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, SlotEncoding, ViewRays, VoxelBox};
+use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -31,6 +31,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) apron: u32,
     /// Table positions from one code to the next.
     pub(crate) positions_per_code: f32,
+    /// Unit distances of a world unit.
+    pub(crate) per_unit: f64,
     /// What whole steps do, in a composite picture.
     pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
@@ -52,6 +54,8 @@ pub(crate) struct Cell<'a> {
     pub(crate) brick: &'a Resident,
     /// In a composite picture, where the brick has opacity.
     pub(crate) mask: Mask,
+    /// In a maximum or minimum projection, the greatest or least code in each box of macro-cells.
+    pub(crate) extremes: Box<[u16]>,
     /// The pixels that may see the cell.
     pub(crate) rect: PixelRect,
 }
@@ -62,17 +66,6 @@ pub(crate) struct Resident {
     /// The padded brick.
     pub(crate) codes: Arc<[u8]>,
     pub(crate) cells: MacroCells,
-    /// What the macro-cells around each of their corners have together.
-    pub(crate) ranges: Box<[[u16; 2]]>,
-}
-
-impl Resident {
-    /// Reads a padded brick once, for its macro-cells.
-    pub(crate) fn new(codes: Arc<[u8]>, encoding: &SlotEncoding, edge: usize, apron: usize) -> Self {
-        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge, apron);
-        let ranges = ranges_around_corners(&cells, edge);
-        Self { codes, cells, ranges }
-    }
 }
 
 /// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
@@ -124,6 +117,7 @@ impl<'a> Frame<'a> {
             edge: pyramid.edge(),
             apron,
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
+            per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
         }
     }
@@ -167,6 +161,16 @@ fn mask(opaque: Option<&OpaqueCodes>, cells: &MacroCells, edge: usize) -> Mask {
     if opaque.any(cells.whole()) { Mask::new(cells, edge, |range| opaque.any(range)) } else { Mask::None }
 }
 
+/// What a projection needs to know of a brick's macro-cells.
+fn extremes(mode: Mode, cells: &MacroCells, edge: usize) -> Box<[u16]> {
+    let ranges = cells.ranges().iter();
+    match mode {
+        Mode::Mip => over_boxes(ranges.map(|range| range[1]), edge, u16::max),
+        Mode::MinIp => over_boxes(ranges.map(|range| range[0]), edge, u16::min),
+        Mode::Dvr | Mode::Average => Box::default(),
+    }
+}
+
 impl<'a> Cell<'a> {
     /// `None` if no pixel can see it.
     fn new(
@@ -179,7 +183,9 @@ impl<'a> Cell<'a> {
         brick: &'a Resident,
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
-        let mask = mask(opaque, &brick.cells, pyramid.edge() as usize);
+        let edge = pyramid.edge() as usize;
+        let mask = mask(opaque, &brick.cells, edge);
+        let extremes = extremes(settings.mode, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
         let (min, max) = (cell.region.min.to_array(), cell.region.max.to_array());
@@ -193,6 +199,7 @@ impl<'a> Cell<'a> {
             offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
             brick,
             mask,
+            extremes,
             rect,
         })
     }

@@ -1,49 +1,43 @@
 //! What a ray meets of a brick's macro-cells ([`brickyard_volume::macrocells`]): which of them can be seen, asked for blocks
 //! of samples.
 //!
-//! A block is as many neighbouring samples of a ray as reach no farther than a cell's edge: half an edge about their middle.
-//! So all of them are in the 2x2x2 cells around the *corner* of cells that is nearest to the middle, and one look-up, of
-//! what those eight cells have together, tells whether the block can be seen. (Walking from cell to cell along the ray
-//! asks more exactly, but three times as often, and which plane comes next is not for a processor to guess: it took a
-//! quarter of a picture's time.)
+//! A block is as many neighbouring samples of a ray as reach no farther than a cell's edge along each axis. So along an axis
+//! they are in one cell or in two: *span* `2 i` is cell `i`, span `2 i + 1` is cells `i` and `i + 1`. What the cells of each
+//! box of spans have together is computed once for a frame, and one look-up tells whether a block can be seen. (To walk from
+//! cell to cell along the ray asks more exactly, but three times as often, and which plane comes next is not for a
+//! processor to guess: it took a quarter of a picture's time.)
 
-use crate::sample::{CHUNK, LANES};
-use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, NONE, per_axis};
+use crate::sample::{LANES, Packet};
+use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, per_axis};
 
-/// Corners of a brick's macro-cells along an axis.
-pub(crate) const fn corners_per_axis(edge: usize) -> usize {
-    per_axis(edge) + 1
+/// Spans along an axis of a brick.
+const fn spans_per_axis(edge: usize) -> usize {
+    2 * per_axis(edge) - 1
 }
 
-/// Corners of a brick's macro-cells.
-pub(crate) const fn corners(edge: usize) -> usize {
-    corners_per_axis(edge).pow(3)
+/// Boxes of spans in a brick.
+pub(crate) const fn boxes(edge: usize) -> usize {
+    spans_per_axis(edge).pow(3)
 }
 
-/// The codes that the cells around each corner can have together, x fastest.
-pub(crate) fn ranges_around_corners(cells: &MacroCells, edge: usize) -> Box<[[u16; 2]]> {
-    around_corners(cells.ranges().iter().copied(), edge, NONE, |[a, b], [c, d]| [a.min(c), b.max(d)])
-}
-
-/// Joins what the cells around each corner have, axis by axis: every pass makes the array's fastest axis one longer and then
-/// the slowest.
-fn around_corners<T: Copy>(
+/// What the cells of each box have together, x fastest.
+pub(crate) fn over_boxes<T: Copy>(
     cells: impl Iterator<Item = T>,
     edge: usize,
-    none: T,
     join: impl Fn(T, T) -> T + Copy,
 ) -> Box<[T]> {
-    let (n, corners) = (per_axis(edge), corners_per_axis(edge));
+    let (n, spans) = (per_axis(edge), spans_per_axis(edge));
     let mut from: Vec<T> = cells.collect();
+    // Every pass turns the array's fastest axis from cells into spans and makes it the slowest.
     for _ in 0..3 {
         let rows = from.len() / n;
-        let mut to = vec![none; rows * corners];
+        let mut to = vec![from[0]; rows * spans];
         for (row, line) in from.chunks_exact(n).enumerate() {
             to[row] = line[0];
             for x in 1..n {
-                to[x * rows + row] = join(line[x - 1], line[x]);
+                to[(2 * x - 1) * rows + row] = join(line[x - 1], line[x]);
+                to[2 * x * rows + row] = line[x];
             }
-            to[n * rows + row] = line[n - 1];
         }
         from = to;
     }
@@ -54,7 +48,7 @@ fn around_corners<T: Copy>(
 pub(crate) enum Mask {
     None,
     All,
-    /// Whether any cell around a corner can.
+    /// Whether any cell of a box can.
     Some(Box<[bool]>),
 }
 
@@ -65,83 +59,76 @@ impl Mask {
         match visible.iter().filter(|&&v| v).count() {
             0 => Self::None,
             n if n == visible.len() => Self::All,
-            _ => Self::Some(around_corners(visible.into_iter(), edge, false, |a, b| a | b)),
+            _ => Self::Some(over_boxes(visible.into_iter(), edge, |a, b| a | b)),
         }
     }
 }
 
-/// A ray's way through a brick, block by block: the samples at `origin + i * step` (slot coordinates) for `i` from 0 to
-/// `count`.
+/// Samples of a block, which are so far apart along each axis (in voxels): at least one, and whole packets if more than one.
+#[inline(always)]
+pub(crate) fn block_length(step: [f32; 3]) -> i32 {
+    /// Short of all that is ever counted.
+    const MOST: f32 = (1 << 24) as f32;
+    let mut longest = 0.0f32;
+    for a in 0..3 {
+        longest = if step[a].abs() > longest { step[a].abs() } else { longest };
+    }
+    let reach = CELL_EDGE as f32 / longest;
+    let length = if reach < MOST { reach as i32 + 1 } else { MOST as i32 };
+    if length > LANES as i32 { length & -(LANES as i32) } else { length }
+}
+
+/// A ray's way through a brick, block by block.
+#[derive(Clone, Copy)]
 pub(crate) struct Blocks {
-    /// The middle of the first block and from one block to the next, in cells from the core's low corner, and half a cell
-    /// more, so that the whole part is the nearest corner.
+    /// The middle of the first block, from one block to the next, and half of a block, in cells from the core's low corner.
     middle: [f32; 3],
     stride: [f32; 3],
-    /// Samples in a block.
-    length: i32,
-    corners: i32,
-    count: i32,
-    next: i32,
-    /// The corners of the blocks from the last multiple of [`LANES`] blocks on.
-    corner: [i32; LANES],
-    in_row: usize,
+    half: [f32; 3],
+    spans: i32,
+    /// Just short of the last cell's end.
+    limit: f32,
 }
 
 impl Blocks {
+    pub(crate) const EMPTY: Self = Self { middle: [0.0; 3], stride: [0.0; 3], half: [0.0; 3], spans: 0, limit: 0.0 };
+
+    /// The blocks of `length` samples at `origin + i * step` (slot coordinates).
     #[inline(always)]
-    pub(crate) fn new(origin: [f32; 3], step: [f32; 3], count: i32, edge: u32, apron: u32) -> Self {
-        let corners = corners_per_axis(edge as usize) as i32;
-        let mut longest = 0.0f32;
+    pub(crate) fn new(origin: [f32; 3], step: [f32; 3], length: i32, edge: u32, apron: u32) -> Self {
+        const CELLS: f32 = 1.0 / CELL_EDGE as f32;
+        let (mut middle, mut stride, mut half) = ([0.0; 3], [0.0; 3], [0.0; 3]);
         for a in 0..3 {
-            longest = if step[a].abs() > longest { step[a].abs() } else { longest };
+            let reach = 0.5 * (length - 1) as f32 * step[a];
+            middle[a] = (origin[a] + reach - (apron as f32 - 0.5)) * CELLS;
+            stride[a] = step[a] * (length as f32 * CELLS);
+            half[a] = reach.abs() * CELLS;
         }
-        // One sample is a block however long the steps.
-        let most = CELL_EDGE as f32 / longest;
-        let length = if most < CHUNK as f32 { most as i32 + 1 } else { CHUNK as i32 };
-        // Whole packets.
-        let length = if length > LANES as i32 { length & -(LANES as i32) } else { length };
-        let (mut middle, mut stride) = ([0.0; 3], [0.0; 3]);
-        for a in 0..3 {
-            let from_core = origin[a] + 0.5 * (length - 1) as f32 * step[a] - (apron as f32 - 0.5);
-            middle[a] = from_core * (1.0 / CELL_EDGE as f32) + 0.5;
-            stride[a] = step[a] * (length as f32 / CELL_EDGE as f32);
-        }
-        Self { middle, stride, length, corners, count, next: 0, corner: [0; LANES], in_row: LANES }
+        let cells = per_axis(edge as usize) as f32;
+        Self { middle, stride, half, spans: spans_per_axis(edge as usize) as i32, limit: cells.next_down() }
     }
 
-    /// The next block: the corner around which it is, its first sample and one past its last.
+    /// The boxes in which the blocks from `first` on are: less than [`boxes`] of the brick's edge.
     #[inline(always)]
-    pub(crate) fn next(&mut self) -> Option<(usize, i32, i32)> {
-        if self.next >= self.count {
-            return None;
-        }
-        if self.in_row == LANES {
-            self.find_corners();
-            self.in_row = 0;
-        }
-        let corner = self.corner[self.in_row] as usize;
-        let first = self.next;
-        self.in_row += 1;
-        self.next += self.length;
-        Some((corner, first, if self.next < self.count { self.next } else { self.count }))
-    }
-
-    #[inline(always)]
-    fn find_corners(&mut self) {
-        let last = (self.corners - 1) as f32;
-        let mut corner = [0i32; LANES];
+    pub(crate) fn boxes(&self, first: i32, found: &mut [i32; LANES]) {
+        const LANE: Packet = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+        let before = (first - 1) as f32;
+        let mut place = [0i32; LANES];
         for a in [2, 1, 0] {
             for i in 0..LANES {
-                let v = self.middle[a] + i as f32 * self.stride[a];
-                // Written so that NaN, too, ends up inside. The last block's middle may be outside.
-                let v = if v > 0.0 { v } else { 0.0 };
-                let v = if v < last { v } else { last };
-                // SAFETY: 0 <= v <= last < 2^31.
-                corner[i] = corner[i] * self.corners + unsafe { v.to_int_unchecked::<i32>() };
+                let middle = self.middle[a] + (before + LANE[i]) * self.stride[a];
+                let (low, high) = (middle - self.half[a], middle + self.half[a]);
+                // Written so that NaN, too, ends up inside. The last block may be outside.
+                let low = if low > 0.0 { low } else { 0.0 };
+                let low = if low < self.limit { low } else { self.limit };
+                let high = if high > 0.0 { high } else { 0.0 };
+                let high = if high < self.limit { high } else { self.limit };
+                // SAFETY: both are at least 0 and less than the number of cells.
+                let cells = unsafe { low.to_int_unchecked::<i32>() + high.to_int_unchecked::<i32>() };
+                place[i] = place[i] * self.spans + cells;
             }
-            self.middle[a] += LANES as f32 * self.stride[a];
         }
-        self.corner = corner;
+        *found = place;
     }
 }
 
@@ -149,10 +136,11 @@ impl Blocks {
 mod tests {
     use super::*;
     use brickyard_volume::SlotFormat;
+    use brickyard_volume::macrocells::NONE;
     use proptest::prelude::*;
 
     proptest! {
-        /// Whatever samples a block has, their eight voxels are in the range around its corner; and every sample has one block.
+        /// Whatever samples a block has, their eight voxels are in its box's range.
         #[test]
         fn a_samples_voxels_are_in_its_blocks_range(
             codes in prop::collection::vec(prop::sample::select(vec![0u8, 1, 7, 200, 255]), 20 * 20 * 20),
@@ -162,45 +150,52 @@ mod tests {
             let (edge, apron, padded) = (17, 1, 19);
             let codes = &codes[..padded * padded * padded];
             let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, apron);
-            let ranges = ranges_around_corners(&cells, edge);
+            let join = |[a, b]: [u16; 2], [c, d]: [u16; 2]| [a.min(c), b.max(d)];
+            let ranges = over_boxes(cells.ranges().iter().copied(), edge, join);
             let mut step: [f32; 3] = std::array::from_fn(|a| (far[a] - origin[a]) / count as f32);
             if let Some(axis) = flat {
                 step[axis] = 0.0;
             }
-            let mut blocks = Blocks::new(origin, step, count, edge as u32, apron as u32);
-            let mut expected = 0;
-            while let Some((corner, first, last)) = blocks.next() {
-                prop_assert_eq!(first, expected);
-                prop_assert!(first < last);
-                expected = last;
-                let [low, high] = ranges[corner];
-                for i in first..last {
-                    let at: [usize; 3] = std::array::from_fn(|a| ((origin[a] + i as f32 * step[a]) as usize).min(padded - 2));
-                    for neighbour in 0..8 {
-                        let [x, y, z] = std::array::from_fn(|a| at[a] + (neighbour >> a & 1));
-                        let code = codes[(z * padded + y) * padded + x] as u16;
-                        prop_assert!((low <= code && code <= high) || has_invalid && code == 0, "{at:?} {corner}");
-                    }
+            let length = block_length(step);
+            let blocks = Blocks::new(origin, step, length, edge as u32, apron as u32);
+            for i in 0..count {
+                let block = i / length;
+                let mut boxes = [0; LANES];
+                blocks.boxes(block - block % 3, &mut boxes);
+                let place = boxes[(block % 3) as usize] as usize;
+                let [low, high] = ranges[place];
+                let at: [usize; 3] = std::array::from_fn(|a| ((origin[a] + i as f32 * step[a]) as usize).min(padded - 2));
+                for neighbour in 0..8 {
+                    let [x, y, z] = std::array::from_fn(|a| at[a] + (neighbour >> a & 1));
+                    let code = codes[(z * padded + y) * padded + x] as u16;
+                    prop_assert!((low <= code && code <= high) || has_invalid && code == 0, "{at:?} {place}");
                 }
             }
-            prop_assert_eq!(expected, count);
         }
     }
 
     #[test]
-    fn corners_have_what_the_cells_around_them_have() {
-        // Three cells along each axis, told apart by the bits of a number; one of them can be seen.
+    fn blocks_are_as_long_as_a_cells_edge_allows() {
+        let length = |longest: f32| block_length([0.1 * longest, -longest, 0.0]);
+        assert_eq!([9.0, 8.0, 3.0, 1.0, 0.9, 0.4, 0.1].map(length), [1, 2, 3, 8, 8, 16, 80]);
+        assert_eq!(block_length([0.0; 3]), 1 << 24);
+    }
+
+    #[test]
+    fn boxes_have_what_their_cells_have() {
+        // Three cells along each axis, one of which can be seen.
         let n = 3;
         for seen in 0..n * n * n {
             let at = [seen % n, seen / n % n, seen / n / n];
-            let found = around_corners((0..n * n * n).map(|i| i == seen), n * CELL_EDGE, false, |a, b| a | b);
-            assert_eq!(found.len(), corners(n * CELL_EDGE));
+            let found = over_boxes((0..n * n * n).map(|i| i == seen), n * CELL_EDGE, |a, b| a | b);
+            assert_eq!(found.len(), boxes(n * CELL_EDGE));
             for (i, &found) in found.iter().enumerate() {
-                let corner = [i % 4, i / 4 % 4, i / 16];
-                let touches = (0..3).all(|a| corner[a] == at[a] || corner[a] == at[a] + 1);
-                assert_eq!(found, touches, "{seen} {corner:?}");
+                let span = [i % 5, i / 5 % 5, i / 25];
+                let touches = (0..3).all(|a| span[a] / 2 == at[a] || span[a].div_ceil(2) == at[a]);
+                assert_eq!(found, touches, "{seen} {span:?}");
             }
         }
+        assert_eq!(*over_boxes([true].into_iter(), 5, |a, b| a | b), [true]);
     }
 
     #[test]

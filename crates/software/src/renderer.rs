@@ -1,12 +1,12 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
 
 use crate::frame::{Cell, Frame, Resident};
-use crate::macrocells::corners;
+use crate::macrocells::boxes;
 use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
-use brickyard_volume::macrocells;
+use brickyard_volume::macrocells::{self, MacroCells};
 use brickyard_volume::{FrameSettings, Mode, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -116,7 +116,8 @@ impl SoftwareRenderer {
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
         let SoftwareOptions { encoding, edge, apron, .. } = self.options;
-        self.slots[slot.0 as usize] = Some(Resident::new(codes, &encoding, edge as usize, apron as usize));
+        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize);
+        self.slots[slot.0 as usize] = Some(Resident { codes, cells });
     }
 
     /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
@@ -164,11 +165,12 @@ fn slot_bytes(options: &SoftwareOptions) -> u64 {
     (options.edge as u64 + 2 * options.apron as u64).pow(3) * options.encoding.format.bytes() as u64
 }
 
-/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask and its light.
+/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or
+/// extremes and its light.
 fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     let edge = options.edge as usize;
-    let cells = macrocells::bytes(edge) + corners(edge) * size_of::<[u16; 2]>();
-    let mask = corners(edge) * size_of::<bool>();
+    let cells = macrocells::bytes(edge);
+    let mask = boxes(edge) * size_of::<u16>();
     let light = size_of::<AtomicU32>() + size_of::<f32>();
     slot_bytes(options) + (cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }

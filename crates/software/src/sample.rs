@@ -11,6 +11,7 @@
 //! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function
 //! that it ends up in.
 
+use crate::steps::Places;
 use glam::Vec4;
 
 /// Samples in a packet.
@@ -42,6 +43,8 @@ pub(crate) struct Chunk {
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
     fraction: [[Packet; 3]; PACKETS],
+    /// Where they are in the table of whole steps.
+    pub(crate) places: [Places; PACKETS],
     /// The transfer table's colour and opacity.
     pub(crate) entry: [[Vec4; LANES]; PACKETS],
     pub(crate) alpha: [Packet; PACKETS],
@@ -59,6 +62,7 @@ impl Chunk {
         code: [[0.0; LANES]; PACKETS],
         voxel: [[0; LANES]; PACKETS],
         fraction: [[[0.0; LANES]; 3]; PACKETS],
+        places: [Places::EMPTY; PACKETS],
         entry: [[Vec4::ZERO; LANES]; PACKETS],
         alpha: [[0.0; LANES]; PACKETS],
         passed: [[0.0; LANES]; PACKETS],

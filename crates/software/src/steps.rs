@@ -2,7 +2,8 @@
 //!
 //! Nearly all samples of a zone weigh the same, so their opacity correction is a look-up instead of a power. Between codes
 //! there are [`SUBSTEPS`] entries: where the table jumps from one code to the next, opacity is not linear in between, and
-//! 16 pieces keep the error of a sample below a tenth of a picture's step. For 8-bit codes only: 64 KiB a zone, made for
+//! 16 pieces keep the error of a sample below a tenth of a picture's step. One more entry is that of no sample at all. For 8-bit
+//! codes only: 64 KiB a zone, made for
 //! every frame in a third of a millisecond; for 16 bits it would be 1 MiB a zone, and slower than the power.
 
 use crate::sample::{LANES, Packet};
@@ -12,17 +13,43 @@ use glam::Vec4;
 /// Entries from one code to the next.
 const SUBSTEPS: usize = 16;
 
-/// Entries of a zone: from code 0 to code 255, and one more to interpolate towards.
-const ENTRIES: usize = 255 * SUBSTEPS + 2;
+/// The entry of code 255; one more follows to interpolate towards.
+const LAST: usize = 255 * SUBSTEPS;
+
+/// The entry of no sample, twice.
+const NOTHING: usize = LAST + 2;
+
+/// Entries of a zone.
+const ENTRIES: usize = NOTHING + 2;
 
 /// The tables of a frame.
 pub(crate) struct StepTables {
-    zones: Vec<Box<[Vec4]>>,
+    zones: Vec<Zone>,
+}
+
+struct Zone {
+    entries: Box<[Vec4]>,
+    /// The first and the last place that shows anything; the first is greater if none does.
+    visible: [i32; 2],
 }
 
 /// One zone's.
 #[derive(Clone, Copy)]
-pub(crate) struct StepTable<'a>(&'a [Vec4; ENTRIES]);
+pub(crate) struct StepTable<'a> {
+    entries: &'a [Vec4; ENTRIES],
+    visible: [i32; 2],
+}
+
+/// Where a packet's samples are in a table: the entries' distances from the first, in bytes, and the fractions towards the next.
+#[derive(Clone, Copy)]
+pub(crate) struct Places {
+    at: [i32; LANES],
+    fraction: Packet,
+}
+
+impl Places {
+    pub(crate) const EMPTY: Self = Self { at: [0; LANES], fraction: [0.0; LANES] };
+}
 
 /// Bytes that the tables take at most.
 pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
@@ -36,48 +63,69 @@ impl StepTables {
     /// Those of the lattice's first `zones`; none for codes wider than 8 bits.
     pub(crate) fn new(table: &TransferTable, lattice: &Lattice, format: SlotFormat, zones: usize) -> Self {
         let entry = |zone: usize, i: usize| {
-            let [r, g, b, alpha] = table.lookup(i as f32 / (255 * SUBSTEPS) as f32);
+            if i >= NOTHING {
+                return Vec4::W;
+            }
+            let [r, g, b, alpha] = table.lookup(i as f32 / LAST as f32);
             let weight = lattice.step * (1u64 << zone) as f64 / table.unit_distance as f64;
             let passed = (1.0 - alpha as f64).powf(weight);
             (Vec4::new(r, g, b, 0.0) * (1.0 - passed) as f32).with_w(passed as f32)
         };
         let zones = if format == SlotFormat::U8 { zones } else { 0 };
-        Self { zones: (0..zones).map(|zone| (0..ENTRIES).map(|i| entry(zone, i)).collect()).collect() }
+        Self { zones: (0..zones).map(|zone| Zone::new((0..ENTRIES).map(|i| entry(zone, i)).collect())).collect() }
     }
 
     /// The table of a zone, if there is one.
     #[inline(always)]
     pub(crate) fn zone(&self, zone: usize) -> Option<StepTable<'_>> {
-        self.zones.get(zone)?.as_array().map(StepTable)
+        let Zone { entries, visible } = self.zones.get(zone)?;
+        entries.as_array().map(|entries| StepTable { entries, visible: *visible })
+    }
+}
+
+impl Zone {
+    fn new(entries: Box<[Vec4]>) -> Self {
+        let shows = |pair: &[Vec4]| pair[0] != Vec4::W || pair[1] != Vec4::W;
+        let first = entries.windows(2).position(shows).unwrap_or(NOTHING);
+        let last = entries.windows(2).rposition(shows).unwrap_or(0);
+        Self { entries, visible: [first, last].map(|i| (i * size_of::<Vec4>()) as i32) }
     }
 }
 
 impl StepTable<'_> {
-    /// Colour gained and light passed at codes from 0 to 255.
+    /// Finds the places of the first `count` codes of a packet, from 0 to 255; the others become no samples. Returns whether
+    /// any shows anything.
     #[inline(always)]
-    pub(crate) fn lookup(&self, codes: &Packet) -> [Vec4; LANES] {
-        const LAST: f32 = (255 * SUBSTEPS) as f32;
-        let (mut offset, mut fraction) = ([0i32; LANES], [0.0f32; LANES]);
+    pub(crate) fn find(&self, codes: &Packet, count: i32, places: &mut Places) -> bool {
+        const LANE: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
+        let mut shows = 0;
         for i in 0..LANES {
             let position = codes[i] * SUBSTEPS as f32;
             // Written so that NaN, too, ends up inside.
             let position = if position > 0.0 { position } else { 0.0 };
-            let position = if position < LAST { position } else { LAST };
+            let position = if position < LAST as f32 { position } else { LAST as f32 };
             // SAFETY: 0 <= position <= LAST.
             let index = unsafe { position.to_int_unchecked::<i32>() };
-            fraction[i] = position - index as f32;
-            offset[i] = index * size_of::<Vec4>() as i32;
+            places.fraction[i] = position - index as f32;
+            let at = index * size_of::<Vec4>() as i32;
+            places.at[i] = if LANE[i] < count { at } else { (NOTHING * size_of::<Vec4>()) as i32 };
+            shows |= ((at >= self.visible[0]) & (at <= self.visible[1])) as i32;
         }
-        let mut steps = [Vec4::ZERO; LANES];
-        for i in 0..LANES {
-            // SAFETY: the index is at most LAST, and there are two entries more than that.
-            let (a, b) = unsafe {
-                let at = self.0.as_ptr().byte_add(offset[i] as usize);
-                (*at, *at.add(1))
-            };
-            steps[i] = a + (b - a) * fraction[i];
-        }
-        steps
+        shows != 0
+    }
+
+    /// Colour gained and light passed by a sample.
+    ///
+    /// # Safety
+    /// [`StepTable::find`] has found the places.
+    #[inline(always)]
+    pub(crate) unsafe fn step(&self, places: &Places, i: usize) -> Vec4 {
+        // SAFETY: the place is at most that of NOTHING, and after that there is another entry.
+        let (a, b) = unsafe {
+            let at = self.entries.as_ptr().byte_add(places.at[i] as usize);
+            (*at, *at.add(1))
+        };
+        a + (b - a) * places.fraction[i]
     }
 }
 
@@ -90,7 +138,7 @@ mod tests {
     fn entries_are_what_a_step_does() {
         let transfer = TransferFunction {
             color: vec![[0.0, 1.0, 0.5, 0.0], [255.0, 0.0, 1.0, 0.25]],
-            opacity: vec![[0.0, 0.0], [100.0, 0.02], [101.0, 0.3], [255.0, 0.9]],
+            opacity: vec![[50.0, 0.0], [100.0, 0.02], [101.0, 0.3], [255.0, 0.9]],
             unit_distance: 1.5,
         };
         let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
@@ -99,7 +147,11 @@ mod tests {
         for zone in 0..3 {
             for i in 0..=255 * 7 {
                 let code = i as f32 / 7.0;
-                let found = tables.zone(zone).unwrap().lookup(&[code; LANES])[3];
+                let (zone_table, mut places) = (tables.zone(zone).unwrap(), Places::EMPTY);
+                assert_eq!(zone_table.find(&[code; LANES], 4, &mut places), code >= 50.0);
+                // SAFETY: the places have been found.
+                let [found, none] = unsafe { [zone_table.step(&places, 3), zone_table.step(&places, 4)] };
+                assert_eq!(none, Vec4::W);
                 let [r, g, b, alpha] = table.lookup(code / 255.0).map(f64::from);
                 let passed = (1.0 - alpha).powf(0.7 * (1 << zone) as f64 / 1.5);
                 let expected = [r * (1.0 - passed), g * (1.0 - passed), b * (1.0 - passed), passed];

@@ -2,12 +2,13 @@
 
 use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip};
 use crate::frame::{Cell, Frame, PixelRect};
-use crate::macrocells::Blocks;
+use crate::macrocells::{Blocks, block_length};
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS, Portable, Unit};
 use brickyard_volume::{Mode, Picture, SlotFormat};
+use glam::Vec4;
 
 /// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
 pub(crate) const TILE_PX: u32 = 16;
@@ -16,7 +17,7 @@ const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
 
 /// What a thread needs besides the frame.
 pub(crate) const BYTES_PER_THREAD: u64 =
-    (size_of::<[Ray; PIXELS]>() + size_of::<TilePixels>() + size_of::<Chunk>()) as u64;
+    (size_of::<[Ray; PIXELS]>() + size_of::<TilePixels>() + size_of::<Chunk>() + size_of::<Queue>()) as u64;
 
 /// A tile's place on the picture.
 pub(crate) type Tile = PixelRect;
@@ -74,6 +75,7 @@ fn draw_avx2<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &T
 fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
     let mut rays = [Ray::EMPTY; PIXELS];
     let mut chunk = Chunk::EMPTY;
+    let mut queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
     let mut waiting = 0;
     for y in tile.y0..tile.y1 {
         for x in tile.x0..tile.x1 {
@@ -92,7 +94,8 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
         let mut brightest = known;
         for y in y0..y1 {
             for x in x0..x1 {
-                let ray = &mut rays[place(tile, x, y)];
+                let i = place(tile, x, y);
+                let ray = &mut rays[i];
                 if ray.cursor >= ray.end {
                     continue;
                 }
@@ -102,18 +105,24 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
                     }
                     continue;
                 }
-                if let Some((first, last)) = ray.run(&frame.ticks, cell) {
+                let Some((first, last)) = ray.run(&frame.ticks, cell) else { continue };
+                if B::OCCLUDES && ray.sum.w > brightest {
+                    brightest = ray.sum.w;
+                }
+                if B::FRONT_TO_BACK {
                     ray.cursor = last;
-                    if B::OCCLUDES && ray.sum.w > brightest {
-                        brightest = ray.sum.w;
+                    waiting -= (last >= ray.end) as u32;
+                }
+                let mut start = first;
+                while start < last {
+                    if queue.len == QUEUE {
+                        waiting -= queue.march::<C, B, U, INVALID>(frame, cell, &mut rays, &mut chunk);
                     }
-                    if !march::<C, B, U, INVALID>(frame, cell, ray, &mut chunk, first, last) && !B::FRONT_TO_BACK {
-                        ray.cursor = ray.first;
-                    }
-                    waiting -= (ray.cursor >= ray.end) as u32;
+                    start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last));
                 }
             }
         }
+        waiting -= queue.march::<C, B, U, INVALID>(frame, cell, &mut rays, &mut chunk);
         if brightest > known {
             frame.enter(cell, brightest);
         }
@@ -133,54 +142,82 @@ fn place(tile: &Tile, x: u32, y: u32) -> usize {
     ((y - tile.y0) * TILE_PX + x - tile.x0) as usize
 }
 
-/// Adds the samples of a run of segments, zone by zone, leaping over the macro-cells that cannot be seen. True if nothing
-/// further can be seen.
-#[inline(always)]
-fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
-    frame: &Frame<'_>,
-    cell: &Cell<'_>,
-    ray: &mut Ray,
-    chunk: &mut Chunk,
-    first: u32,
-    last: u32,
-) -> bool {
-    let leaps = B::coverage(cell, ray.sum) == Coverage::Some;
-    let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
-    let mut start = first;
-    while start < last {
-        let stretch = Stretch::new(frame, cell, ray, start, last);
-        if !leaps {
-            if stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, 0, stretch.count) {
-                return true;
-            }
-        } else {
-            // Neighbouring blocks that are seen are sampled together.
-            let mut blocks = Blocks::new(stretch.origin, stretch.step, stretch.count, frame.edge, frame.apron);
-            let (mut from, mut to) = (0, 0);
-            while let Some((corner, next, end)) = blocks.next() {
-                let sees = B::sees(cell, corner, ray.sum);
-                if !sees && from < to && stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from, to) {
-                    return true;
-                }
-                from = if sees && from < to { from } else { next };
-                to = if sees { end } else { from };
-            }
-            if from < to && stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from, to) {
-                return true;
-            }
-        }
-        start = stretch.end;
-    }
-    false
+/// Stretches that are marched together.
+const QUEUE: usize = 64;
+
+/// Stretches of one cell, to be marched step by step: first it is found out what can be seen of all of them, then that is
+/// sampled. Taken one by one, the processor would wait for the end of each long computation to know where to go on.
+struct Queue {
+    stretches: [Stretch; QUEUE],
+    len: usize,
+    /// Room to work on eight blocks.
+    boxes: [i32; LANES],
 }
 
-/// The part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+impl Queue {
+    /// Returns the segment behind the stretch.
+    #[inline(always)]
+    fn push(&mut self, stretch: Stretch) -> u32 {
+        let end = stretch.end;
+        self.stretches[self.len] = stretch;
+        self.len += 1;
+        end
+    }
+
+    /// Adds all samples that can be seen and clears the queue. Returns how many rays have come to their end by that.
+    #[inline(always)]
+    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+        &mut self,
+        frame: &Frame<'_>,
+        cell: &Cell<'_>,
+        rays: &mut [Ray; PIXELS],
+        chunk: &mut Chunk,
+    ) -> u32 {
+        let stretches = &mut self.stretches[..self.len];
+        self.len = 0;
+        for stretch in &mut *stretches {
+            let sum = rays[stretch.ray].sum;
+            if B::coverage(cell, sum) != Coverage::All {
+                stretch.look::<B>(cell, sum, &mut self.boxes);
+            }
+        }
+        let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
+        let mut ended = 0;
+        for stretch in stretches {
+            let ray = &mut rays[stretch.ray];
+            let mut seen = stretch.seen;
+            // A ray may have several stretches.
+            while seen != 0 && !B::is_final::<C>(ray.sum) {
+                // Neighbouring blocks are sampled together.
+                let from = seen.trailing_zeros();
+                let to = from + (seen >> from).trailing_ones();
+                seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
+                let last = (to as i32).saturating_mul(stretch.block);
+                let last = if last < stretch.count { last } else { stretch.count };
+                stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from as i32 * stretch.block, last);
+                if B::is_final::<C>(ray.sum) {
+                    ended += (ray.cursor < ray.end) as u32;
+                    ray.cursor = ray.end;
+                }
+            }
+        }
+        ended
+    }
+}
+
+/// A part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+#[derive(Clone, Copy)]
 struct Stretch {
+    /// The ray's place in the tile.
+    ray: usize,
     /// The first segment and one past the last.
     start: u32,
     end: u32,
     zone: usize,
     count: i32,
+    /// Samples in a block, and a bit for each block: whether it may be seen.
+    block: i32,
+    seen: u64,
     /// World length of a segment, and distance of the middle of the first, were it not cut.
     length: f64,
     middle: f64,
@@ -188,15 +225,32 @@ struct Stretch {
     /// of a voxel.
     origin: [f32; 3],
     step: [f32; 3],
+    blocks: Blocks,
 }
 
 impl Stretch {
+    const EMPTY: Self = Self {
+        ray: 0,
+        start: 0,
+        end: 0,
+        zone: 0,
+        count: 0,
+        block: 0,
+        seen: 0,
+        length: 0.0,
+        middle: 0.0,
+        origin: [0.0; 3],
+        step: [0.0; 3],
+        blocks: Blocks::EMPTY,
+    };
+
+    /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
+    /// count as seen.
     #[inline(always)]
-    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, start: u32, last: u32) -> Self {
+    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, place: usize, start: u32, last: u32) -> Self {
         let ticks = &frame.ticks;
         let zone = ticks.zone(start);
-        let end = last.min(ticks.zone_end(zone));
-        let count = ((end - start) >> zone) as i32;
+        let zone_end = ticks.zone_end(zone);
         let length = ticks.step * (1i32 << zone) as f64;
         let middle = start as i32 as f64 * ticks.step + 0.5 * length;
         let (mut origin, mut step) = ([0.0f32; 3], [0.0f32; 3]);
@@ -205,10 +259,29 @@ impl Stretch {
             origin[a] = (cell.offset[a] + cell.scale[a] * voxel) as f32;
             step[a] = (cell.scale[a] * ray.direction[a] * length) as f32;
         }
-        Self { start, end, zone, count, length, middle, origin, step }
+        let block = block_length(step);
+        let end = if last < zone_end { last } else { zone_end };
+        let count = ((end - start) >> zone) as i32;
+        let most = block.saturating_mul(u64::BITS as i32);
+        let (end, count) = if count <= most { (end, count) } else { (start + ((most as u32) << zone), most) };
+        let blocks = Blocks::new(origin, step, block, frame.edge, frame.apron);
+        Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step, blocks }
     }
 
-    /// Adds the samples `from..to`. True if nothing behind them can be seen.
+    /// Finds the blocks that may be seen.
+    #[inline(always)]
+    fn look<B: Blend>(&mut self, cell: &Cell<'_>, sum: Vec4, boxes: &mut [i32; LANES]) {
+        let (mut seen, mut first) = (0, 0);
+        while first * self.block < self.count {
+            self.blocks.boxes(first, boxes);
+            // SAFETY: these are boxes of the brick.
+            seen |= unsafe { B::sees(cell, boxes, sum) } << first;
+            first += LANES as i32;
+        }
+        self.seen = seen;
+    }
+
+    /// Adds the samples `from..to`, or fewer if nothing behind those can be seen.
     #[inline(always)]
     fn add<C: Code, B: Blend, U: Unit, const INVALID: bool>(
         &self,
@@ -218,9 +291,8 @@ impl Stretch {
         chunk: &mut Chunk,
         from: i32,
         to: i32,
-    ) -> bool {
-        let per_unit = 1.0 / frame.settings.table.unit_distance as f64;
-        let full = (self.length * per_unit) as f32;
+    ) {
+        let full = (self.length * frame.per_unit) as f32;
         let mut sum = ray.sum;
         let mut done = from;
         while done < to {
@@ -244,20 +316,17 @@ impl Stretch {
                     let (middle, length) = ray.segment(&frame.ticks, tick);
                     let (p, i) = (lane as usize / LANES, lane as usize % LANES);
                     chunk.along[p][i] = ((middle - self.middle) / self.length) as f32;
-                    chunk.weight[p][i] = (length.max(0.0) * per_unit) as f32;
+                    chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
                 }
             }
             brick.sample::<C, U, INVALID>(self.origin, self.step, chunk);
             sum = B::add::<C>(frame, sum, chunk);
             if B::is_final::<C>(sum) {
-                ray.cursor = ray.end;
-                ray.sum = sum;
-                return true;
+                break;
             }
             done += CHUNK as i32;
         }
         ray.sum = sum;
-        false
     }
 }
 
@@ -266,6 +335,7 @@ mod tests {
     use super::*;
     use crate::frame::Resident;
     use brickyard_pager::{DrawCell, DrawList, Slot};
+    use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
 
@@ -306,7 +376,8 @@ mod tests {
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
         let codes: std::sync::Arc<[u8]> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
-        let resident = Resident::new(codes, &encoding, 16, 1);
+        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, 1);
+        let resident = Resident { codes, cells };
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let cell =
             DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
