@@ -135,7 +135,7 @@ fn plot(path: &Path, caption: &str, lines: &[Line]) -> Result<(), String> {
         drawn.label(&line.name).legend(key);
     }
     let mut labels = chart.configure_series_labels();
-    labels.position(SeriesLabelPosition::UpperLeft).background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3));
+    labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3));
     labels.draw().map_err(|error| text(&error))?;
     root.present().map_err(|error| text(&error))
 }
