@@ -116,9 +116,10 @@ fn a_damaged_brick_shows_its_ancestor_everywhere_alike() {
             let (picture, stats) = settled(&mut session, &scene, SIZE);
             assert_eq!(stats.bricks.failed, 1, "{way:?}: {stats:?}");
             assert!(stats.completeness < 1.0, "{way:?}: {stats:?}");
-            // One brick in 150 is drawn a level coarser where the waves are smooth: 72 to 82 dB.
+            // One brick in 150 is drawn a level coarser where the waves are smooth: 72 to 82 dB; the GPU's table has colours of
+            // 10 and 11 bits, whose rounding alone leaves 64 dB.
             let difference = picture.difference(&sound);
-            assert!(difference.psnr_db > 65.0 && difference.max > 0, "{way:?} {mode:?}: {difference:?}");
+            assert!(difference.psnr_db > 62.0 && difference.max > 0, "{way:?} {mode:?}: {difference:?}");
             assert_same(&picture, first.get_or_insert_with(|| picture.clone()), &format!("{way:?} {mode:?}"));
         }
     }

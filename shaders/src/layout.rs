@@ -37,8 +37,8 @@ pub struct FrameUniform {
     pub per_unit_distance: f32,
     /// Level-0 voxels of the volume.
     pub extent: [f32; 3],
-    /// Index of the table's last entry.
-    pub last_entry: f32,
+    /// The greatest code.
+    pub last_code: f32,
     /// World units per voxel.
     pub spacing: [f32; 3],
     /// 1 if rays are parallel.
@@ -53,8 +53,10 @@ pub struct FrameUniform {
     pub tree_depth: u32,
     /// Picture width and height, pixels.
     pub size_px: [f32; 2],
+    /// Index of the transfer table's last place.
+    pub last_place: f32,
     /// Padding.
-    pub spare_2: [f32; 2],
+    pub spare_2: f32,
     /// Level-0 voxels along the octree's root; at least the extent.
     pub root_size: [f32; 3],
     /// Macro-cells along a brick's edge.

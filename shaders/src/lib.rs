@@ -136,8 +136,8 @@ mod tests {
         for (name, source) in variants() {
             let module = parse(&name, &source);
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
-                pixel_share clip_w per_unit_distance extent last_entry spacing orthographic texel invert background tree_depth
-                size_px spare_2 root_size macro_cells shown_low spare_3 shown_high spare_4 zone_starts);
+                pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
+                size_px last_place spare_2 root_size macro_cells shown_low spare_3 shown_high spare_4 zone_starts);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min spare region_max spare_2 texel_scale spare_3

@@ -1,4 +1,7 @@
 // The length-weighted sum of the values and the sum of lengths.
+// A ray begins where it enters the volume.
+const FIRST_SHARE: f32 = 0.0;
+
 struct Pixel {
     sum: f32,
     length: f32,

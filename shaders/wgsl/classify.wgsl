@@ -1,14 +1,16 @@
-// The transfer table: one straight (r, g, b, alpha) per code, linear between neighbours.
-@group(0) @binding(4) var<storage, read> table: array<vec4f>;
+// The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
+// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth.
+@group(0) @binding(4) var<storage, read> table: array<vec2u>;
 
-fn classify(value: f32) -> vec4f {
-    let position = clamp(value, 0.0, 1.0) * frame.last_entry;
-    let entry = min(u32(position), u32(frame.last_entry) - 1u);
-    return mix(table[entry], table[entry + 1u], position - f32(entry));
+struct Medium {
+    // Straight.
+    color: vec3f,
+    // How often light is halved on its way through a unit distance.
+    depth: f32,
 }
 
-// What is left of the light after `length` world units of a medium that takes `alpha` of it per unit distance.
-fn transmittance(alpha: f32, length: f32) -> f32 {
-    let left = pow(max(1.0 - alpha, 1e-30), length * frame.per_unit_distance);
-    return select(left, 0.0, alpha >= 1.0);
+fn classify(value: f32) -> Medium {
+    let place = table[u32(clamp(value, 0.0, 1.0) * frame.last_place + 0.5)];
+    let color = vec3f(vec3u(place.x, place.x >> 11u, place.x >> 22u) & vec3u(2047u, 2047u, 1023u));
+    return Medium(color * vec3f(1.0 / 2047.0, 1.0 / 2047.0, 1.0 / 1023.0), bitcast<f32>(place.y));
 }

@@ -1,4 +1,7 @@
 // Direct volume rendering: emission and absorption, front to back; premultiplied.
+// A ray begins where it enters the volume.
+const FIRST_SHARE: f32 = 0.0;
+
 struct Pixel {
     color: vec3f,
     transmittance: f32,
@@ -9,10 +12,10 @@ fn pixel_start() -> Pixel {
 }
 
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
-    let entry = classify(value);
-    let left = transmittance(entry.a, length);
+    let medium = classify(value);
+    let left = exp2(-medium.depth * length * frame.per_unit_distance);
     let weight = pixel.transmittance * (1.0 - left);
-    return Pixel(pixel.color + weight * entry.rgb, pixel.transmittance * left);
+    return Pixel(pixel.color + weight * medium.color, pixel.transmittance * left);
 }
 
 // Whatever lies behind adds less than a sixteenth of an 8-bit code.

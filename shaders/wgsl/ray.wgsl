@@ -3,6 +3,13 @@
 struct Ray {
     origin: vec3f,
     direction: vec3f,
+    // One over each component of `direction`.
+    inverse: vec3f,
+}
+
+fn ray_along(origin: vec3f, direction: vec3f) -> Ray {
+    let safe = parallel_safe(direction);
+    return Ray(origin, safe, 1.0 / safe);
 }
 
 // `pixel` is in pixels, centres at halves, row 0 on top.
@@ -11,12 +18,12 @@ fn pixel_ray(pixel: vec2f) -> Ray {
     let v = (frame.size_px.y - 2.0 * pixel.y) / frame.size_px.y;
     let offset = frame.right * u + frame.up * v;
     if (frame.orthographic != 0u) {
-        return Ray(frame.eye + offset, parallel_safe(frame.forward));
+        return ray_along(frame.eye + offset, frame.forward);
     }
     // Forward, right and up are orthogonal in the world, so the world length needs their lengths alone.
     let across = vec2f(u * frame.half_width, v * frame.half_height);
     let length = sqrt(1.0 + dot(across, across));
-    return Ray(frame.eye, parallel_safe((frame.forward + offset) / length));
+    return ray_along(frame.eye, (frame.forward + offset) / length);
 }
 
 // No component is zero afterwards: a ray along a box's face gets slabs of (-huge, huge) or an empty one, never 0 * inf.
@@ -27,8 +34,8 @@ fn parallel_safe(direction: vec3f) -> vec3f {
 
 // The stretch (from, to) of the ray inside a box; empty if from >= to.
 fn clip(ray: Ray, low: vec3f, high: vec3f) -> vec2f {
-    let a = (low - ray.origin) / ray.direction;
-    let b = (high - ray.origin) / ray.direction;
+    let a = (low - ray.origin) * ray.inverse;
+    let b = (high - ray.origin) * ray.inverse;
     let near = min(a, b);
     let far = max(a, b);
     return vec2f(max(max(near.x, near.y), near.z), min(min(far.x, far.y), far.z));

@@ -2,6 +2,6 @@
 fn sees(pixel: Pixel, range: u32) -> bool {
     let low = range & 0xffffu;
     let high = range >> 16u;
-    let best = select(f32(high), frame.last_entry - f32(low), frame.invert > 0.0);
-    return low <= high && (pixel.sampled == 0.0 || best > pixel.value * frame.last_entry);
+    let best = select(f32(high), frame.last_code - f32(low), frame.invert > 0.0);
+    return low <= high && (pixel.sampled == 0.0 || best > pixel.value * frame.last_code);
 }

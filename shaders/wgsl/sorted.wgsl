@@ -69,21 +69,18 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
     let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
 
+    let stretch = vec2f(t_in, t_out);
     var pixel = pixel_start();
-    if (first < last) {
-        var walk = walk_from(first);
-        loop {
-            let part = segment(walk, t_in, t_out);
-            let middle = 0.5 * (part.x + part.y);
-            if (middle > last || is_final(pixel)) {
-                break;
-            }
-            let point = ray.origin + ray.direction * middle;
-            let value = sample_atlas(point * in.texel_scale + in.texel_offset);
-            if (all(point >= low) && all(point < high) && part.y > part.x && value >= 0.0) {
-                pixel = accumulate(pixel, value, part.y - part.x);
-            }
-            walk = walk_on(walk);
+    var walk = enter_zone(tick_at(first), 0u, stretch);
+    while (first < last && walk.middle < last && !is_final(pixel)) {
+        let point = ray.origin + ray.direction * walk.middle;
+        let value = sample_atlas(point * in.texel_scale + in.texel_offset);
+        if (all(point >= low) && all(point < high) && value >= 0.0) {
+            pixel = accumulate(pixel, value, walk.end - walk.start);
+        }
+        walk = walk_on(walk, stretch);
+        if (is_zone_left(walk)) {
+            walk = next_zone(walk, stretch);
         }
     }
     return pixel_end(pixel);

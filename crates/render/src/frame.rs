@@ -1,6 +1,7 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
 use crate::atlas::AtlasPlan;
+use crate::table;
 use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
@@ -33,7 +34,7 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         clip_w: single(rays.forward * spacing),
         per_unit_distance: 1.0 / frame.table.unit_distance,
         extent: single(extent),
-        last_entry: (frame.table.entries.len() - 1) as f32,
+        last_code: frame.encoding.format.max_code() as f32,
         spacing: single(spacing),
         orthographic: rays.orthographic as u32,
         texel: atlas.size().map(|n| (1.0 / n as f64) as f32),
@@ -41,6 +42,7 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
+        last_place: table::last_place(frame.encoding.format) as f32,
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
         shown_low: single(shown_low),

@@ -20,6 +20,7 @@ mod pipelines;
 mod raycast;
 mod renderer;
 mod sorted;
+mod table;
 mod targets;
 mod tree;
 mod upload;

@@ -4,6 +4,7 @@
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, texel_bytes};
 use crate::error::GpuError;
+use crate::table;
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::SlotFormat;
@@ -97,7 +98,7 @@ impl MemoryPlan {
         let pixels = width_px as u64 * height_px as u64;
         let gather = target_bytes(needs.formats.composite).max(target_bytes(needs.formats.project));
         let picture = pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES;
-        let table = (needs.codes.max_code() as u64 + 1) * 16;
+        let table = table::bytes(needs.codes);
         let (compositor, beside_bytes, most) = match needs.raycast {
             None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),

@@ -14,6 +14,7 @@ use crate::passes::Passes;
 use crate::pipelines::{Layouts, Pipelines, gather_of};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
+use crate::table;
 use crate::targets::Targets;
 use crate::upload::Uploader;
 use brickyard_pager::{DrawList, Slot};
@@ -173,7 +174,7 @@ impl GpuRenderer {
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
         let codes = recipe.encoding.format;
         let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes))?;
-        let shared = SharedBuffers::new(&gpu, (codes.max_code() as u64 + 1) * 16)?;
+        let shared = SharedBuffers::new(&gpu, table::bytes(codes))?;
         let layouts = Layouts::new(&gpu, recipe.options.compositor);
         let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
@@ -336,7 +337,8 @@ impl GpuRenderer {
             self.targets = Some(Targets::new(gpu, gather, (width, height), self.marks_bytes)?);
         }
         if self.table.as_ref() != Some(&frame.table) {
-            self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&frame.table.entries));
+            let places = table::places(&frame.table, frame.encoding.format);
+            self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&places));
             if let March::Raycast(raycast) = &mut self.march {
                 raycast.set_table(&self.gpu, &frame.table);
             }
