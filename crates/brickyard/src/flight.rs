@@ -3,6 +3,7 @@
 
 use crate::memory::ProcessMemory;
 use crate::projection::for_mode;
+use crate::quality::{Change, Quality, QualityControl};
 use crate::scenario::{Scenario, Setting};
 use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
@@ -37,7 +38,9 @@ pub struct FlightReport {
     pub frame_ms: Percentiles,
     /// Of that, all but drawing.
     pub step_ms: Percentiles,
-    /// From the last frame until nothing was missing any more.
+    /// Mean share of an exact frame's work, pixels over step length, that frames were drawn with.
+    pub quality: f64,
+    /// From the last frame until nothing was missing any more, and the exact picture drawn if the last one was not.
     pub settle_after_ms: f64,
     /// Frames in which something was drawn with nothing at all.
     pub uncovered_frames: u32,
@@ -88,6 +91,8 @@ pub struct FlightPlan<'a> {
     pub size_px: (u32, u32),
     /// The random scenario's seed.
     pub seed: u64,
+    /// How long a frame may take: quality gives way to that while the camera moves. All frames are exact without.
+    pub frame_goal: Option<Duration>,
 }
 
 /// How long a view may take to settle.
@@ -113,25 +118,28 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
         voxel_size: store.geometry().voxel_size(extent),
         seed: plan.seed,
     };
-    let mut watch = Watch::new(options);
+    let mut watch = Watch::new(options, plan.frame_goal);
     let (mut status, first_picture_ms) = watch.first_picture(&mut session, &first, started)?;
     status = watch.settle(&mut session, &first, status)?;
     let settled_ms = ms(started);
     let before = status.counters;
-    let (mut frame_ms, mut step_ms, mut completeness) = (Vec::new(), Vec::new(), 0.0);
+    let (mut frame_ms, mut step_ms, mut completeness, mut quality) = (Vec::new(), Vec::new(), 0.0, 0.0);
     let mut last = first;
     for frame in 1..=plan.frames {
         last = session.resolve(&setting.at(plan.scenario, frame, plan.frames), plan.size_px)?;
         let begun = Instant::now();
         status = watch.step(&mut session, &last)?;
         step_ms.push(ms(begun));
-        session.draw(&last.frame)?;
+        quality += watch.draw(&mut session, &last)?.share() / plan.frames as f64;
         frame_ms.push(ms(begun));
         completeness += status.completeness / plan.frames as f64;
     }
     let landed = Instant::now();
     let counters = status.counters;
     status = watch.settle(&mut session, &last, status)?;
+    if plan.frame_goal.is_some() {
+        session.draw(&last.frame)?;
+    }
     Ok(FlightReport {
         scenario: plan.scenario,
         adapter: session.backend_line().into(),
@@ -143,6 +151,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
         frames: plan.frames,
         frame_ms: Percentiles::of(&frame_ms),
         step_ms: Percentiles::of(&step_ms),
+        quality,
         settle_after_ms: ms(landed),
         uncovered_frames: watch.uncovered,
         frames_over_budget: watch.over_budget,
@@ -170,6 +179,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
 /// What is checked and kept of every frame.
 struct Watch<'a> {
     options: &'a SessionOptions,
+    control: Option<QualityControl>,
     uncovered: u32,
     over_budget: u32,
     gpu_bytes_peak: u64,
@@ -177,8 +187,21 @@ struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    fn new(options: &'a SessionOptions) -> Self {
-        Self { options, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
+    fn new(options: &'a SessionOptions, frame_goal: Option<Duration>) -> Self {
+        let control = frame_goal.map(QualityControl::new);
+        Self { options, control, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
+    }
+
+    /// Draws a frame of a moving camera, as well as its time goal lets it.
+    fn draw(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Quality, SessionError> {
+        const MOVED: Change = Change { moved: true, refined: true };
+        let quality = self.control.as_mut().and_then(|control| control.next(MOVED)).unwrap_or(Quality::EXACT);
+        let begun = Instant::now();
+        session.draw(&quality.frame(&scene.frame))?;
+        if let Some(control) = &mut self.control {
+            control.took(begun.elapsed());
+        }
+        Ok(quality)
     }
 
     fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Status, SessionError> {
@@ -201,7 +224,7 @@ impl<'a> Watch<'a> {
     ) -> Result<(Status, f64), FlightError> {
         let status = self.wait(session, scene, None, |status| status.covered)?;
         self.uncovered = 0;
-        session.draw(&scene.frame)?;
+        self.draw(session, scene)?;
         Ok((status, ms(started)))
     }
 

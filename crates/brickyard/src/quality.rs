@@ -4,9 +4,10 @@
 //! A frame's time is taken to be proportional to its work, pixels over step length. The controller keeps one number, the
 //! share of the exact frame's work that fits the goal, corrected after every frame; the share is spent on both at once,
 //! for pixels that are too coarse and steps that are too long look bad in different ways. When the camera rests, the next
-//! frame is exact: once more for everything that still arrives, and then none until something changes. Pure: it neither
-//! measures nor draws.
+//! frame is exact: once more for everything that still arrives, and then none until something changes. The first picture is
+//! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
+use brickyard_volume::FrameSettings;
 use std::time::Duration;
 
 /// What one frame is drawn with.
@@ -31,6 +32,16 @@ impl Quality {
     /// The share of the exact frame's work that this takes.
     pub fn share(self) -> f64 {
         self.scale * self.scale / self.step
+    }
+
+    /// The frame drawn so: of the same view, with fewer pixels (to be stretched over the window) and longer steps. What is
+    /// streamed stays what the exact frame wants.
+    pub fn frame(self, exact: &FrameSettings) -> FrameSettings {
+        let mut frame = exact.clone();
+        let pixels = |exact: u32| ((exact as f64 * self.scale).round() as u32).max(1);
+        (frame.rays.width, frame.rays.height) = (pixels(exact.rays.width), pixels(exact.rays.height));
+        frame.lattice = exact.lattice.with_longer_steps(self.step);
+        frame
     }
 }
 
@@ -65,7 +76,7 @@ pub struct QualityControl {
 impl QualityControl {
     /// Frames are to take at most `goal` while the camera moves.
     pub fn new(goal: Duration) -> Self {
-        Self { goal_ms: goal.as_secs_f64() * 1e3, share: 1.0, last: None }
+        Self { goal_ms: goal.as_secs_f64() * 1e3, share: MIN_SHARE, last: None }
     }
 
     /// How to draw the next frame; `None` if the last one still stands.
@@ -100,6 +111,10 @@ const MIN_SHARE: f64 = MIN_SCALE * MIN_SCALE / MAX_STEP;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::{
+        Camera, Geometry, Lattice, Mode, Projection, SlotEncoding, TransferFunction, TransferTable, VoxelType,
+    };
+    use glam::DVec3;
 
     const MOVING: Change = Change { moved: true, refined: false };
     const RESTING: Change = Change { moved: false, refined: false };
@@ -122,7 +137,9 @@ mod tests {
     #[test]
     fn what_fits_is_exact() {
         let mut control = QualityControl::new(ms(100.0));
-        assert!(fly(&mut control, |_| 90.0, 50).iter().all(|(quality, _)| *quality == Quality::EXACT));
+        let flight = fly(&mut control, |_| 90.0, 50);
+        assert_eq!(flight[0].0.share(), MIN_SHARE, "the first picture is the fastest");
+        assert!(flight[10..].iter().all(|(quality, _)| *quality == Quality::EXACT), "{flight:?}");
     }
 
     #[test]
@@ -146,6 +163,30 @@ mod tests {
         assert!(flight[10..20].iter().all(|(quality, _)| *quality == Quality::EXACT));
         assert!(flight[30..40].iter().all(|(_, took)| *took < 60.0));
         assert_eq!(flight[59].0, Quality::EXACT);
+    }
+
+    #[test]
+    fn a_coarser_frame_is_of_the_same_view() {
+        let projection = Projection::Perspective { fov_y_deg: 40.0 };
+        let camera = Camera { eye: DVec3::ZERO, target: DVec3::X, up: DVec3::Z, projection };
+        let rays = camera.rays(200, 101).expect("a camera");
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
+        let transfer = TransferFunction::preset("gray", (0.0, 255.0), 1.0).expect("a preset");
+        let exact = FrameSettings {
+            rays,
+            lattice: Lattice::for_view(0.1, 0.1, &rays, 1.0, 5),
+            geometry: Geometry::default(),
+            encoding,
+            table: TransferTable::new(&transfer, &encoding),
+            mode: Mode::Dvr,
+            background: [0.0; 3],
+            clip: None,
+        };
+        let coarse = Quality { scale: 0.5, step: 3.0 }.frame(&exact);
+        assert_eq!((coarse.rays.width, coarse.rays.height), (100, 51));
+        assert_eq!((coarse.rays.right, coarse.rays.up), (exact.rays.right, exact.rays.up));
+        assert_eq!(coarse.lattice.step, exact.lattice.step * 3.0);
+        assert_eq!(Quality::EXACT.frame(&exact).lattice, exact.lattice);
     }
 
     #[test]

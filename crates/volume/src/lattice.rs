@@ -71,6 +71,16 @@ impl Lattice {
         Self { step, zone_starts }
     }
 
+    /// Steps `times` as long (1 or more), in zones that start where they did, or up to a step of theirs later.
+    pub fn with_longer_steps(&self, times: f64) -> Self {
+        let zone_starts = std::array::from_fn(|z| {
+            let start = self.zone_starts[z];
+            let multiple = 1u32 << z;
+            if start >= Self::NEVER { start } else { ((start as f64 / times).ceil() as u32).next_multiple_of(multiple) }
+        });
+        Self { step: self.step * times, zone_starts }
+    }
+
     /// The zone of a tick.
     pub fn zone(&self, tick: u32) -> usize {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
@@ -104,6 +114,25 @@ mod tests {
     use crate::camera::{Camera, Projection};
     use glam::DVec3;
     use proptest::prelude::*;
+
+    #[test]
+    fn longer_steps_keep_the_zones() {
+        let lattice = Lattice::for_view(0.5, 1.0, &view(40.0), 1.0, 6);
+        assert_eq!(lattice.with_longer_steps(1.0), lattice);
+        for times in [1.3, 2.0, 3.7] {
+            let longer = lattice.with_longer_steps(times);
+            assert_eq!(longer.step, lattice.step * times);
+            for z in 0..MAX_ZONES {
+                let (old, new) = (lattice.zone_starts[z], longer.zone_starts[z]);
+                assert_eq!((old >= Lattice::NEVER, new % (1 << z)), (new >= Lattice::NEVER, 0), "{z}");
+                let late = new as f64 * longer.step - old as f64 * lattice.step;
+                assert!(
+                    old >= Lattice::NEVER || (-1e-9..=longer.step * (2u32 << z) as f64).contains(&late),
+                    "{z}: {late}"
+                );
+            }
+        }
+    }
 
     fn view(fov_y_deg: f64) -> ViewRays {
         let projection = Projection::Perspective { fov_y_deg };

@@ -12,6 +12,7 @@ use brickyard::session::SessionOptions;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// `brickyard bench STORE...`
 #[derive(Args)]
@@ -28,6 +29,9 @@ pub(crate) struct BenchArguments {
     /// Read from the disk: the kernel is asked to forget the stores before every flight
     #[arg(long)]
     cold: bool,
+    /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it. Without, every frame is exact
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
+    frame_goal: Option<u32>,
     /// Seed of the random flight
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -131,8 +135,14 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         max_size_px: arguments.size,
         live: true,
     };
-    let plan =
-        FlightPlan { scenario, scene: &scene, frames: arguments.frames, size_px: arguments.size, seed: arguments.seed };
+    let plan = FlightPlan {
+        scenario,
+        scene: &scene,
+        frames: arguments.frames,
+        size_px: arguments.size,
+        seed: arguments.seed,
+        frame_goal: arguments.frame_goal.map(|ms| Duration::from_millis(ms.into())),
+    };
     let report = fly(path, &plan, &options).map_err(|error| match error {
         FlightError::Session(error) => session_failure(error),
         FlightError::Open(_) | FlightError::NotSettled(_) => Failure::failed(error),
@@ -141,9 +151,9 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
 }
 
 const HEAD: &str = "\
-| store | scenario | open ms | first picture ms | settled ms | frame ms p50 / p95 / p99 | settles after ms | complete | \
+| store | scenario | open ms | first picture ms | settled ms | frame ms p50 / p95 / p99 | quality | settles after ms | complete | \
 read / decoded / uploaded MiB | decoded per upload | uploaded again | backend / host / anonymous MiB | uncovered, over budget |
-| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 fn line(row: &Row<'_>) -> String {
     let r = &row.report;
@@ -151,7 +161,7 @@ fn line(row: &Row<'_>) -> String {
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     let store = row.store.file_name().unwrap_or_default().to_string_lossy();
     format!(
-        "| {store} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
+        "| {store} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
          {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
         r.scenario.name(),
         if row.cold { ", cold" } else { "" },
@@ -161,6 +171,7 @@ fn line(row: &Row<'_>) -> String {
         r.frame_ms.p50,
         r.frame_ms.p95,
         r.frame_ms.p99,
+        r.quality * 100.0,
         r.settle_after_ms,
         r.completeness * 100.0,
         mib(r.bytes.read),
