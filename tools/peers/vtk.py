@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
 """Rendering beside VTK.
 
-  vtk.py FOLDER [--sizes 256,512] [--modes dvr,mip] [--repetitions 3]
+  vtk.py FOLDER [--sizes 256,512] [--modes dvr,mip,isosurface] [--repetitions 3]
 
-The same 8-bit volume, camera, transfer function and step (one voxel), unlit, by VTK's fixed-point mapper (on the CPU), by VTK's GPU
-mapper (on Mesa's software OpenGL) and by brickyard's two backends: at level 0, and with the level chosen by the view. Isosurfaces
-are left out: brickyard has none yet. Volumes (`brickyard synth ct`) and stores are made in the folder where they are missing.
+The same 8-bit volume, camera, transfer function and step (one voxel) by VTK's fixed-point mapper (on the CPU; it has no
+isosurfaces), by VTK's GPU mapper (on Mesa's software OpenGL) and by brickyard's two backends: at level 0, and with the level chosen
+by the view. Unlit but for isosurfaces. Volumes (`brickyard synth ct`) and stores are made in the folder where they are missing.
 
 Each runs in a process of its own, in turn. CPU ms: processor time of all threads for a frame of an orbit, start-up excluded
 (brickyard: what twice as many frames take more). first: seconds from opening the files (the page cache is warm) to the first
-picture, VTK without importing; brickyard's first picture is complete but may be coarse, settled is the full one. PSNR: against
-VTK's GPU mapper. VTK draws between the outermost voxels' centres, brickyard half a voxel further. Medians over repetitions;
+picture, VTK without importing; brickyard's first picture is complete but coarse (a frame goal of 100 ms), exact is when it
+is complete at full quality. PSNR: against VTK's GPU mapper. VTK draws between the outermost voxels' centres, brickyard half a voxel further. Medians over repetitions;
 ratios are to VTK's mapper of the same kind, within each repetition.
 """
 import argparse
@@ -29,6 +29,7 @@ COLOR = [(0, 0, 0, 0), (60, 0.55, 0.25, 0.15), (100, 0.88, 0.60, 0.29), (150, 1.
 OPACITY = [(0, 0), (40, 0), (70, 0.02), (110, 0.15), (160, 0.30), (220, 0.85), (255, 1)]
 GREY = [(0, 0, 0, 0), (255, 1, 1, 1)]
 OPAQUE = [(0, 1), (255, 1)]
+ISOVALUE = 100.0
 
 # By name: whose ratio is taken to whom; brickyard's flags.
 VTK = ("VTK fixed-point", "VTK GPU")
@@ -47,7 +48,7 @@ def eye(turn_deg):
 
 
 def transfer(mode):
-    return (GREY, OPAQUE) if mode == "mip" else (COLOR, OPACITY)
+    return {"dvr": (COLOR, OPACITY), "mip": (GREY, OPAQUE), "isosurface": (COLOR, OPAQUE)}[mode]
 
 
 def worker(a):
@@ -77,7 +78,11 @@ def worker(a):
     look.SetScalarOpacity(opacity)
     look.SetScalarOpacityUnitDistance(UNIT_DISTANCE)
     look.SetInterpolationTypeToLinear()
-    look.ShadeOff()
+    if mode == "isosurface":
+        look.ShadeOn()
+        look.GetIsoSurfaceValues().SetValue(0, ISOVALUE)
+    else:
+        look.ShadeOff()
     if a.worker == "VTK GPU":
         mapper = vtk.vtkOpenGLGPUVolumeRayCastMapper()
         mapper.SetUseJittering(0)
@@ -90,6 +95,8 @@ def worker(a):
     mapper.SetInputData(image)
     if mode == "mip":
         mapper.SetBlendModeToMaximumIntensity()
+    elif mode == "isosurface":
+        mapper.SetBlendModeToIsoSurface()
     else:
         mapper.SetBlendModeToComposite()
     volume = vtk.vtkVolume()
@@ -176,19 +183,25 @@ def brickyard(a, n, mode, name):
     budget = str(2 * n**3 + (256 << 20))
     scene = [store_of(a, n), "--eye", vector(eye(0)), "--target", vector(CENTRE), "--up", vector(UP), "--fov", str(FOV), "--mode", mode,
              "--transfer", points, "--size", f"{PX}x{PX}", "--gpu-memory", budget] + BRICKYARD[name][1]
+    if mode == "isosurface":
+        scene += ["--isovalue", str(ISOVALUE)]
     output_of([a.brickyard, "render", *scene, "-o", picture_file(a, n, mode, name), "--overwrite", "-q"])
     cpu = []
     for frames in (a.frames, 2 * a.frames):
         text, seconds = output_of([a.brickyard, "bench", *scene, "--scenario", "orbit", "--frames", str(frames), "--json"])
         cpu.append(seconds)
+    text, _ = output_of([a.brickyard, "bench", *scene, "--scenario", "still", "--frames", "1", "--frame-goal", "100", "--json"])
     report = json.loads(text)[0]
-    return dict(cpu_ms=(cpu[1] - cpu[0]) * 1e3 / a.frames, first_s=report["first_picture_ms"] / 1e3, settled_s=report["settled_ms"] / 1e3)
+    exact_ms = report["settled_ms"] + report["frame_ms"]["p50"] + report["settle_after_ms"]
+    return dict(cpu_ms=(cpu[1] - cpu[0]) * 1e3 / a.frames, first_s=report["first_picture_ms"] / 1e3, exact_s=exact_ms / 1e3)
 
 
 def psnr_db(a, n, mode, name):
     import numpy as np
     from PIL import Image
 
+    if not all(os.path.exists(picture_file(a, n, mode, p)) for p in ("VTK GPU", name)):
+        return math.nan
     one, other = (np.asarray(Image.open(picture_file(a, n, mode, p)).convert("RGB"), float) for p in ("VTK GPU", name))
     error = ((one - other) ** 2).mean()
     return math.inf if error == 0 else 10 * math.log10(255**2 / error)
@@ -203,27 +216,28 @@ def measure(a, n, mode, name):
 
 def compare(a):
     os.makedirs(a.folder, exist_ok=True)
-    names = [name for name in (*VTK, *BRICKYARD) if name not in a.without]
     cases = []
     for n in a.sizes:
         make_volume(a, n)
         for mode in a.modes:
+            absent = [*a.without, *(["VTK fixed-point"] if mode == "isosurface" else [])]
+            names = [name for name in (*VTK, *BRICKYARD) if name not in absent]
             rounds = []
             for _ in range(a.repetitions):
                 rounds.append({name: measure(a, n, mode, name) for name in names})
                 print(n, mode, rounds[-1], "load", os.getloadavg()[0], file=sys.stderr, flush=True)
-            cases.append(dict(size=n, mode=mode, rounds=rounds, psnr_db={name: psnr_db(a, n, mode, name) for name in names}))
+            cases.append(dict(size=n, mode=mode, names=names, rounds=rounds, psnr_db={name: psnr_db(a, n, mode, name) for name in names}))
 
-    print("| volume | mode | program | CPU ms | of VTK's | first s | settled s | PSNR dB |")
+    print("| volume | mode | program | CPU ms | of VTK's | first s | exact s | PSNR dB |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for case in cases:
-        for name in names:
+        for name in case["names"]:
             median = lambda value: statistics.median(value(r) for r in case["rounds"])
             peer = BRICKYARD[name][0] if name in BRICKYARD else None
-            ratio = f"{median(lambda r: r[name]['cpu_ms'] / r[peer]['cpu_ms']):.2f}" if peer in names else ""
-            settled = f"{median(lambda r: r[name]['settled_s']):.2f}" if name in BRICKYARD else ""
+            ratio = f"{median(lambda r: r[name]['cpu_ms'] / r[peer]['cpu_ms']):.2f}" if peer in case["names"] else ""
+            exact = f"{median(lambda r: r[name]['exact_s']):.2f}" if name in BRICKYARD else ""
             print(f"| {case['size']}³ | {case['mode']} | {name} | {median(lambda r: r[name]['cpu_ms']):.0f} | {ratio} |"
-                  f" {median(lambda r: r[name]['first_s']):.2f} | {settled} | {case['psnr_db'][name]:.1f} |")
+                  f" {median(lambda r: r[name]['first_s']):.2f} | {exact} | {case['psnr_db'][name]:.1f} |")
     print()
     print(json.dumps(cases))
 
