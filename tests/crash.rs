@@ -5,9 +5,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Two pyramids of many small shards: 256 at level 0, 332 in all, one after another for some 0.2 s.
+/// Two pyramids of many small shards, and then the aprons: 256 at level 0, 332 in all, and as many of aprons, one after another
+/// for some 0.4 s.
 const PACK: &str = "pack in.raw out.zarr --shape 256,256,128 --dtype u8 --brick 16 --shard 32 --downsample mean,max \
-                    --progress none -j 2";
+                    --aprons 1 --progress none -j 2";
 
 /// Where everything but the store itself lies in a sandbox after a pack.
 const INPUT: &str = "in.raw";
@@ -134,6 +135,7 @@ fn a_pack_resumes_only_what_it_was() {
     refused(&PACK.replace("--brick 16", "--brick 8 --resume"), 2, &["out.zarr", "brick was 16, now 8", "--overwrite"]);
     refused(&PACK.replace("--shard 32", "--shard 64 --resume"), 2, &["shard was 32, now 64"]);
     refused(&format!("{PACK} --codec zstd:3 --resume"), 2, &["codec was \"zstd:1\", now \"zstd:3\""]);
+    refused(&PACK.replace("--aprons 1", "--aprons 2 --resume"), 2, &["aprons was 1, now 2"]);
     refused(&PACK.replace("mean,max", "max --resume"), 2, &["downsample was \"mean,max\", now \"max\""]);
     refused(&format!("{PACK} --spacing 1,1,2 --resume"), 2, &["geometry was", "spacing"]);
     refused(&PACK.replace("256,256,128", "256,128,256 --resume"), 2, &["extent was [256,256,128], now [256,128,256]"]);

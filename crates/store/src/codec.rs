@@ -8,7 +8,7 @@
 
 use crate::blosc;
 use crate::error::CodecError;
-use brickyard_volume::VoxelType;
+use brickyard_volume::{Apron, VoxelType};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::io::Cursor;
@@ -127,7 +127,7 @@ impl Scratch {
     }
 }
 
-/// The codec of a store's bricks: a [`Codec`] for cores of known size.
+/// The codec of a store's bricks: a [`Codec`] for cores, or aprons, of known size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BrickCodec {
     codec: Codec,
@@ -138,9 +138,17 @@ pub struct BrickCodec {
 impl BrickCodec {
     /// The codec for cores of `edge`^3 voxels.
     pub fn new(codec: Codec, voxel_type: VoxelType, edge: u32) -> Self {
+        Self::of_voxels(codec, voxel_type, (edge as usize).pow(3))
+    }
+
+    /// The codec for aprons of this shape: everything here that is said of cores then goes for them.
+    pub fn of_aprons(codec: Codec, voxel_type: VoxelType, apron: Apron) -> Self {
+        Self::of_voxels(codec, voxel_type, apron.voxels())
+    }
+
+    fn of_voxels(codec: Codec, voxel_type: VoxelType, voxels: usize) -> Self {
         let typesize = voxel_type.bytes();
-        let core_bytes = (edge as usize).pow(3) * typesize;
-        Self { codec: codec.for_voxel_type(voxel_type), typesize, core_bytes }
+        Self { codec: codec.for_voxel_type(voxel_type), typesize, core_bytes: voxels * typesize }
     }
 
     /// Bytes of a decoded core.

@@ -6,6 +6,7 @@
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
 //! STORE/K/.brickyard/{minmax,occupancy,shards}/   its side data
+//! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
 //! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
 //! ```
 
@@ -22,6 +23,9 @@ pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
 /// The folder inside a level's own that other readers leave alone.
 const SIDE_NAME: &str = ".brickyard";
+
+/// The folder of a level's aprons, among its side data.
+const APRONS_NAME: &str = "aprons";
 
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -40,7 +44,7 @@ pub struct ShardId {
     pub x: u32,
 }
 
-/// The arrangement of a store's bricks into shards and files.
+/// The arrangement of a store's bricks, or of their aprons, into shards and files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// Levels and brick grids.
@@ -53,18 +57,25 @@ pub struct Layout {
     max_shard_bricks: u32,
     /// What names the folders of levels 1 and up, if they are a second pyramid's.
     second: Option<Downsample>,
+    /// Whether the chunks are the bricks' aprons.
+    is_aprons: bool,
 }
 
 impl Layout {
     /// A layout with shards of at most `shard_edge` voxels an axis (at least one brick).
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
-        Self { pyramid, times, channels, max_shard_bricks, second: None }
+        Self { pyramid, times, channels, max_shard_bricks, second: None, is_aprons: false }
     }
 
     /// The same with levels 1 and up in the folders of a second pyramid, made by `method`.
     pub fn of_second(&self, method: Downsample) -> Self {
         Self { second: Some(method), ..self.clone() }
+    }
+
+    /// The same for the aprons of the bricks: equal shards in folders of their own.
+    pub fn of_aprons(&self) -> Self {
+        Self { is_aprons: true, ..self.clone() }
     }
 
     /// How the levels are made if they are a second pyramid's; `None` for the main one.
@@ -155,15 +166,16 @@ impl Layout {
         (volume * grid.volume() + grid.linear([id.x, id.y, id.z])) as usize
     }
 
-    /// A level's folder, below the store.
+    /// The folder of a level, or of its aprons, below the store.
     pub fn level_path(&self, level: Level) -> String {
-        match self.second {
+        let level = match self.second {
             Some(method) if level > Level(0) => format!("{level}/{SIDE_NAME}/{}", method.name()),
             _ => level.to_string(),
-        }
+        };
+        if self.is_aprons { format!("{level}/{SIDE_NAME}/{APRONS_NAME}") } else { level }
     }
 
-    /// The folder of a level's side data.
+    /// The folder of the side data of a level, or of its aprons.
     pub fn side_dir(&self, store: &Path, level: Level) -> PathBuf {
         store.join(self.level_path(level)).join(SIDE_NAME)
     }
@@ -173,6 +185,10 @@ impl Layout {
         let mut path = store.join(self.level_path(id.level));
         path.push("c");
         path.extend(self.per_axis(id.time, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
+        if self.is_aprons {
+            // Their last axis, over the voxels of an apron, has one chunk.
+            path.push("0");
+        }
         path
     }
 
@@ -239,6 +255,17 @@ mod tests {
         assert_eq!(second.side_dir(store, Level(0)), main.side_dir(store, Level(0)));
         assert_eq!(second.shard_path(store, shard(2)), Path::new("a.zarr/2/.brickyard/max/c/0/0/1"));
         assert_eq!(second.side_dir(store, Level(2)), Path::new("a.zarr/2/.brickyard/max/.brickyard"));
+    }
+
+    #[test]
+    fn aprons_lie_beside_the_side_data_of_their_bricks() {
+        let (main, store) = (layout(2, 1), Path::new("a.zarr"));
+        let shard = ShardId { time: 1, channel: 0, level: Level(2), z: 3, y: 0, x: 1 };
+        let path = |l: Layout| l.shard_path(store, shard).to_string_lossy().into_owned();
+        assert_eq!(path(main.of_aprons()), "a.zarr/2/.brickyard/aprons/c/1/3/0/1/0");
+        let second = main.of_second(Downsample::Max).of_aprons();
+        assert_eq!(path(second.clone()), "a.zarr/2/.brickyard/max/.brickyard/aprons/c/1/3/0/1/0");
+        assert_eq!(second.level_path(Level(0)), main.of_aprons().level_path(Level(0)));
     }
 
     #[test]

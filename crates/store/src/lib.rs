@@ -5,6 +5,7 @@
 //! which file holds what, and [`metadata`] writes and checks the `zarr.json` documents. [`Store`] reads all that.
 
 mod blosc;
+mod chunks;
 pub mod codec;
 pub mod downsample;
 pub mod error;

@@ -8,7 +8,7 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::Layout;
-use brickyard_volume::{Extent, Geometry, Level, OccupancyBins, Pyramid, VoxelType};
+use brickyard_volume::{Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Pyramid, VoxelType};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -115,6 +115,9 @@ pub struct StoreInfo {
     pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
+    /// Width of the stored aprons in voxels; 0 where none are stored.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub aprons: u32,
     /// Spacing (`[x, y, z]`) that the levels' factors were chosen by. Where voxels stand is `attributes.ome`'s to say.
     pub spacing: [f64; 3],
     /// Whether the source gave a spacing.
@@ -134,7 +137,16 @@ pub struct StoreInfo {
     pub complete: bool,
 }
 
+fn is_zero(n: &u32) -> bool {
+    *n == 0
+}
+
 impl StoreInfo {
+    /// The shape of the stored aprons, if there are any.
+    pub fn apron(&self) -> Option<Apron> {
+        (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
+    }
+
     fn check(&self, path: &Path, channels: u32) -> Result<(), OpenError> {
         let invalid = |field: &str, expected: &str, found: String| {
             Err(OpenError::invalid(path, format!("attributes.brickyard.{field}"), expected, found))
@@ -144,6 +156,9 @@ impl StoreInfo {
         }
         if !self.shard.is_multiple_of(self.edge) || !(self.edge..=8192).contains(&self.shard) {
             return invalid("shard", "a multiple of edge, at most 8192", self.shard.to_string());
+        }
+        if self.aprons > MAX_APRON {
+            return invalid("aprons", &format!("at most {MAX_APRON} voxels"), self.aprons.to_string());
         }
         if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
@@ -236,23 +251,34 @@ fn omero(info: &StoreInfo) -> Value {
 /// A level's array document.
 pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value {
     let extent = layout.pyramid.level(level).extent.to_array();
-    let shard = layout.shard_bricks(level).to_array().map(|n| n * info.edge);
+    let shape = layout.per_axis(layout.times, layout.channels, extent);
+    let shard = layout.per_axis(1, 1, layout.shard_bricks(level).to_array().map(|n| n * info.edge));
+    let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
+    document["dimension_names"] = json!(layout.axes());
+    document
+}
+
+/// The array document of a level's aprons: one row of voxels per brick.
+pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
+    let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
+    let bricks = layout.pyramid.level(level).bricks.to_array();
+    let shape = with_voxels(layout.per_axis(layout.times, layout.channels, bricks));
+    let shard = with_voxels(layout.per_axis(1, 1, layout.shard_bricks(level).to_array()));
+    sharded_document(&shape, &shard, &with_voxels(layout.per_axis(1, 1, [1; 3])), info)
+}
+
+/// The document of an array of voxels in shards.
+fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInfo) -> Value {
     let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
     let sharding = json!({
-        "chunk_shape": layout.per_axis(1, 1, [info.edge; 3]),
+        "chunk_shape": chunk,
         "codecs": brick_codecs(info.codec, info.voxel_type),
         "index_codecs": index_codecs,
         "index_location": "end",
     });
-    let fill_value = if info.voxel_type.is_float() { json!(0.0) } else { json!(0) };
-    let mut document = array_document(
-        &layout.per_axis(layout.times, layout.channels, extent),
-        &layout.per_axis(1, 1, shard),
-        info.voxel_type.zarr_name(),
-        json!([{ "name": "sharding_indexed", "configuration": sharding }]),
-    );
-    document["fill_value"] = fill_value;
-    document["dimension_names"] = json!(layout.axes());
+    let codecs = json!([{ "name": "sharding_indexed", "configuration": sharding }]);
+    let mut document = array_document(shape, shard, info.voxel_type.zarr_name(), codecs);
+    document["fill_value"] = if info.voxel_type.is_float() { json!(0.0) } else { json!(0) };
     document
 }
 

@@ -5,6 +5,8 @@
 //! 0's bricks give a part to each pyramid, where there are two. So all levels cascade from data still at hand, and memory
 //! does not depend on the volume: windows that do not fit it are rings in a scratch file. `pack/plan.rs` has the formula.
 //!
+//! Where aprons are stored too, a second pass (`pack/aprons.rs`) makes them from what the first one wrote.
+//!
 //! Output does not depend on threads, memory or interruptions: results pass through one sequence in the bricks' order, so
 //! stores from the same source and settings are equal byte for byte.
 //!
@@ -14,6 +16,7 @@
 //! nor writes the shards that are there. A finished store is replaced only by a finished one: [`Exists::Overwrite`] packs
 //! into `STORE.packing` beside it and exchanges the two in one step at the end.
 
+mod aprons;
 pub(crate) mod brick;
 mod cascade;
 mod disk;
@@ -23,6 +26,7 @@ mod parts;
 mod plan;
 mod sequence;
 mod shards;
+mod shells;
 #[cfg(test)]
 mod tests;
 mod window;
@@ -31,10 +35,13 @@ pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
-use crate::layout::DEFAULT_SHARD_EDGE;
-use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document};
+use crate::error::ReadError;
+use crate::layout::{DEFAULT_SHARD_EDGE, Layout};
+use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
+use crate::side::fingerprint_files;
+use aprons::{ApronPass, MadeAprons};
 use brickyard_import::{ImportError, Source};
-use brickyard_volume::{DEFAULT_BRICK_EDGE, VoxelType, with_voxel_type};
+use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::Disk;
 use output::{Output, Start};
@@ -68,6 +75,8 @@ pub struct PackOptions {
     pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
+    /// Width of the aprons to store, at most [`MAX_APRON`]; 0 for none.
+    pub aprons: u32,
     /// Most anonymous memory.
     pub memory_bytes: u64,
     /// Worker threads, at least 1. Reading planes and writing have a thread of their own each.
@@ -85,10 +94,16 @@ impl PackOptions {
             codec: Codec::default_for(voxel_type),
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
+            aprons: 0,
             memory_bytes: 2 << 30,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             exists: Exists::Refuse,
         }
+    }
+
+    /// The shape of the aprons to store, if there are to be any.
+    fn apron(&self) -> Option<Apron> {
+        (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
     }
 
     fn check(&self) -> Result<(), PackError> {
@@ -96,6 +111,8 @@ impl PackOptions {
             format!("--brick {}: expected a power of two from 8 to 256", self.edge)
         } else if self.shard_edge == 0 || !self.shard_edge.is_multiple_of(self.edge) {
             format!("--shard {}: expected a multiple of --brick {}", self.shard_edge, self.edge)
+        } else if self.aprons > MAX_APRON {
+            format!("--aprons {}: expected 1 or {MAX_APRON} voxels", self.aprons)
         } else if self.threads == 0 {
             "-j 0: expected at least one thread".into()
         } else {
@@ -113,6 +130,8 @@ pub trait Progress: Sync {
     fn warn(&self, _message: &str) {}
     /// So many of so many voxels of level 0 are packed.
     fn advanced(&self, _done: u64, _total: u64) {}
+    /// After that, where aprons are stored: so many of so many bytes of them, uncompressed, are packed.
+    fn aprons(&self, _done: u64, _total: u64) {}
 }
 
 /// Tells no one.
@@ -215,6 +234,15 @@ pub enum PackError {
         /// About how much more will be written.
         needed_bytes: u64,
     },
+    /// What the pack has just written cannot be read.
+    #[error("{error}; this pack has just written it: see to the disk of {store} and start over with --overwrite", store = store.display())]
+    ReadBack {
+        /// What is wrong.
+        #[source]
+        error: ReadError,
+        /// The store.
+        store: PathBuf,
+    },
     /// The operating system refused before anything was packed, or after all was.
     #[error("{path}: {error}", path = path.display())]
     Io {
@@ -272,7 +300,8 @@ fn pack_on(
     };
     let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
         PackError::Io { path, error } if error.kind() == ErrorKind::StorageFull => {
-            stopped(Stop::Disk(disk::DiskError { path, error }), &Reached::default(), store, &plan, shards)
+            let nothing = Reached::new(0, 0, 0, plan.output_bytes_at_most);
+            stopped(Stop::Disk(disk::DiskError { path, error }), &nothing, store, shards)
         }
         other => other,
     });
@@ -286,10 +315,17 @@ fn pack_on(
     let resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
     let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal));
-    let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, &plan, shards))?;
+    let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
+    let voxel_type = source.info().voxel_type;
+    let aprons = options.apron().map(|apron| {
+        let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
+        pass.run(&passed.sides, &mut output.journal)
+    });
+    let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
+    let aprons = aprons.unwrap_or_default();
     let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
-    let written_bytes = passed.written_bytes;
-    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
+    let written_bytes = passed.written_bytes + aprons.written_bytes;
+    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, (passed, aprons));
     let dir = output.dir.clone();
     finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
         let needed_bytes = plan.brick_count() * 24;
@@ -314,6 +350,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "codec": options.codec.for_voxel_type(info.voxel_type),
         "downsample": options.downsample,
         "kind": options.kind,
+        "aprons": options.aprons,
         "format": FORMAT_VERSION,
     })
 }
@@ -323,21 +360,14 @@ fn fingerprint(settings: &Value) -> String {
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
 }
 
-fn stopped(stop: Stop, reached: &Reached, store: &Path, plan: &PackPlan, total: u64) -> PackError {
+fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError {
     let (store, done) = (store.to_path_buf(), reached.shards);
     match stop {
         Stop::Threads(problem) => PackError::Threads(problem),
         Stop::Source(error) => PackError::Source { error, store, done, total },
+        Stop::ReadBack(error) => PackError::ReadBack { error, store },
         Stop::Disk(disk::DiskError { path, error }) => {
-            let voxels = plan.input_voxels();
-            let left = 1.0 - reached.voxels as f64 / voxels as f64;
-            // As the data compressed so far; by half as long as nothing is known.
-            let rate = match reached.written_bytes {
-                0 => 0.5 * plan.output_bytes_at_most as f64 / voxels as f64,
-                written => written as f64 / reached.voxels.max(1) as f64,
-            };
-            let needed_bytes = (rate * voxels as f64 * left) as u64 + (1 << 20);
-            PackError::Incomplete { path, error, store, done, total, needed_bytes }
+            PackError::Incomplete { path, error, store, done, total, needed_bytes: reached.needed_bytes }
         }
     }
 }
@@ -364,7 +394,7 @@ fn write_metadata(
     options: &PackOptions,
     plan: &PackPlan,
     settings: &Value,
-    passed: Passed,
+    (passed, aprons): (Passed, MadeAprons),
 ) -> Result<(), disk::DiskError> {
     let (info, layout) = (source.info(), &plan.layout);
     let store_info = StoreInfo {
@@ -375,6 +405,7 @@ fn write_metadata(
         codec: options.codec.for_voxel_type(info.voxel_type),
         downsample: options.downsample,
         kind: options.kind,
+        aprons: options.aprons,
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,
         orientation: info.orientation,
@@ -384,16 +415,26 @@ fn write_metadata(
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
+    let document = |layout: &Layout, level: Level, document: &Value| {
+        (Path::new(&layout.level_path(level)).join("zarr.json"), document_bytes(document))
+    };
+    let mut files = Vec::new();
     for (Stage { layout, level, .. }, side) in plan.stages.iter().zip(&passed.sides) {
-        let document = document_bytes(&level_document(layout, *level, &store_info));
-        let document = (Path::new(&layout.level_path(*level)).join("zarr.json"), document);
-        for (path, bytes) in side.files(layout, *level).into_iter().chain([document]) {
-            let path = dir.join(path);
-            if let Some(parent) = path.parent() {
-                disk.create_dir_all(parent)?;
-            }
-            disk.write(&path, &bytes)?;
+        files.extend(side.files(layout, *level));
+        files.push(document(layout, *level, &level_document(layout, *level, &store_info)));
+    }
+    for (Stage { layout, level, .. }, fingerprints) in plan.stages.iter().zip(&aprons.fingerprints) {
+        let Some(apron) = options.apron() else { break };
+        let layout = layout.of_aprons();
+        files.extend(fingerprint_files(&layout, *level, fingerprints));
+        files.push(document(&layout, *level, &apron_document(&layout, *level, apron, &store_info)));
+    }
+    for (path, bytes) in files {
+        let path = dir.join(path);
+        if let Some(parent) = path.parent() {
+            disk.create_dir_all(parent)?;
         }
+        disk.write(&path, &bytes)?;
     }
     output::sync_tree(disk, dir)?;
     disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;

@@ -6,6 +6,8 @@
 //! | `occupancy` | uint64 | t, c, z, y, x | bins the brick can show, apron and descendants included |
 //! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros where there is no file |
 //!
+//! Where aprons are stored, the array `aprons` of each level has a `shards` of its own, likewise.
+//!
 //! All axes are always there. Each array is one chunk: bytes, zstd, crc32c. They are read whole when a store is opened:
 //! 8 bytes and two voxels per brick.
 
@@ -66,13 +68,9 @@ impl SideData {
     pub fn files(&self, layout: &Layout, level: Level) -> Vec<(PathBuf, Vec<u8>)> {
         let contents: [&[u8]; 3] =
             [&self.minmax, bytemuck::cast_slice(&self.occupancy), bytemuck::cast_slice(&self.shards)];
-        let mut files = Vec::new();
-        for (array, bytes) in SideArray::of_level(layout, level, self.voxel_type).iter().zip(contents) {
-            let dir = layout.side_dir(Path::new(""), level).join(array.name);
-            files.push((dir.join("zarr.json"), document_bytes(&array.document())));
-            files.push((dir.join(array.chunk_path()), encode(bytes)));
-        }
-        files
+        let dir = layout.side_dir(Path::new(""), level);
+        let arrays = SideArray::of_level(layout, level, self.voxel_type);
+        arrays.iter().zip(contents).flat_map(|(array, bytes)| array.files(&dir, bytes)).collect()
     }
 
     /// Reads and checks a level's side data.
@@ -88,6 +86,17 @@ impl SideData {
     }
 }
 
+/// The files of the fingerprints of a level's aprons, whose layout this is: path below the store, content.
+pub(crate) fn fingerprint_files(layout: &Layout, level: Level, shards: &[Fingerprint]) -> Vec<(PathBuf, Vec<u8>)> {
+    SideArray::fingerprints(layout, level).files(&layout.side_dir(Path::new(""), level), bytemuck::cast_slice(shards))
+}
+
+/// Reads and checks them.
+pub(crate) fn read_fingerprints(store: &Path, layout: &Layout, level: Level) -> Result<Vec<Fingerprint>, OpenError> {
+    let bytes = SideArray::fingerprints(layout, level).read(&layout.side_dir(store, level))?;
+    Ok(elements(&bytes))
+}
+
 struct SideArray {
     name: &'static str,
     data_type: &'static str,
@@ -97,15 +106,35 @@ struct SideArray {
 
 impl SideArray {
     fn of_level(layout: &Layout, level: Level, voxel_type: VoxelType) -> [Self; 3] {
-        let shape =
-            |grid: Extent, last: &[u32]| [&[layout.times, layout.channels, grid.z, grid.y, grid.x], last].concat();
-        let (bricks, shards) = (layout.pyramid.level(level).bricks, layout.shard_grid(level));
-        let array = |name, data_type, element_bytes, shape| Self { name, data_type, element_bytes, shape };
+        let bricks = layout.pyramid.level(level).bricks;
         [
-            array("minmax", voxel_type.zarr_name(), voxel_type.bytes(), shape(bricks, &[2])),
-            array("occupancy", "uint64", 8, shape(bricks, &[])),
-            array("shards", "uint64", 8, shape(shards, &[2])),
+            Self::new("minmax", voxel_type.zarr_name(), voxel_type.bytes(), layout, bricks, &[2]),
+            Self::new("occupancy", "uint64", 8, layout, bricks, &[]),
+            Self::fingerprints(layout, level),
         ]
+    }
+
+    fn fingerprints(layout: &Layout, level: Level) -> Self {
+        Self::new("shards", "uint64", 8, layout, layout.shard_grid(level), &[2])
+    }
+
+    fn new(
+        name: &'static str,
+        data_type: &'static str,
+        element_bytes: usize,
+        layout: &Layout,
+        grid: Extent,
+        last: &[u32],
+    ) -> Self {
+        let shape = [&[layout.times, layout.channels, grid.z, grid.y, grid.x], last].concat();
+        Self { name, data_type, element_bytes, shape }
+    }
+
+    /// Its files below `dir`, and their content.
+    fn files(&self, dir: &Path, bytes: &[u8]) -> Vec<(PathBuf, Vec<u8>)> {
+        let dir = dir.join(self.name);
+        let document = (dir.join("zarr.json"), document_bytes(&self.document()));
+        vec![document, (dir.join(self.chunk_path()), encode(bytes))]
     }
 
     fn document(&self) -> Value {

@@ -1,41 +1,34 @@
 //! An open store: everything small in memory, shards opened as they are first touched.
 //!
 //! Opening reads the documents and side data (8 bytes and two voxels per brick) and no shard, so it takes milliseconds
-//! however large the store is. A shard is mapped and its index checked when one of its bricks is first read; it stays
-//! mapped. A brick is decoded from the mapped slice straight into the caller's buffer: no copy of the file, no allocation.
-//! Reading never writes. All methods may be called from many threads.
+//! however large the store is. How bricks are read: `chunks.rs`. Reading never writes. All methods may be called from many
+//! threads.
 
-use crate::codec::{BrickCodec, Scratch};
+use crate::chunks::Chunks;
+use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
-use crate::layout::{JOURNAL_NAME, Layout, ShardId, journal_percent};
-use crate::metadata::{StoreInfo, check_array, level_document, parse_geometry, parse_info, parse_layout};
-use crate::shard::BrickRange;
-use crate::shard_file::{IoMode, OpenFiles, ShardFile};
-use crate::side::{SideData, read_json};
-use brickyard_volume::{BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, Pyramid, VoxelBox, VoxelType};
+use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
+use crate::metadata::{
+    StoreInfo, apron_document, check_array, level_document, parse_geometry, parse_info, parse_layout,
+};
+use crate::shard_file::IoMode;
+use crate::side::{SideData, read_fingerprints, read_json};
+use brickyard_volume::{
+    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, Pyramid, VoxelBox, VoxelType,
+};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A finished brick store: one of its pyramids, if it has two.
 pub struct Store {
     path: PathBuf,
-    layout: Layout,
     geometry: Geometry,
     info: StoreInfo,
-    codec: BrickCodec,
-    mode: IoMode,
-    levels: Vec<LevelShards>,
-    files: OpenFiles,
-    bytes_read: AtomicU64,
-}
-
-struct LevelShards {
-    side: SideData,
-    /// As in the side data.
-    shards: Box<[OnceLock<ShardFile>]>,
+    sides: Vec<SideData>,
+    cores: Chunks,
+    /// If they are stored.
+    aprons: Option<Chunks>,
 }
 
 impl Store {
@@ -81,19 +74,18 @@ impl Store {
             layout = layout.of_second(asked);
         }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
-        let mut levels = Vec::new();
+        let mut sides = Vec::new();
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
             let document = read_json(&document_path)?;
             check_array(&document_path, &level_document(&layout, level, &info), &document)?;
-            let side = SideData::read(&path, &layout, level, info.voxel_type)?;
-            let shards = side.shards.iter().map(|_| OnceLock::new()).collect();
-            levels.push(LevelShards { side, shards });
+            sides.push(SideData::read(&path, &layout, level, info.voxel_type)?);
         }
+        let aprons = open_aprons(&path, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        let (files, bytes_read) = Default::default();
-        Ok(Self { path, layout, geometry, info, codec, mode, levels, files, bytes_read })
+        let cores = Chunks::new(&path, layout, codec, mode, sides.iter().map(|side| &side.shards[..]));
+        Ok(Self { path, geometry, info, sides, cores, aprons })
     }
 
     /// Where the store is.
@@ -108,17 +100,17 @@ impl Store {
 
     /// How the coarser levels of this view are made.
     pub fn downsample(&self) -> Downsample {
-        self.layout.second().unwrap_or(self.info.downsample.main())
+        self.layout().second().unwrap_or(self.info.downsample.main())
     }
 
     /// Which file holds what.
     pub fn layout(&self) -> &Layout {
-        &self.layout
+        self.cores.layout()
     }
 
     /// Levels and brick grids.
     pub fn pyramid(&self) -> &Pyramid {
-        &self.layout.pyramid
+        &self.layout().pyramid
     }
 
     /// Placement in the world.
@@ -133,17 +125,17 @@ impl Store {
 
     /// Number of time steps.
     pub fn times(&self) -> u32 {
-        self.layout.times
+        self.layout().times
     }
 
     /// Number of channels.
     pub fn channels(&self) -> u32 {
-        self.layout.channels
+        self.layout().channels
     }
 
     /// Bytes of a brick's core.
     pub fn core_bytes(&self) -> usize {
-        self.codec.core_bytes()
+        self.cores.chunk_bytes()
     }
 
     /// Least and greatest valid value over all channels and time steps; (0, 0) where there is none.
@@ -175,7 +167,7 @@ impl Store {
     /// # Panics
     /// If there is no such brick.
     pub fn occupancy(&self, id: BrickId) -> Occupancy {
-        self.side(id.level).occupancy[self.layout.brick_place(id)]
+        self.side(id.level).occupancy[self.layout().brick_place(id)]
     }
 
     /// Least and greatest valid value of the brick and its descendants; NaN where there is none. From memory.
@@ -183,7 +175,7 @@ impl Store {
     /// # Panics
     /// If there is no such brick.
     pub fn minmax(&self, id: BrickId) -> (f64, f64) {
-        self.side(id.level).minmax(self.layout.brick_place(id))
+        self.side(id.level).minmax(self.layout().brick_place(id))
     }
 
     /// A level's side data.
@@ -191,35 +183,15 @@ impl Store {
     /// # Panics
     /// If there is no such level.
     pub fn side(&self, level: Level) -> &SideData {
-        &self.levels[level.index()].side
+        &self.sides[level.index()]
     }
 
-    /// Tells the kernel that these bricks are about to be read, so that it reads them ahead and together. Opens their
-    /// shards if need be; what cannot be opened is left for [`Store::read_core`] to report.
+    /// Tells the kernel that these bricks are about to be read, and their aprons where they are stored, so that it reads
+    /// them ahead and together. Opens their shards if need be; what cannot be opened is left for reading to report.
     pub fn advise(&self, ids: &[BrickId]) {
-        if self.mode != IoMode::Mmap {
-            return;
-        }
-        const PAGE_BYTES: usize = 4096;
-        let pages = |&id: &BrickId| {
-            let (shard, slot) = self.layout.shard_of(id);
-            let range = self.shard(shard).ok()??.index.range(slot)?.as_range();
-            Some((shard, range.start / PAGE_BYTES * PAGE_BYTES, range.end))
-        };
-        let mut ranges: Vec<(ShardId, usize, usize)> =
-            ids.iter().filter(|id| self.layout.contains(**id)).filter_map(pages).collect();
-        ranges.sort_unstable();
-        ranges.dedup_by(|next, last| {
-            let joined = next.0 == last.0 && next.1 <= last.2.next_multiple_of(PAGE_BYTES);
-            if joined {
-                last.2 = last.2.max(next.2);
-            }
-            joined
-        });
-        for (id, start, end) in ranges {
-            if let Ok(Some(shard)) = self.shard(id) {
-                shard.advise(start..end);
-            }
+        self.cores.advise(ids);
+        if let Some(aprons) = &self.aprons {
+            aprons.advise(ids);
         }
     }
 
@@ -232,31 +204,33 @@ impl Store {
     /// # Panics
     /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
     pub fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
-        assert_eq!(out.len(), self.core_bytes());
-        let Some((shard, range)) = self.locate(id)? else {
-            out.fill(0);
-            return Ok(());
-        };
-        self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
-        let path = || self.layout.shard_path(&self.path, self.layout.shard_of(id).0);
-        Scratch::with(|scratch| {
-            let decoded = match shard.mapped(range) {
-                Some(encoded) => self.codec.decode(scratch, encoded, out),
-                None => {
-                    let mut encoded = std::mem::take(&mut scratch.encoded);
-                    let read = self.files.read(&path(), range, &mut encoded);
-                    let decoded = read.map(|()| self.codec.decode(scratch, &encoded, out));
-                    scratch.encoded = encoded;
-                    decoded.map_err(|error| ReadError::Io { path: path(), error })?
-                }
-            };
-            decoded.map_err(|error| shard.unreadable(&path(), id, error))
-        })
+        self.cores.read(id, out)
     }
 
-    /// Encoded bytes of the bricks read since the store was opened, repeats and damaged ones included.
+    /// The shape of the stored aprons; `None` if there are none.
+    pub fn apron(&self) -> Option<Apron> {
+        self.info.apron()
+    }
+
+    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`.
+    ///
+    /// # Errors
+    /// As [`Store::read_core`], of the apron.
+    ///
+    /// # Panics
+    /// If there is no such brick, no aprons are stored, or `out` is not an apron's bytes.
+    pub fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
+        self.aprons.as_ref().expect("aprons are stored").read(id, out)
+    }
+
+    /// Bytes of the files in which this pyramid's aprons are stored.
+    pub fn apron_file_bytes(&self) -> u64 {
+        self.aprons.as_ref().map_or(0, Chunks::file_bytes)
+    }
+
+    /// Encoded bytes of the bricks and aprons read since the store was opened, repeats and damaged ones included.
     pub fn bytes_read(&self) -> u64 {
-        self.bytes_read.load(Ordering::Relaxed)
+        self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
     }
 
     /// Whether the brick has bytes of its own; one that has not is all zero.
@@ -267,7 +241,7 @@ impl Store {
     /// # Panics
     /// If there is no such brick.
     pub fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
-        Ok(self.locate(id)?.is_some())
+        self.cores.is_stored(id)
     }
 
     /// Reads the voxels of a box of a level, little-endian, x fastest, into `out`.
@@ -318,30 +292,30 @@ impl Store {
         }
     }
 
-    /// The brick's shard and its place there; `None` if it is not stored.
-    fn locate(&self, id: BrickId) -> Result<Option<(&ShardFile, BrickRange)>, ReadError> {
-        assert!(self.layout.contains(id), "no such brick: {id}");
-        let (shard, slot) = self.layout.shard_of(id);
-        let shard = self.shard(shard)?;
-        Ok(shard.and_then(|s| Some((s, s.index.range(slot)?))))
+    /// What is read from files: cores first, then aprons, if they are stored.
+    pub(crate) fn chunks(&self) -> impl Iterator<Item = &Chunks> {
+        std::iter::once(&self.cores).chain(self.aprons())
     }
 
-    /// An open shard; `None` if it has no file. Failures are not kept: a file that comes back is read again.
-    pub(crate) fn shard(&self, id: ShardId) -> Result<Option<&ShardFile>, ReadError> {
-        let level = &self.levels[id.level.index()];
-        let place = self.layout.shard_place(id);
-        let fingerprint = level.side.shards[place];
-        if !fingerprint.has_file() {
-            return Ok(None);
-        }
-        if let Some(shard) = level.shards[place].get() {
-            return Ok(Some(shard));
-        }
-        let bricks = self.layout.shard_bricks(id.level).volume() as usize;
-        let path = self.layout.shard_path(&self.path, id);
-        let shard = ShardFile::open(&path, fingerprint, bricks, self.codec.encoded_cap(), self.mode)?;
-        Ok(Some(level.shards[place].get_or_init(|| shard)))
+    /// The stored aprons, if there are any.
+    pub(crate) fn aprons(&self) -> Option<&Chunks> {
+        self.aprons.as_ref()
     }
+}
+
+/// The stored aprons, checked like levels, if there are any.
+fn open_aprons(path: &Path, layout: &Layout, info: &StoreInfo, mode: IoMode) -> Result<Option<Chunks>, OpenError> {
+    let Some(apron) = info.apron() else { return Ok(None) };
+    let layout = layout.of_aprons();
+    let mut fingerprints = Vec::new();
+    for k in 0..layout.pyramid.levels().len() {
+        let level = Level(k as u8);
+        let document_path = path.join(layout.level_path(level)).join("zarr.json");
+        check_array(&document_path, &apron_document(&layout, level, apron, info), &read_json(&document_path)?)?;
+        fingerprints.push(read_fingerprints(path, &layout, level)?);
+    }
+    let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
+    Ok(Some(Chunks::new(path, layout, codec, mode, fingerprints.iter().map(|level| &level[..]))))
 }
 
 /// The bricks that share voxels with a box, in memory order.

@@ -125,6 +125,7 @@ impl TestStore {
             codec: self.codec,
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
+            aprons: 0,
             spacing: self.spacing,
             calibrated: true,
             orientation: None,

@@ -1,14 +1,15 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
 //! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children,
-//! that each level is what the finer one gives, and the statistics in the root document; for both pyramids, if there are
-//! two, in one pass over level 0. It goes on after a problem and reports them all; a brick that cannot be read is reported
+//! that each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
+//! document; for both pyramids, if there are two, in one pass over level 0. It goes on after a problem and reports them all; a brick that cannot be read is reported
 //! once, not again by what depends on it.
 //!
-//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around: each brick is decoded about 3.4
+//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is decoded about 3.4
 //! times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing is stored
 //! are not looked at voxel by voxel.
 
+use crate::chunks::Chunks;
 use crate::error::{OpenError, ReadError};
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
@@ -16,7 +17,7 @@ use crate::pack::brick::Workspace;
 use crate::shard_file::IoMode;
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
-use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Occupancy, Pyramid, VoxelBox, with_voxel_type};
+use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, Occupancy, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -95,11 +96,12 @@ struct Block<'a> {
 /// One thread's memory.
 struct Buffers<T> {
     workspace: Workspace<T>,
-    /// The block and one voxel around it.
+    /// The block and what is around it.
     fine: Vec<T>,
     /// The block's part of each next level; empty where it could not be read.
     coarse: Vec<Vec<T>>,
     brick: Vec<u8>,
+    apron: Vec<u8>,
 }
 
 impl<'a> Verifier<'a> {
@@ -111,12 +113,13 @@ impl<'a> Verifier<'a> {
     fn run<T: Measure>(&self) -> VerifyReport {
         let mut report = VerifyReport { bricks: self.brick_count(), ..VerifyReport::default() };
         for (store, level) in self.levels() {
-            let files = store.side(level).shards.iter().filter(|f| f.has_file());
-            let (shards, bytes) = files.fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes));
-            report.shards += shards;
-            report.bytes += bytes;
-            let shards: Vec<ShardId> = store.layout().shards(level).collect();
-            report.problems.par_extend(shards.into_par_iter().filter_map(|id| check_shard(store, id)));
+            for chunks in store.chunks() {
+                let (shards, bytes) = chunks.files(level).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes));
+                report.shards += shards;
+                report.bytes += bytes;
+                let shards: Vec<ShardId> = store.layout().shards(level).collect();
+                report.problems.par_extend(shards.into_par_iter().filter_map(|id| check_shard(chunks, id)));
+            }
         }
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().into_par_iter().map_init(buffers, |b, block| self.check_block(b, block));
@@ -158,7 +161,8 @@ impl<'a> Verifier<'a> {
     fn buffers<T: Measure>(&self) -> Buffers<T> {
         let workspace = Workspace::new(self.pyramid().edge() as usize);
         let coarse = self.views.iter().map(|_| Vec::new()).collect();
-        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()] }
+        let apron = vec![0; self.views[0].aprons().map_or(0, Chunks::chunk_bytes)];
+        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()], apron }
     }
 
     fn blocks(&self) -> Vec<Block<'a>> {
@@ -189,6 +193,9 @@ impl<'a> Verifier<'a> {
                 if !unread.contains(&index) {
                     self.check_brick(buffers, block, index, &unread, &mut tally, &mut problems);
                 }
+                if let Some(apron) = block.store.apron() {
+                    problems.extend(self.check_apron(buffers, block, index, apron, &unread));
+                }
             }
             if block.level == Level(0) {
                 let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -214,10 +221,10 @@ impl<'a> Verifier<'a> {
         let empty = |store: &Store, level, region| {
             bricks_of(region, edge).all(|index| {
                 let id = BrickId { time: block.time, channel: block.channel, level, index };
-                store.is_stored(id).is_ok_and(|stored| !stored)
+                store.chunks().all(|chunks| chunks.is_stored(id).is_ok_and(|stored| !stored))
             })
         };
-        let padded = self.padded(block.level, block.core);
+        let padded = self.read_box(block);
         let mut coarser = self.coarser(block).iter();
         if !empty(block.store, block.level, padded)
             || !coarser.all(|store| empty(store, Level(block.level.0 + 1), self.coarse_box(block.level, block.core)))
@@ -245,7 +252,7 @@ impl<'a> Verifier<'a> {
         block: Block<'a>,
         problems: &mut Vec<VerifyProblem>,
     ) -> BTreeSet<BrickIndex> {
-        let (store, region) = (block.store, self.padded(block.level, block.core));
+        let (store, region) = (block.store, self.read_box(block));
         let edge = self.pyramid().edge();
         let own: BTreeSet<BrickIndex> = bricks_of(block.core, edge).collect();
         let mut unread = BTreeSet::new();
@@ -257,13 +264,7 @@ impl<'a> Verifier<'a> {
                 Err(error) => {
                     unread.insert(index);
                     self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
-                    // What is wrong with a whole shard is reported as such.
-                    if own.contains(&index) && matches!(error, ReadError::CorruptBrick { .. }) {
-                        let path = shard_path(store, id);
-                        let what = without_path(&error, &path);
-                        let what = what.strip_prefix(&format!("{id}: ")).unwrap_or(&what).to_owned();
-                        problems.push(VerifyProblem { brick: Some(id), path, what });
-                    }
+                    problems.extend(own.contains(&index).then(|| corrupt_chunk(id, error)).flatten());
                 }
             }
         }
@@ -290,7 +291,7 @@ impl<'a> Verifier<'a> {
     ) {
         let (store, id) = (block.store, block.brick(index));
         let core = self.pyramid().brick_box(id.level, index);
-        let fine_box = self.padded(id.level, block.core);
+        let fine_box = self.read_box(block);
         let shape = core.extent().to_array().map(|n| n as usize);
         copy_box(&buffers.fine, fine_box, core, buffers.workspace.core_mut(0));
         buffers.workspace.spread(0, shape);
@@ -300,7 +301,7 @@ impl<'a> Verifier<'a> {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             totals[id.channel as usize].add_range(summary.parts.whole().to_f64());
         }
-        let padded = self.padded(id.level, core);
+        let padded = self.grown(id.level, core, 1);
         let neighbours_read = bricks_of(padded, self.pyramid().edge()).all(|i| !unread.contains(&i));
         let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded));
         check_entry(store, id, summary.parts.whole(), reach, problems);
@@ -318,6 +319,40 @@ impl<'a> Verifier<'a> {
                 problems.push(VerifyProblem { brick: Some(parent), path: shard_path(store, parent), what });
             }
         }
+    }
+
+    /// Compares a brick's stored apron with the voxels around its core, one by one.
+    fn check_apron<T: Measure>(
+        &self,
+        buffers: &mut Buffers<T>,
+        block: Block<'a>,
+        index: BrickIndex,
+        apron: Apron,
+        unread: &BTreeSet<BrickIndex>,
+    ) -> Option<VerifyProblem> {
+        let id = block.brick(index);
+        let core = self.pyramid().brick_box(id.level, index);
+        if let Err(error) = block.store.read_apron(id, &mut buffers.apron) {
+            return corrupt_chunk(id, error);
+        }
+        let around = self.grown(id.level, core, apron.width);
+        if bricks_of(around, self.pyramid().edge()).any(|i| unread.contains(&i)) {
+            return None;
+        }
+        let whole = self.read_box(block);
+        let (origin, extent) = (whole.min.to_array(), whole.extent());
+        let last = self.pyramid().level(id.level).extent.to_array().map(|n| n - 1);
+        let corner = core.min.to_array();
+        let is_right = |at: [u32; 3], found: &[u8]| {
+            let voxel: [u32; 3] = std::array::from_fn(|a| (corner[a] + at[a]).saturating_sub(apron.width).min(last[a]));
+            let voxel = extent.linear(std::array::from_fn(|a| voxel[a] - origin[a])) as usize;
+            bytemuck::bytes_of(&buffers.fine[voxel]) == found
+        };
+        let places = apron.slabs().into_iter().flat_map(|slab| bricks_of(slab, 1));
+        let found = places.zip(buffers.apron.chunks_exact(size_of::<T>()));
+        let wrong = found.filter(|(at, voxel)| !is_right(at.to_array(), voxel)).count();
+        let what = format!("{wrong} of the apron's {} voxels are not those around the core", apron.voxels());
+        (wrong > 0).then(|| VerifyProblem { brick: Some(id), path: apron_path(block.store, id), what })
     }
 
     fn check_statistics(&self, problems: &mut Vec<VerifyProblem>) {
@@ -338,11 +373,16 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// A box with one voxel around it, inside the level.
-    fn padded(&self, level: Level, region: VoxelBox) -> VoxelBox {
+    /// What is read to check a block: its voxels, and those around it that ranges and aprons depend on.
+    fn read_box(&self, block: Block<'a>) -> VoxelBox {
+        self.grown(block.level, block.core, block.store.apron().map_or(1, |apron| apron.width))
+    }
+
+    /// A box with so many voxels around it, inside the level.
+    fn grown(&self, level: Level, region: VoxelBox, by: u32) -> VoxelBox {
         let grown = VoxelBox::new(
-            region.min.to_array().map(|v| v.saturating_sub(1)),
-            region.max.to_array().map(|v| v.saturating_add(1)),
+            region.min.to_array().map(|v| v.saturating_sub(by)),
+            region.max.to_array().map(|v| v.saturating_add(by)),
         );
         grown.intersect(self.pyramid().level(level).extent.full_box())
     }
@@ -413,14 +453,25 @@ fn shard_path(store: &Store, id: BrickId) -> PathBuf {
     store.layout().shard_path(store.path(), store.layout().shard_of(id).0)
 }
 
-fn check_shard(store: &Store, id: ShardId) -> Option<VerifyProblem> {
-    let path = store.layout().shard_path(store.path(), id);
-    let what = match store.shard(id) {
+fn apron_path(store: &Store, id: BrickId) -> PathBuf {
+    let layout = store.layout().of_aprons();
+    layout.shard_path(store.path(), layout.shard_of(id).0)
+}
+
+fn check_shard(chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
+    let path = chunks.path(id);
+    let what = match chunks.shard(id) {
         Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
         Ok(_) => return None,
         Err(error) => without_path(&error, &path),
     };
     Some(VerifyProblem { brick: None, path, what })
+}
+
+/// The problem of a core or an apron that does not decode; what is wrong with a whole shard is reported as such.
+fn corrupt_chunk(id: BrickId, error: ReadError) -> Option<VerifyProblem> {
+    let ReadError::CorruptBrick { path, error, .. } = error else { return None };
+    Some(VerifyProblem { brick: Some(id), path, what: error.to_string() })
 }
 
 /// A read error's message without the file, which a problem names by itself.

@@ -1,4 +1,4 @@
-//! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, occupancy,
+//! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
 //! transfer functions, macro-cells, the camera, the sampling lattice and the scene. Plain values and arithmetic: no I/O, no
 //! threads, no GPU.
 //!
@@ -8,6 +8,7 @@
 //! - *level voxel*: voxel space divided by the level's factor (1 or a power of two per axis).
 //! - *brick index*: level voxels divided by the brick edge.
 
+pub mod apron;
 pub mod camera;
 pub mod code;
 pub mod geometry;
@@ -21,6 +22,7 @@ pub mod space;
 pub mod transfer;
 pub mod voxel_type;
 
+pub use apron::{Apron, MAX_APRON};
 pub use camera::{Camera, Frustum, Projection, Ray, ViewRays};
 pub use code::{SlotEncoding, SlotFormat};
 pub use geometry::Geometry;

@@ -31,6 +31,8 @@ struct Info<'a> {
     unit: Option<&'a str>,
     calibrated: bool,
     levels: Vec<LevelInfo>,
+    /// Bytes of the files in which aprons are stored, those of the main pyramid.
+    apron_bytes: u64,
     store: &'a brickyard::store::StoreInfo,
 }
 
@@ -81,6 +83,7 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
         unit: geometry.unit.as_deref(),
         calibrated: store.info().calibrated,
         levels: store.pyramid().levels().iter().map(level).collect(),
+        apron_bytes: store.apron_file_bytes(),
         store: store.info(),
     }
 }
@@ -114,6 +117,10 @@ fn text(info: &Info<'_>, store: &Store) -> String {
             values::human_bytes(bytes),
             triple(level.spacing)
         ));
+    }
+    if let Some(apron) = store.apron() {
+        let bytes = values::human_bytes(info.apron_bytes);
+        lines.push(format!("  aprons of {} voxels stored, {bytes} in the main pyramid's files", apron.width));
     }
     if let Some(second) = info.store.downsample.second() {
         let (main, second) = (info.store.downsample.main().name(), second.name());

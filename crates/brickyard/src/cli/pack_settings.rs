@@ -5,9 +5,10 @@ use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::import::Source;
 use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions};
-use brickyard::volume::VoxelType;
+use brickyard::volume::{MAX_APRON, VoxelType};
 use clap::{Args, ValueEnum};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 /// How to pack.
@@ -29,6 +30,11 @@ pub(crate) struct PackSettings {
     /// projections are exact at every level [default: mean for images, mode for labels]
     #[arg(long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
+    /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
+    /// decodes no brick just for its neighbour's sake
+    #[arg(long, value_name = "VOXELS", default_value_t = 0, hide_default_value = true,
+        value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
+    aprons: u32,
     /// Limit of the process's own memory
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
@@ -84,6 +90,7 @@ impl PackSettings {
             codec: self.codec.unwrap_or(defaults.codec),
             downsample: self.downsample.unwrap_or(by_kind.into()),
             kind,
+            aprons: self.aprons,
             memory_bytes: self.memory,
             threads: self.threads.unwrap_or(defaults.threads),
             exists,
@@ -102,10 +109,11 @@ impl PackSettings {
                 "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
             );
         }
-        let watcher = Watcher { source, progress: Progress::new(self.progress, "pack") };
+        let progress = Progress::new(self.progress, "pack");
+        let watcher = Watcher { source, style: self.progress, progress, aprons: OnceLock::new() };
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
-        watcher.progress.finish();
+        watcher.finish();
         let report = packed.map_err(store_errors::pack_failure)?;
         if report.was_complete {
             eprintln!("{} is complete already", path.display());
@@ -135,7 +143,17 @@ fn input_bytes(source: &dyn Source) -> u64 {
 /// Shows a pack's plan, warnings and progress.
 struct Watcher<'a> {
     source: &'a dyn Source,
+    style: ProgressStyleArgument,
     progress: Progress,
+    /// From when aprons are made.
+    aprons: OnceLock<Progress>,
+}
+
+impl Watcher<'_> {
+    fn finish(&self) {
+        self.progress.finish();
+        self.aprons.get().inspect(|aprons| aprons.finish());
+    }
 }
 
 impl store::Progress for Watcher<'_> {
@@ -163,5 +181,13 @@ impl store::Progress for Watcher<'_> {
     fn advanced(&self, done: u64, total: u64) {
         let bytes = self.source.info().voxel_type.bytes() as u64;
         self.progress.set(done * bytes, total * bytes);
+    }
+
+    fn aprons(&self, done: u64, total: u64) {
+        let start = || {
+            self.progress.finish();
+            Progress::new(self.style, "aprons")
+        };
+        self.aprons.get_or_init(start).set(done, total);
     }
 }

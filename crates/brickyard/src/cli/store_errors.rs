@@ -42,7 +42,9 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
         | PackError::Exists { .. }
         | PackError::NotOurs { .. }
         | PackError::Mismatch { .. } => ExitKind::Usage,
-        PackError::Busy { .. } | PackError::Io { .. } | PackError::Threads(_) => ExitKind::Failed,
+        PackError::Busy { .. } | PackError::ReadBack { .. } | PackError::Io { .. } | PackError::Threads(_) => {
+            ExitKind::Failed
+        }
     };
     Failure::new(kind, error)
 }

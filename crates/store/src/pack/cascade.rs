@@ -11,6 +11,7 @@
 //! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
 
 use crate::codec::{BrickCodec, Scratch};
+use crate::error::ReadError;
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
 use crate::pack::brick::{Summary, Workspace, run_length};
@@ -44,16 +45,34 @@ pub(crate) struct Passed {
 pub(crate) enum Stop {
     Disk(DiskError),
     Source(ImportError),
+    /// What was written does not come back.
+    ReadBack(ReadError),
     Threads(String),
 }
 
-/// How far a pass came: for messages when it stops.
-#[derive(Default)]
+/// How far a pack came: for messages when it stops.
 pub(crate) struct Reached {
+    /// Shards finished.
     pub(crate) shards: u64,
-    pub(crate) written_bytes: u64,
-    /// Level-0 voxels written.
-    pub(crate) voxels: u64,
+    /// About how much more would be written.
+    pub(crate) needed_bytes: u64,
+}
+
+impl Reached {
+    /// Where `done_bytes` of voxels became `written_bytes`, and `left_bytes` of voxels are still to come.
+    pub(crate) fn new(shards: u64, written_bytes: u64, done_bytes: u64, left_bytes: u64) -> Self {
+        // As the data compressed so far; by half as long as nothing is known.
+        let rate = if written_bytes == 0 { 0.5 } else { written_bytes as f64 / done_bytes.max(1) as f64 };
+        Self { shards, needed_bytes: (rate * left_bytes as f64) as u64 + (1 << 20) }
+    }
+}
+
+/// How far the writer came.
+#[derive(Default)]
+struct Written {
+    bytes: u64,
+    /// Voxels of level 0.
+    voxels: u64,
 }
 
 /// Everything about a pass that does not change while it runs.
@@ -113,7 +132,8 @@ impl Pass<'_> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), Reached::default()))?;
+        let mut written = Written::default();
+        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(0, &written)))?;
         let earlier = |stage: &Stage| {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             stage.layout.shards(stage.level).filter_map(finished).collect()
@@ -128,11 +148,11 @@ impl Pass<'_> {
             spare: Mutex::default(),
             stop: Mutex::default(),
         };
-        let mut reached = Reached { shards: journal.finished_count(), ..Reached::default() };
+        let earlier_shards = journal.finished_count();
         let mut channels: Vec<_> = (0..self.plan.layout.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
         let statistics = std::thread::scope(|scope| {
             let (to_settler, finished) = mpsc::channel();
-            let writer = scope.spawn(|| shared.write(to_settler, &mut reached));
+            let writer = scope.spawn(|| shared.write(to_settler, &mut written));
             let settler = scope.spawn(|| shared.settle(finished, journal));
             if let Err(stop) = shared.stream(&pool, &mut channels) {
                 shared.fail(stop);
@@ -144,13 +164,18 @@ impl Pass<'_> {
         });
         let (statistics, settled_shards) = statistics.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         if let Some(stop) = shared.stop.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            reached.shards += settled_shards;
-            return Err((stop, reached));
+            return Err((stop, self.reached(earlier_shards + settled_shards, &written)));
         }
         let bins = occupancy_bins(T::TYPE, channels_with_ranges(&mut channels, &statistics));
         let sides = statistics.finish(self.plan, bins);
         let channels = channels.iter().map(ChannelTotals::finish).collect();
-        Ok(Passed { sides, channels, bins, written_bytes: reached.written_bytes })
+        Ok(Passed { sides, channels, bins, written_bytes: written.bytes })
+    }
+
+    fn reached(&self, shards: u64, written: &Written) -> Reached {
+        let cores = self.plan.output_bytes_at_most - self.plan.apron_bytes;
+        let done = (cores as f64 * written.voxels as f64 / self.plan.input_voxels() as f64) as u64;
+        Reached::new(shards, written.bytes, done, self.plan.output_bytes_at_most - done)
     }
 }
 
@@ -200,7 +225,7 @@ impl<T: Measure> Shared<'_, T> {
     }
 
     /// The writer: shards and statistics, brick by brick in order.
-    fn write(&self, to_settler: mpsc::Sender<(usize, Finished)>, reached: &mut Reached) -> Statistics<T> {
+    fn write(&self, to_settler: mpsc::Sender<(usize, Finished)>, written: &mut Written) -> Statistics<T> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
         let total = plan.input_voxels();
         let mut statistics = Statistics::new(plan);
@@ -219,10 +244,10 @@ impl<T: Measure> Shared<'_, T> {
                 Ok(None) => {}
                 Err(error) => self.fail(Stop::Disk(error)),
             }
-            reached.written_bytes = writers.iter().map(|writer| writer.written_bytes).sum();
+            written.bytes = writers.iter().map(|writer| writer.written_bytes).sum();
             if s == 0 {
-                reached.voxels += brick.voxels;
-                progress.advanced(reached.voxels, total);
+                written.voxels += brick.voxels;
+                progress.advanced(written.voxels, total);
             }
             if let Some(mut buffer) = brick.encoded {
                 buffer.clear();

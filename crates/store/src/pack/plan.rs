@@ -10,20 +10,31 @@
 //! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
 //! ```
 //!
-//! Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are rings of the same size
+//! Where aprons are stored, the second pass has no windows, and needs instead
+//!
+//! ```text
+//! threads * (core + apron + compressor) + bricks of all stages * (2 voxels + 40 bytes)
+//!        + a shard's layer of encoded aprons + shells (at least those of a shard's layer and its neighbours) + 24 MiB
+//! ```
+//!
+//! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are rings of the same size
 //! in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
 
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
 use crate::layout::Layout;
+use crate::pack::aprons::least_shells;
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
+use crate::pack::shells::ApronMaker;
 use crate::pack::{PackError, PackOptions};
 use brickyard_import::{Access, Source};
 use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
+/// A kept shell's place in the table of shells, and what the allocator adds.
+const SHELL_ENTRY_BYTES: u64 = 160;
 
 /// What a pack needs.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,8 +45,12 @@ pub struct PackPlan {
     pub memory_bytes: u64,
     /// Disk for scratch while packing, in the store's directory.
     pub scratch_bytes: u64,
-    /// The store's voxels in all levels, uncompressed: it can hardly come out larger.
+    /// The store's voxels in all levels, and in aprons, uncompressed: it can hardly come out larger.
     pub output_bytes_at_most: u64,
+    /// Of that, those in aprons.
+    pub(crate) apron_bytes: u64,
+    /// Shells that the second pass keeps in memory.
+    pub(crate) shells: usize,
     /// Level 0, then levels 1 and up of the main pyramid, then those of the second: each after the one it follows from.
     pub(crate) stages: Vec<Stage>,
 }
@@ -75,8 +90,13 @@ impl PackPlan {
         self.stages.iter().enumerate().filter_map(follows)
     }
 
-    /// Shards of all stages, steps and channels.
+    /// Shards of all stages, steps and channels, those of aprons included.
     pub(crate) fn shard_count(&self) -> u64 {
+        if self.apron_bytes > 0 { 2 * self.core_shard_count() } else { self.core_shard_count() }
+    }
+
+    /// Shards of cores of all stages, steps and channels.
+    pub(crate) fn core_shard_count(&self) -> u64 {
         let shards = |stage: &Stage| stage.layout.shard_grid(stage.level).volume();
         self.volumes() * self.stages.iter().map(shards).sum::<u64>()
     }
@@ -112,13 +132,26 @@ pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, Pack
     let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
     let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
     let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
-    let mut plan = PackPlan { layout, memory_bytes: 0, scratch_bytes: 0, output_bytes_at_most: 0, stages };
-    plan.output_bytes_at_most = plan.volumes().saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64);
-    let needed_bytes = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
+    let mut plan = PackPlan {
+        layout,
+        memory_bytes: 0,
+        scratch_bytes: 0,
+        output_bytes_at_most: 0,
+        apron_bytes: 0,
+        shells: 0,
+        stages,
+    };
+    let core_bytes = plan.volumes().saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64);
+    let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
+    plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
+    plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
+    let streaming = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
+    let apron_pass = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
+    let needed_bytes = streaming.max(apron_pass.as_ref().map_or(0, ApronMemory::least));
     if needed_bytes > options.memory_bytes {
         return Err(PackError::Memory { needed_bytes, given_bytes: options.memory_bytes });
     }
-    plan.memory_bytes = needed_bytes;
+    plan.memory_bytes = streaming;
     let mut windows: Vec<&mut WindowPlan> = plan.stages.iter_mut().map(|stage| &mut stage.window).collect();
     windows.sort_by_key(|window| window.bytes);
     for window in windows {
@@ -126,7 +159,55 @@ pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, Pack
         let total = if window.in_memory { &mut plan.memory_bytes } else { &mut plan.scratch_bytes };
         *total += window.bytes;
     }
+    if let Some(memory) = apron_pass {
+        let shells = memory.shells_within(options.memory_bytes);
+        plan.shells = shells as usize;
+        plan.memory_bytes = plan.memory_bytes.max(memory.with(shells));
+    }
     Ok(plan)
+}
+
+/// What the pass for aprons needs.
+struct ApronMemory {
+    /// Whatever it keeps.
+    fixed: u64,
+    shell: u64,
+    /// Shells that it must keep at a time, and those there are in all of a level.
+    least_shells: u64,
+    most_shells: u64,
+}
+
+impl ApronMemory {
+    fn new(plan: &PackPlan, maker: ApronMaker, voxel_type: VoxelType, options: &PackOptions) -> Self {
+        let core = BrickCodec::new(options.codec, voxel_type, options.edge).core_bytes() as u64;
+        let encoded = BrickCodec::of_aprons(options.codec, voxel_type, maker.apron).encoded_cap();
+        let in_layer = |stage: &Stage| {
+            let size = stage.layout.shard_bricks(stage.level);
+            size.x as u64 * size.y as u64
+        };
+        let most = |of: fn(&Stage) -> u64| plan.stages.iter().map(of).max().unwrap_or(0);
+        let threads =
+            options.threads as u64 * (core + maker.apron_bytes() as u64 + compressor_bytes(core, options.codec));
+        let bricks = plan.brick_count() * (2 * voxel_type.bytes() as u64 + 40);
+        Self {
+            fixed: threads + bricks + most(in_layer) * encoded + PROGRAM_BYTES,
+            shell: maker.shell_bytes() as u64 + SHELL_ENTRY_BYTES,
+            least_shells: most(least_shells),
+            most_shells: plan.volumes() * most(|stage| stage.grid().bricks.volume()),
+        }
+    }
+
+    fn with(&self, shells: u64) -> u64 {
+        self.fixed + shells * self.shell
+    }
+
+    fn least(&self) -> u64 {
+        self.with(self.least_shells)
+    }
+
+    fn shells_within(&self, memory_bytes: u64) -> u64 {
+        (memory_bytes.saturating_sub(self.fixed) / self.shell).min(self.most_shells)
+    }
 }
 
 fn stages(layout: &Layout, access: Access, voxel_type: VoxelType, reductions: Reductions) -> Vec<Stage> {
@@ -158,16 +239,7 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let (threads, edge) = (options.threads as u64, options.edge as usize);
     let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
     let buffers = Workspace::<u8>::bytes(edge, voxel_type.bytes()) as u64;
-    // The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.
-    let compressor = codec.core_bytes() as u64
-        + match options.codec {
-            Codec::None => 0,
-            Codec::Zstd(level) | Codec::ShuffleZstd(level) => match level {
-                ..=4 => 3 * MIB,
-                5..=9 => 12 * MIB,
-                _ => 48 * MIB,
-            },
-        };
+    let compressor = compressor_bytes(codec.core_bytes() as u64, options.codec);
     let in_flight = (bricks_ahead(options.threads) + threads + 2) * codec.encoded_cap();
     let bricks = plan.brick_count() * (4 * voxel_type.bytes() as u64 + 40);
     let open_shards = |stage: &Stage| {
@@ -177,4 +249,17 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
     let channels = plan.layout.channels as u64 * (MIB / 2);
     threads * (buffers + compressor) + in_flight + bricks + indexes + channels
+}
+
+/// The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.
+fn compressor_bytes(core_bytes: u64, codec: Codec) -> u64 {
+    let tables = match codec {
+        Codec::None => 0,
+        Codec::Zstd(level) | Codec::ShuffleZstd(level) => match level {
+            ..=4 => 3 * MIB,
+            5..=9 => 12 * MIB,
+            _ => 48 * MIB,
+        },
+    };
+    core_bytes + tables
 }

@@ -201,6 +201,47 @@ fn check_pyramid<T: Voxel>(source: &Array<T>, options: &PackOptions) {
     assert_eq!(report.problems, [], "{} {}", T::TYPE, options.downsample);
 }
 
+/// Every stored apron against the voxels of its level, clamped to it; and all but the aprons against a pack without.
+fn check_aprons<T: Voxel>(source: &Array<T>, options: &PackOptions) {
+    let mut without = packed(source, &PackOptions { aprons: 0, ..options.clone() });
+    without.remove(Path::new("zarr.json"));
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    pack(source, &path, options, &()).unwrap();
+    let mut rest = files(&path);
+    rest.retain(|path, _| !path.to_string_lossy().contains("/aprons/") && path != Path::new("zarr.json"));
+    assert_same(&without, &rest, "all but aprons");
+    for method in std::iter::once(options.downsample.main()).chain(options.downsample.second()) {
+        let store = Store::open_reduced(&path, method, IoMode::default()).unwrap();
+        let apron = store.apron().unwrap();
+        let (times, channels) = (store.times(), store.channels());
+        for (time, channel) in (0..times).flat_map(|t| (0..channels).map(move |c| (t, c))) {
+            for k in 0..store.pyramid().levels().len() {
+                let level = Level(k as u8);
+                let grid = *store.pyramid().level(level);
+                let n = grid.extent.to_array();
+                let voxels = level_voxels(&store, time, channel, level);
+                for index in crate::store::bricks_of(grid.bricks.full_box(), 1) {
+                    let id = BrickId { time, channel, level, index };
+                    let mut found = vec![9; apron.voxels() * T::TYPE.bytes()];
+                    store.read_apron(id, &mut found).unwrap();
+                    let places = apron.slabs().into_iter().flat_map(crate::test_store::voxels);
+                    for (i, at) in places.enumerate() {
+                        let v = std::array::from_fn(|a| {
+                            (index.to_array()[a] * apron.edge + at[a]).saturating_sub(apron.width).min(n[a] - 1)
+                        });
+                        let (found, expected) = (T::TYPE.read(&found, i), voxels[grid.extent.linear(v) as usize]);
+                        let same = found == expected || found.is_nan() && expected.is_nan();
+                        assert!(same, "{} {id} at {at:?}: {found}, expected {expected}", T::TYPE);
+                    }
+                }
+            }
+        }
+    }
+    let report = crate::verify::verify(&path, |_, _| {}).unwrap();
+    assert_eq!(report.problems, [], "{} aprons of {}", T::TYPE, options.aprons);
+}
+
 fn mean_and_max() -> Reductions {
     "mean,max".parse().unwrap()
 }
@@ -234,6 +275,85 @@ fn every_type_and_shape_packs() {
     check_pyramid(&anisotropic, &both);
     let series = Array::series([40, 20, 35], 3, 2, |i, p| (value(p) as u8).wrapping_add(i as u8 * 10));
     check_pyramid(&series, &both);
+}
+
+#[test]
+fn aprons_are_the_voxels_around_every_core() {
+    let extent = [100, 37, 211];
+    let with = |voxel_type, aprons| PackOptions { aprons, ..options(voxel_type) };
+    check_aprons(&Array::new(extent, |p| value(p) as u8), &with(VoxelType::U8, 1));
+    check_aprons(&Array::new(extent, |p| (value(p) as i32 - 40) as i8), &with(VoxelType::I8, 2));
+    let both = PackOptions { downsample: mean_and_max(), ..with(VoxelType::U16, 2) };
+    check_aprons(&Array::new(extent, |p| (value(p) * 500.0) as u16), &both);
+    let holes = |p: [u32; 3]| if p[0].is_multiple_of(5) || p[2] / 8 == 3 { f32::NAN } else { value(p) as f32 };
+    check_aprons(&Array::new(extent, holes), &with(VoxelType::F32, 1));
+    let small = [50, 33, 41];
+    check_aprons(&Array::new(small, |p| (value(p) * 300.0 - 20000.0) as i16), &with(VoxelType::I16, 1));
+    check_aprons(&Array::new(small, |p| u32::MAX - value(p) as u32), &with(VoxelType::U32, 2));
+    let uncompressed = PackOptions { codec: Codec::None, ..with(VoxelType::I32, 1) };
+    check_aprons(&Array::new(small, |p| i32::MIN + value(p) as i32), &uncompressed);
+    for extent in [[1, 1, 1], [70, 1, 1], [1, 1, 70], [65, 40, 1], [17, 16, 33]] {
+        check_aprons(&Array::new(extent, |p| value(p) as u8), &with(VoxelType::U8, 2));
+    }
+    let series = Array::series([40, 20, 35], 3, 2, |i, p| (value(p) as u8).wrapping_add(i as u8 * 10));
+    check_aprons(&series, &PackOptions { downsample: mean_and_max(), ..with(VoxelType::U8, 1) });
+}
+
+/// An apron that is all fill has no bytes, though its core may; a core that is all fill may have an apron.
+#[test]
+fn aprons_of_fill_are_not_stored() {
+    let source = Array::new([96, 96, 96], |p| if p.iter().all(|v| (17..32).contains(v)) { 7u8 } else { 0 });
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    pack(&source, &path, &PackOptions { aprons: 1, ..options(VoxelType::U8) }, &()).unwrap();
+    let store = Store::open(&path).unwrap();
+    let is_stored = |x| {
+        let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 1, 1) };
+        (store.is_stored(id).unwrap(), store.aprons().unwrap().is_stored(id).unwrap())
+    };
+    assert_eq!([0, 1, 2, 3].map(is_stored), [(false, false), (true, false), (false, true), (false, false)]);
+    let has_file = |i: u32| path.join(format!("0/.brickyard/aprons/c/{i}/{i}/{i}/0")).exists();
+    assert_eq!([0, 1, 2].map(has_file), [false, true, false]);
+}
+
+#[test]
+fn damaged_and_wrong_aprons_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let options = PackOptions { aprons: 1, downsample: mean_and_max(), ..options(VoxelType::U8) };
+    pack(&Array::new([60, 40, 50], |p| value(p) as u8 + 1), &store, &options, &()).unwrap();
+    let problems = || {
+        let problems = crate::verify::verify(&store, |_, _| {}).unwrap().problems;
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    for (file, named) in [
+        ("0/.brickyard/aprons/c/0/0/0/0", "level 0 brick (0,0,0): damaged brick: checksum"),
+        ("2/.brickyard/max/.brickyard/aprons/c/0/0/0/0", "level 2 brick (0,0,0): damaged brick: checksum"),
+    ] {
+        let path = store.join(file);
+        let sound = std::fs::read(&path).unwrap();
+        let mut bad = sound.clone();
+        bad[9] ^= 1;
+        std::fs::write(&path, &bad).unwrap();
+        let found = problems();
+        assert!(found.len() == 1 && found[0].contains(file) && found[0].contains(named), "{found:#?}");
+        bad = sound.clone();
+        let last = bad.len() - 1;
+        bad[last] ^= 1;
+        std::fs::write(&path, &bad).unwrap();
+        let found = problems();
+        assert!(found.len() == 1 && found[0].contains(file) && found[0].contains("damaged shard index"), "{found:#?}");
+        std::fs::write(&path, sound).unwrap();
+    }
+    // Aprons of other bricks, sound but for what they mean.
+    for file in ["c/0/0/0/0", ".brickyard/shards/c/0/0/0/0/0/0"] {
+        let aprons = |level: &str| store.join(level).join(".brickyard/aprons").join(file);
+        std::fs::copy(aprons("1"), aprons("1/.brickyard/max")).unwrap();
+    }
+    let found = problems();
+    let wrong =
+        |p: &String| p.contains("1/.brickyard/max/.brickyard/aprons/c/0/0/0/0") && p.contains("are not those around");
+    assert!(!found.is_empty() && found.iter().all(wrong), "{found:#?}");
 }
 
 #[test]
@@ -405,6 +525,7 @@ fn bad_options_are_refused() {
         PackOptions { shard_edge: 40, ..good.clone() },
         PackOptions { shard_edge: 0, ..good.clone() },
         PackOptions { threads: 0, ..good.clone() },
+        PackOptions { aprons: 3, ..good.clone() },
     ] {
         assert!(matches!(plan(&source, &bad), Err(PackError::Options(_))), "{bad:?}");
     }
@@ -414,10 +535,10 @@ fn bad_options_are_refused() {
 /// that was finished is written again.
 #[test]
 fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
-    // Of level 0, and two of each pyramid.
-    const SHARDS: u64 = 4 + 2 * 2;
+    // Of level 0, and two of each pyramid; the same of aprons.
+    const SHARDS: u64 = 2 * (4 + 2 * 2);
     let source = Array::new([40, 20, 36], |p| value(p) as u16 + 1);
-    let fresh = PackOptions { downsample: mean_and_max(), ..options(VoxelType::U16) };
+    let fresh = PackOptions { downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U16) };
     let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
     let expected = packed(&source, &fresh);
     let dir = tempfile::tempdir().unwrap();

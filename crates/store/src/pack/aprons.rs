@@ -1,0 +1,213 @@
+//! The second pass, where aprons are stored: made from the cores that the first pass wrote, shard by shard.
+//!
+//! For each layer of bricks of a shard, the shells (`shells.rs`) of its bricks and their neighbours are fetched: from memory, or
+//! by decoding the core. Then its aprons are made, encoded, and appended in the order of the index. A shell is 11 times
+//! smaller than its core, and those last used stay as far as `--memory` reaches. Where a layer of shards and its neighbours fits
+//! (at 4096^3 of 8 bits 1 GB), every core is decoded once; where only a row of shards does, 1.25 times; in the least memory,
+//! about twice.
+//!
+//! Finished shards are journalled like those of cores, so a pass that was interrupted goes on after the last of them.
+
+use crate::chunks::Chunks;
+use crate::codec::{BrickCodec, Scratch};
+use crate::error::ReadError;
+use crate::layout::{Layout, ShardId};
+use crate::pack::cascade::{Reached, Stop};
+use crate::pack::disk::Disk;
+use crate::pack::journal::Journal;
+use crate::pack::plan::{PackPlan, Stage};
+use crate::pack::shards::{ShardWriter, settle};
+use crate::pack::shells::ApronMaker;
+use crate::pack::{PackOptions, Progress};
+use crate::shard::Fingerprint;
+use crate::shard_file::IoMode;
+use crate::side::SideData;
+use crate::store::bricks_of;
+use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox, VoxelType};
+use lru::LruCache;
+use rayon::prelude::*;
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+/// What the pass leaves besides the shards.
+#[derive(Default)]
+pub(crate) struct MadeAprons {
+    /// Per stage, of its shards of aprons.
+    pub(crate) fingerprints: Vec<Vec<Fingerprint>>,
+    pub(crate) written_bytes: u64,
+}
+
+/// Everything about the pass that does not change while it runs.
+pub(crate) struct ApronPass<'a> {
+    pub(crate) store: &'a Path,
+    pub(crate) voxel_type: VoxelType,
+    pub(crate) apron: Apron,
+    pub(crate) options: &'a PackOptions,
+    pub(crate) plan: &'a PackPlan,
+    pub(crate) disk: &'a Disk,
+    pub(crate) progress: &'a dyn Progress,
+}
+
+/// What has been made so far.
+#[derive(Default)]
+struct Made {
+    shards: u64,
+    bricks: u64,
+    written_bytes: u64,
+}
+
+impl ApronPass<'_> {
+    /// Makes the aprons of all stages. On failure what is finished stays, noted in the journal.
+    pub(crate) fn run(&self, sides: &[SideData], journal: &mut Journal) -> Result<MadeAprons, (Stop, Reached)> {
+        let mut made = Made::default();
+        let mut fingerprints = Vec::new();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
+        let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(&made)))?;
+        for (stage, side) in self.plan.stages.iter().zip(sides) {
+            let of_stage = pool.install(|| StagePass::new(self, stage, side).run(journal, &mut made));
+            fingerprints.push(of_stage.map_err(|stop| (stop, self.reached(&made)))?);
+        }
+        Ok(MadeAprons { fingerprints, written_bytes: made.written_bytes })
+    }
+
+    fn reached(&self, made: &Made) -> Reached {
+        let bytes = self.maker().apron_bytes() as u64;
+        let left = self.plan.brick_count() - made.bricks;
+        let shards = self.plan.core_shard_count() + made.shards;
+        Reached::new(shards, made.written_bytes, made.bricks * bytes, left * bytes)
+    }
+
+    fn maker(&self) -> ApronMaker {
+        ApronMaker { apron: self.apron, voxel_bytes: self.voxel_type.bytes() }
+    }
+}
+
+/// The pass over one stage.
+struct StagePass<'a> {
+    pass: &'a ApronPass<'a>,
+    /// What the first pass wrote.
+    cores: Chunks,
+    /// Of the aprons.
+    layout: Layout,
+    level: Level,
+    grid: Extent,
+    maker: ApronMaker,
+    codec: BrickCodec,
+    /// Of bricks that are stored.
+    shells: LruCache<BrickId, Box<[u8]>>,
+}
+
+impl<'a> StagePass<'a> {
+    fn new(pass: &'a ApronPass<'a>, stage: &Stage, side: &SideData) -> Self {
+        let ApronPass { options, voxel_type, apron, .. } = *pass;
+        let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
+        let of_level = |k| if k == stage.level.index() { &side.shards[..] } else { &[] };
+        let fingerprints = (0..=stage.level.index()).map(of_level);
+        Self {
+            pass,
+            cores: Chunks::new(pass.store, stage.layout.clone(), codec, IoMode::Mmap, fingerprints),
+            layout: stage.layout.of_aprons(),
+            level: stage.level,
+            grid: stage.grid().bricks,
+            maker: pass.maker(),
+            codec: BrickCodec::of_aprons(options.codec, voxel_type, apron),
+            shells: LruCache::new(NonZeroUsize::new(pass.plan.shells).unwrap_or(NonZeroUsize::MIN)),
+        }
+    }
+
+    /// Makes the stage's shards of aprons, as far as they are not there already.
+    fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<Vec<Fingerprint>, Stop> {
+        let total_bytes = self.pass.plan.apron_bytes;
+        let mut fingerprints = Vec::new();
+        for id in self.layout.shards(self.level) {
+            let earlier = journal.finished(&self.layout, id);
+            fingerprints.push(earlier.map_or_else(|| self.shard(id, journal, made), Ok)?);
+            made.shards += 1;
+            made.bricks += self.bricks(id).extent().volume();
+            self.pass.progress.aprons(made.bricks * self.maker.apron_bytes() as u64, total_bytes);
+        }
+        Ok(fingerprints)
+    }
+
+    /// The bricks of a shard, as a box of the level's grid.
+    fn bricks(&self, id: ShardId) -> VoxelBox {
+        let size = self.layout.shard_bricks(self.level).to_array();
+        let first = [id.x * size[0], id.y * size[1], id.z * size[2]];
+        VoxelBox::new(first, std::array::from_fn(|a| first[a] + size[a])).intersect(self.grid.full_box())
+    }
+
+    fn shard(&mut self, id: ShardId, journal: &mut Journal, made: &mut Made) -> Result<Fingerprint, Stop> {
+        let ApronPass { store, disk, .. } = *self.pass;
+        let layout = self.layout.clone();
+        let mut writer = ShardWriter::new(disk, store, &layout);
+        let brick = |index| BrickId { time: id.time, channel: id.channel, level: id.level, index };
+        let bricks = self.bricks(id);
+        let mut fingerprint = Fingerprint::default();
+        for z in bricks.min.z..bricks.max.z {
+            let mut layer = bricks;
+            (layer.min.z, layer.max.z) = (z, z + 1);
+            let ids: Vec<BrickId> = bricks_of(layer, 1).map(brick).collect();
+            self.fetch_shells(&bricks_of(around(layer, self.grid), 1).map(brick).collect::<Vec<_>>())
+                .map_err(Stop::ReadBack)?;
+            for (id, encoded) in ids.iter().zip(self.encode(&ids)) {
+                if let Some(finished) = writer.add(*id, encoded.as_deref(), |_| None).map_err(Stop::Disk)? {
+                    settle(disk, store, &layout, journal, &finished).map_err(Stop::Disk)?;
+                    fingerprint = finished.fingerprint;
+                }
+            }
+        }
+        made.written_bytes += writer.written_bytes;
+        Ok(fingerprint)
+    }
+
+    /// Has the shells of these bricks at hand, as far as they are stored. There is room for all of them.
+    fn fetch_shells(&mut self, ids: &[BrickId]) -> Result<(), ReadError> {
+        let mut missing = Vec::new();
+        for &id in ids {
+            if self.shells.get(&id).is_none() && self.cores.is_stored(id)? {
+                missing.push(id);
+            }
+        }
+        self.cores.advise(&missing);
+        let (cores, maker) = (&self.cores, self.maker);
+        let shell = |core: &mut Vec<u8>, id: BrickId| {
+            cores.read(id, core)?;
+            let mut shell = vec![0; maker.shell_bytes()].into_boxed_slice();
+            maker.cut(core, &mut shell);
+            Ok(shell)
+        };
+        let core = || vec![0; cores.chunk_bytes()];
+        let shells: Vec<_> =
+            missing.par_iter().map_init(core, |core, &id| shell(core, id)).collect::<Result<_, ReadError>>()?;
+        for (id, shell) in missing.into_iter().zip(shells) {
+            self.shells.push(id, shell);
+        }
+        Ok(())
+    }
+
+    /// The encoded aprons of bricks whose shells, and whose neighbours', are at hand; `None` for one that is all fill.
+    fn encode(&self, ids: &[BrickId]) -> Vec<Option<Vec<u8>>> {
+        let encode = |apron: &mut Vec<u8>, &id: &BrickId| {
+            let shell_of = |index| self.shells.peek(&BrickId { index, ..id }).map(|shell| &shell[..]);
+            self.maker.make(id.index, self.grid, shell_of, apron).then(|| {
+                let mut encoded = Vec::new();
+                Scratch::with(|scratch| self.codec.encode(scratch, apron, &mut encoded));
+                encoded
+            })
+        };
+        ids.par_iter().map_init(|| vec![0; self.maker.apron_bytes()], encode).collect()
+    }
+}
+
+/// A box of bricks and those that touch it.
+fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
+    let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
+    VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())
+}
+
+/// The most bricks whose shells a layer of a shard needs at a time.
+pub(crate) fn least_shells(stage: &Stage) -> u64 {
+    let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
+    let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
+    across(0, size[0]) * across(1, size[1]) * across(2, 1)
+}
