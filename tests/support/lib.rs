@@ -77,10 +77,17 @@ impl TestStore {
     /// # Panics
     /// If packing or opening fails.
     pub fn pack(source: &dyn Source, edge: u32) -> Self {
+        let voxel_type = source.info().voxel_type;
+        Self::pack_with(source, PackOptions { edge, shard_edge: 4 * edge, threads: 2, ..PackOptions::new(voxel_type) })
+    }
+
+    /// Packs a source as told.
+    ///
+    /// # Panics
+    /// If packing or opening fails.
+    pub fn pack_with(source: &dyn Source, options: PackOptions) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("store.zarr");
-        let voxel_type = source.info().voxel_type;
-        let options = PackOptions { edge, shard_edge: 4 * edge, threads: 2, ..PackOptions::new(voxel_type) };
         pack(source, &path, &options, &()).expect("packing works");
         let store = Arc::new(Store::open(&path).expect("the packed store opens"));
         Self { folder, store }

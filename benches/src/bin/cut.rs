@@ -70,6 +70,12 @@ impl BrickSource for Shape {
     fn read_core(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
         Err(BrickError { id, reason: "there are no voxels".into() })
     }
+    fn stored_apron(&self) -> u32 {
+        0
+    }
+    fn read_apron(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
+        Err(BrickError { id, reason: "there are no voxels".into() })
+    }
     fn bytes_read(&self) -> u64 {
         0
     }

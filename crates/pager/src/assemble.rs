@@ -1,14 +1,16 @@
-//! Padded bricks: a core and an apron copied from its up to 26 neighbours of the same level.
+//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level.
+//!
+//! Where the source has aprons stored, a brick takes one core and one apron. Else:
 //!
 //! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
 //! one by one what has to be decoded. At the faces of the level (its own extent, which may end inside a brick) the last
-//! voxel is repeated; so it is towards a neighbour that cannot be read. Cost: the copy of one padded brick, plus decoding
-//! what the cache does not hold.
+//! voxel is repeated; so it is towards a neighbour that cannot be read, and all around where a stored apron cannot. Cost: the
+//! copy of one padded brick, plus decoding what the cache does not hold.
 
-use crate::blocks::{Block, paste};
+use crate::blocks::{Block, paste, paste_apron};
 use crate::layout::Layout;
 use crate::parts::{Part, Span, spans};
-use crate::ram_cache::RamCache;
+use crate::ram_cache::{RamCache, Whole};
 use crate::source::BrickError;
 use brickyard_volume::BrickId;
 use std::ops::Range;
@@ -36,14 +38,28 @@ impl PaddedReader {
     /// Fills `out` with the brick and its apron, x fastest.
     ///
     /// # Errors
-    /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there.
+    /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there, and so
+    /// does a stored apron all around.
     pub fn read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
         let layout = self.layout;
-        let spans: [[Span; 3]; 3] = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
-        let place = |part: Part| [0, 1, 2].map(|a| spans[a][part.side[a]]);
+        let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
+        if layout.has_stored() {
+            let whole = self.cache.whole(id, &mut self.scratch)?;
+            paste_whole(&layout, &whole, spans, out);
+        } else {
+            self.gather(id, spans, out)?;
+        }
+        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), out);
+        Ok(())
+    }
+
+    /// Puts a padded brick together from its core and its neighbours' shells.
+    fn gather(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), BrickError> {
+        let layout = self.layout;
+        let place = |part: Part| place(&spans, part);
         let mut lenders = [None; Part::COUNT];
         for part in Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0)) {
             lenders[part.number()] = Some(BrickId { index: part.lender(id.index), ..id });
@@ -62,8 +78,27 @@ impl PaddedReader {
                 Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
             }
         }
-        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), out);
         Ok(())
+    }
+}
+
+/// Where a part goes.
+fn place(spans: &[[Span; 3]; 3], part: Part) -> [Span; 3] {
+    [0, 1, 2].map(|a| spans[a][part.side[a]])
+}
+
+/// Puts a padded brick together from its core and its stored apron.
+fn paste_whole(layout: &Layout, whole: &Whole, spans: [[Span; 3]; 3], out: &mut [u8]) {
+    let (core, apron) = whole.codes.split_at(layout.core_bytes());
+    let own = place(&spans, Part::OWN);
+    if whole.has_apron {
+        paste_apron(layout, apron, out);
+    }
+    paste(layout, [None, Some(Block::new(layout, Part::OWN, core, own)), None], out);
+    if !whole.has_apron {
+        for part in Part::all().filter(|&part| part != Part::OWN) {
+            repeat_own_edge(layout, place(&spans, part), own, out);
+        }
     }
 }
 
@@ -112,7 +147,7 @@ fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
 mod tests {
     use super::*;
     use crate::budget::Meter;
-    use crate::ram_cache::layout_of;
+    use crate::ram_cache::{DecodeCounters, layout_of};
     use crate::source::BrickSource;
     use crate::test_source::TestSource;
     use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
@@ -178,8 +213,60 @@ mod tests {
         }
     }
 
+    #[test]
+    fn with_stored_aprons_nothing_is_decoded_for_a_neighbour() {
+        let source = || TestSource::cube(64).with_aprons(1);
+        let bricks = rows(&source());
+        // Room for one brick, and a sweep backwards: nothing is met again.
+        let (cache, meter) = cache(source(), 1);
+        let mut reader = PaddedReader::new(cache.clone());
+        let mut out = vec![0; reader.padded_bytes()];
+        for &id in bricks.iter().rev() {
+            reader.read(id, &mut out).unwrap();
+        }
+        let decoded = bricks.len() as u64;
+        // 10^3 codes for each: its core, and its apron.
+        let expected = DecodeCounters { decoded, bytes_decoded: 1000 * decoded, failed: 0 };
+        assert_eq!((cache.counters(), meter.peak()), (expected, 1000));
+        assert_eq!(cache.source().bytes_read(), 1000 * decoded);
+    }
+
+    #[test]
+    fn a_brick_whose_apron_cannot_be_read_repeats_its_own_edge() {
+        let id = rows(&TestSource::cube(24))[13];
+        let mut source = TestSource::cube(24).with_aprons(1);
+        source.failing_aprons.insert(id);
+        let mut alone = TestSource::cube(24);
+        alone.failing.extend(rows(&alone).into_iter().filter(|other| *other != id));
+        let expected = padded(alone, id, 1);
+        let (cache, _) = cache(source, 1);
+        let mut reader = PaddedReader::new(cache.clone());
+        let mut out = vec![0xEE; reader.padded_bytes()];
+        for other in rows(&TestSource::cube(24)).into_iter().chain([id]) {
+            reader.read(other, &mut out).unwrap();
+            assert!(other != id || out == expected);
+        }
+        assert_eq!(cache.counters().failed, 1, "each is counted once");
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
+
+        /// A padded brick is the same, bit for bit, whether its apron was stored or comes from its neighbours.
+        #[test]
+        fn stored_aprons_are_those_from_neighbours(
+            n in prop::array::uniform3(1u32..30), pick in prop::array::uniform3(0u32..8), level in 0u8..3,
+            (apron, stored) in prop::sample::select(vec![(1, 1), (1, 2), (2, 2)]),
+            edge in prop::sample::select(vec![4u32, 8]), voxel_type in prop::sample::select(VoxelType::ALL.to_vec()),
+        ) {
+            let pyramid = Pyramid::new(Extent::from_array(n), [1.0, 1.3, 1.9], edge);
+            let level = Level(level.min(pyramid.coarsest().0));
+            let bricks = pyramid.level(level).bricks.to_array();
+            let index = BrickIndex::from_array(std::array::from_fn(|a| pick[a] % bricks[a]));
+            let id = BrickId { time: 0, channel: 0, level, index };
+            let source = |stored| TestSource::new(pyramid.clone(), [1.0; 3], voxel_type).with_aprons(stored);
+            prop_assert!(padded(source(stored), id, apron) == padded(source(0), id, apron));
+        }
 
         /// Every code of a padded brick is the voxel at its place, clamped to the level; towards a brick that cannot be
         /// read, clamped to the core.

@@ -5,6 +5,7 @@
 
 use crate::layout::Layout;
 use crate::parts::{Part, Span};
+use brickyard_volume::{Apron, VoxelBox};
 
 /// Calls a function with the widths of an apron and a core in bytes, as constants where they are the usual ones.
 macro_rules! with_widths {
@@ -47,6 +48,18 @@ fn copy_row_ends(apron: usize, row: usize, rows: &[u8], low: &mut [u8], high: &m
     }
 }
 
+/// Copies a stored apron around the core of a padded brick.
+pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
+    let mut codes = codes;
+    let stored = layout.stored_apron();
+    let wanted = Apron { width: layout.apron as u32, ..stored };
+    for (from, to) in stored.slabs().into_iter().zip(wanted.slabs()) {
+        let (slab, rest) = codes.split_at(from.extent().volume() as usize * layout.code_bytes);
+        codes = rest;
+        paste(layout, [None, Some(Block::of_slab(layout, slab, from, to)), None], out);
+    }
+}
+
 /// A part's codes, and where they go: all but the counts in bytes.
 pub(crate) struct Block<'a> {
     /// From the first code on.
@@ -83,6 +96,27 @@ impl<'a> Block<'a> {
             run: x.len * bytes,
             rows: y.len,
             slices: z.len,
+        }
+    }
+}
+
+impl<'a> Block<'a> {
+    /// What of a slab `from` of a stored apron, which may be wider, goes to the slab `to` of a padded brick's.
+    fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
+        let bytes = layout.code_bytes;
+        let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
+        let of = |numbers: [u32; 3]| numbers.map(|n| n as usize);
+        let (from_min, to_min, size) = (of(from.min.to_array()), of(to.min.to_array()), of(from.extent().to_array()));
+        let first = std::array::from_fn(|a| to_min[a] + layout.stored - layout.apron - from_min[a]);
+        let [run, rows, slices] = of(to.extent().to_array());
+        Self {
+            codes: &codes[place(first, size)..],
+            row: size[0] * bytes,
+            slice: size[0] * size[1] * bytes,
+            to: place(to_min, [layout.padded(); 3]),
+            run: run * bytes,
+            rows,
+            slices,
         }
     }
 }
@@ -146,7 +180,7 @@ mod tests {
         for (edge, apron, code_bytes) in
             [(4, 1, 1), (4, 2, 2), (3, 2, 1), (64, 1, 1), (64, 2, 1), (64, 1, 2), (64, 2, 2), (2, 2, 4)]
         {
-            let layout = Layout { edge, apron, code_bytes };
+            let layout = Layout { edge, apron, stored: 0, code_bytes };
             let core: Vec<u8> = (0..layout.core_bytes()).map(|i| ((i * 2654435761) >> 11) as u8).collect();
             let mut shell = vec![0; layout.shell_bytes()];
             copy_shell(&layout, &core, &mut shell);

@@ -1,10 +1,13 @@
 //! How bricks lie in host memory: cores and their shells in the RAM cache, padded bricks in staging.
 //!
+//! Where the source has aprons stored, of the width asked for or wider, there are no shells: the RAM cache holds each core with
+//! its stored apron behind it.
+//!
 //! A *shell* is what neighbours can ever want of a core: its outer voxels, as deep as the apron, as six slabs, one for each
 //! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
 //! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
 
-use brickyard_volume::SlotEncoding;
+use brickyard_volume::{Apron, SlotEncoding};
 
 /// Shells that the RAM cache holds for each core.
 ///
@@ -23,13 +26,27 @@ pub(crate) struct Layout {
     pub(crate) edge: usize,
     /// Voxels of apron on each side.
     pub(crate) apron: usize,
+    /// Voxels on each side in the aprons that the source has stored; 0 where aprons are put together from shells.
+    pub(crate) stored: usize,
     /// Bytes of a code.
     pub(crate) code_bytes: usize,
 }
 
 impl Layout {
-    pub(crate) fn new(edge: u32, apron: u32, encoding: &SlotEncoding) -> Self {
-        Self { edge: edge as usize, apron: apron as usize, code_bytes: encoding.format.bytes() }
+    /// The layout for padded bricks with this apron, where the source has aprons of width `stored`.
+    pub(crate) fn new(edge: u32, apron: u32, stored: u32, encoding: &SlotEncoding) -> Self {
+        let stored = if stored >= apron { stored as usize } else { 0 };
+        Self { edge: edge as usize, apron: apron as usize, stored, code_bytes: encoding.format.bytes() }
+    }
+
+    /// Whether padded bricks are made from stored aprons.
+    pub(crate) fn has_stored(&self) -> bool {
+        self.stored > 0
+    }
+
+    /// The shape of the stored aprons; of no voxels if there are none.
+    pub(crate) fn stored_apron(&self) -> Apron {
+        Apron { edge: self.edge as u32, width: self.stored as u32 }
     }
 
     /// Codes along a padded brick's edge.
@@ -49,14 +66,19 @@ impl Layout {
         6 * self.slab_bytes()
     }
 
-    /// Bytes of a cached core and its share of the shells: what the RAM cache's budget is counted in.
+    /// Bytes of a cached core, with its stored apron if there is one.
+    pub(crate) fn entry_bytes(&self) -> usize {
+        self.core_bytes() + self.stored_apron().voxels() * self.code_bytes
+    }
+
+    /// The same and its share of the shells: what the RAM cache's budget is counted in.
     pub(crate) fn cached_bytes(&self) -> usize {
-        self.core_bytes() + SHELLS_PER_CORE * self.shell_bytes()
+        self.entry_bytes() + self.shells(1) * self.shell_bytes()
     }
 
     /// Shells in a RAM cache of so many cores.
     pub(crate) fn shells(&self, cores: usize) -> usize {
-        SHELLS_PER_CORE * cores
+        if self.has_stored() { 0 } else { SHELLS_PER_CORE * cores }
     }
 
     /// Bytes of a shell's slab.

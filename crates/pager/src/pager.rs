@@ -74,11 +74,12 @@ pub struct Status {
 pub struct Counters {
     /// Cores decoded, with repeats.
     pub decoded: u64,
-    /// Encoded bytes that the source has read for them, and for whoever else uses it.
+    /// Encoded bytes that the source has read for them and for stored aprons, and for whoever else uses it.
     pub bytes_read: u64,
-    /// Bytes of voxels that came out.
+    /// Bytes of voxels that came out, those of stored aprons included.
     pub bytes_decoded: u64,
-    /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron.
+    /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron; and stored
+    /// aprons.
     pub failed: u64,
     /// Bricks uploaded, with repeats.
     pub uploaded: u64,
@@ -143,7 +144,7 @@ impl Pager {
         check_slots(&*source, config.slots, padded)?;
         let sizes = BufferSizes {
             fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
-            scratch: scratch_bytes(&*source, &encoding),
+            scratch: scratch_bytes(&*source, &layout, &encoding),
             core: layout.cached_bytes() as u64,
             padded,
         };

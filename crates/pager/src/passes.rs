@@ -111,7 +111,7 @@ impl ExactPasses {
         let slots = config.slots.max(1) as usize;
         let sizes = BufferSizes {
             fixed: cells.len() as u64 * BYTES_PER_CELL + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT,
-            scratch: scratch_bytes(&*source, &encoding_of(&*source)),
+            scratch: scratch_bytes(&*source, &layout, &encoding_of(&*source)),
             core: layout.cached_bytes() as u64,
             padded,
         };

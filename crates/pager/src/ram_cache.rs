@@ -6,6 +6,9 @@
 //! part from the core and all others from shells, so a core may go as soon as its brick has been assembled, while its
 //! shell, which is far smaller, stays for the neighbours. Two shelves hold them: see [`Shelf`] for what goes first.
 //!
+//! Where the source has aprons stored, a decode gives a core and its apron, and no brick is decoded for a neighbour's sake:
+//! there are no shells, and a shelf's entry is all that its padded brick is made of.
+//!
 //! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
 //! read are remembered, and logged once. Cost: one lock for all parts of a padded brick that are there.
 
@@ -35,6 +38,10 @@ struct Inner {
     cores: Shelf,
     shells: Shelf,
     failed: HashMap<BrickId, BrickError>,
+    /// Bricks whose stored aprons could not be read.
+    failed_aprons: HashSet<BrickId>,
+    /// Whether cores are cut into shells.
+    has_shells: bool,
     /// Bricks of which some thread is making the core or the shell.
     making: HashSet<BrickId>,
     counters: DecodeCounters,
@@ -45,8 +52,16 @@ struct Making {
     core: Arc<[u8]>,
     /// Whether the core is cached already, and only the shell has been let go.
     is_cached: bool,
-    /// `None` if the shell is cached.
+    /// `None` if the shell is cached, or there are none.
     shell: Option<Arc<[u8]>>,
+}
+
+/// What a padded brick is made of, where aprons are stored.
+pub(crate) struct Whole {
+    /// The core, then the apron.
+    pub(crate) codes: Arc<[u8]>,
+    /// Whether the apron could be read.
+    pub(crate) has_apron: bool,
 }
 
 /// What a cache has decoded so far.
@@ -54,9 +69,9 @@ struct Making {
 pub struct DecodeCounters {
     /// Cores decoded, with repeats.
     pub decoded: u64,
-    /// Bytes of voxels that came out.
+    /// Bytes of voxels that came out, those of stored aprons included.
     pub bytes_decoded: u64,
-    /// Cores that could not be read, each counted once.
+    /// Cores and stored aprons that could not be read, each counted once.
     pub failed: u64,
 }
 
@@ -76,9 +91,11 @@ impl RamCache {
 
     pub(crate) fn with_meter(source: Arc<dyn BrickSource>, layout: Layout, cores: usize, meter: Arc<Meter>) -> Self {
         let inner = Inner {
-            cores: Shelf::new(layout.core_bytes(), cores, meter.clone()),
+            cores: Shelf::new(layout.entry_bytes(), cores, meter.clone()),
             shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
             failed: HashMap::new(),
+            failed_aprons: HashSet::new(),
+            has_shells: !layout.has_stored(),
             making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
@@ -105,9 +122,9 @@ impl RamCache {
         self.layout
     }
 
-    /// Bytes of the buffer that a thread needs to decode: a core of voxels where these are not codes already.
+    /// Bytes of the buffer that a thread needs to decode: a core, or an apron, of voxels where these are not codes already.
     pub(crate) fn scratch_bytes(&self) -> usize {
-        scratch_bytes(&*self.source, &self.encoding) as usize
+        scratch_bytes(&*self.source, &self.layout, &self.encoding) as usize
     }
 
     /// The codes to take each part from where they are cached: the brick's own core, and shells of its neighbours. To be
@@ -141,6 +158,12 @@ impl RamCache {
         }
     }
 
+    /// All that a padded brick is made of, decoded if need be. To be dropped before asking for another.
+    pub(crate) fn whole(&self, id: BrickId, scratch: &mut [u8]) -> Result<Whole, BrickError> {
+        let codes = self.part(Part::OWN, id, scratch)?;
+        Ok(Whole { codes, has_apron: !self.lock().failed_aprons.contains(&id) })
+    }
+
     /// Decodes what is to be made and caches it, or the failure.
     fn make(&self, id: BrickId, mut making: Making, scratch: &mut [u8]) -> MutexGuard<'_, Inner> {
         let result = self.fill(id, &mut making, scratch);
@@ -148,15 +171,16 @@ impl RamCache {
         let mut inner = self.lock();
         inner.making.remove(&id);
         match result {
-            Ok(()) => {
+            Ok(apron) => {
                 if !making.is_cached {
                     inner.counters.decoded += 1;
-                    inner.counters.bytes_decoded += voxel_bytes(&*self.source);
+                    inner.counters.bytes_decoded += voxel_bytes(&*self.source, self.core_voxels());
                     inner.cores.put(id, making.core, Part::OWN.bit());
                 }
                 if let Some(shell) = making.shell {
                     inner.shells.put(id, shell, lent);
                 }
+                inner.note_apron(id, apron, voxel_bytes(&*self.source, self.layout.stored_apron().voxels()));
             }
             Err(err) => {
                 tracing::warn!("{err}; a coarser brick stands in");
@@ -169,29 +193,52 @@ impl RamCache {
         inner
     }
 
-    fn fill(&self, id: BrickId, making: &mut Making, scratch: &mut [u8]) -> Result<(), BrickError> {
+    /// Decodes the core and cuts its shell, as far as they are to be made; tells how the stored apron went, if there is one.
+    fn fill(
+        &self,
+        id: BrickId,
+        making: &mut Making,
+        scratch: &mut [u8],
+    ) -> Result<Option<Result<(), BrickError>>, BrickError> {
+        let mut stored = None;
         // Buffers of a shelf have one holder, so nothing is ever copied here.
         if !making.is_cached {
-            self.decode(id, scratch, Arc::make_mut(&mut making.core))?;
+            let (core, apron) = Arc::make_mut(&mut making.core).split_at_mut(self.layout.core_bytes());
+            self.decode(id, scratch, core, |out| self.source.read_core(id, out))?;
+            stored =
+                (!apron.is_empty()).then(|| self.decode(id, scratch, apron, |out| self.source.read_apron(id, out)));
         }
         if let Some(shell) = &mut making.shell {
             copy_shell(&self.layout, &making.core, Arc::make_mut(shell));
         }
-        Ok(())
+        Ok(stored)
     }
 
-    fn decode(&self, id: BrickId, scratch: &mut [u8], codes: &mut [u8]) -> Result<(), BrickError> {
+    /// Reads voxels as codes.
+    fn decode(
+        &self,
+        id: BrickId,
+        scratch: &mut [u8],
+        codes: &mut [u8],
+        read: impl FnOnce(&mut [u8]) -> Result<(), BrickError>,
+    ) -> Result<(), BrickError> {
         // A panic in a codec costs one brick, not a worker and everyone who waits for it.
         let decode = AssertUnwindSafe(|| {
             if is_identity(&self.encoding) {
-                return self.source.read_core(id, codes);
+                return read(codes);
             }
-            self.source.read_core(id, scratch)?;
+            let voxels = codes.len() / self.layout.code_bytes;
+            let scratch = &mut scratch[..voxels * self.source.voxel_type().bytes()];
+            read(scratch)?;
             self.encoding.encode(scratch, codes);
             Ok(())
         });
         let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into() });
         catch_unwind(decode).unwrap_or_else(panicked)
+    }
+
+    fn core_voxels(&self) -> usize {
+        self.layout.edge.pow(3)
     }
 
     /// Until something may have changed.
@@ -208,6 +255,18 @@ impl RamCache {
 }
 
 impl Inner {
+    /// Takes note of how a stored apron went.
+    fn note_apron(&mut self, id: BrickId, apron: Option<Result<(), BrickError>>, bytes: u64) {
+        match apron {
+            Some(Ok(())) => self.counters.bytes_decoded += bytes,
+            Some(Err(err)) if self.failed_aprons.insert(id) => {
+                tracing::warn!("apron of {err}; the brick's own outermost voxels stand in");
+                self.counters.failed += 1;
+            }
+            _ => {}
+        }
+    }
+
     /// The codes to take a part from, if they are cached.
     fn take(&mut self, part: Part, lender: BrickId) -> Option<Arc<[u8]>> {
         let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
@@ -223,7 +282,7 @@ impl Inner {
         let is_cached = cached.is_some();
         let core = cached.or_else(|| self.cores.buffer())?;
         let mut making = Making { core, is_cached, shell: None };
-        if self.shells.peek(id).is_none() {
+        if self.has_shells && self.shells.peek(id).is_none() {
             making.shell = self.shells.buffer();
             if making.shell.is_none() {
                 self.give_back(making);
@@ -255,16 +314,17 @@ pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32) -> Result<Layout, 
     if !(1..=2).contains(&apron) || apron > edge {
         return Err(PagerError::Apron { apron, edge });
     }
-    Ok(Layout::new(edge, apron, &encoding_of(source)))
+    Ok(Layout::new(edge, apron, source.stored_apron(), &encoding_of(source)))
 }
 
 /// Bytes of a decoding thread's scratch.
-pub(crate) fn scratch_bytes(source: &dyn BrickSource, encoding: &SlotEncoding) -> u64 {
-    if is_identity(encoding) { 0 } else { voxel_bytes(source) }
+pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout, encoding: &SlotEncoding) -> u64 {
+    let voxels = layout.edge.pow(3).max(layout.stored_apron().voxels());
+    if is_identity(encoding) { 0 } else { voxel_bytes(source, voxels) }
 }
 
-fn voxel_bytes(source: &dyn BrickSource) -> u64 {
-    (source.pyramid().edge() as u64).pow(3) * source.voxel_type().bytes() as u64
+fn voxel_bytes(source: &dyn BrickSource, voxels: usize) -> u64 {
+    voxels as u64 * source.voxel_type().bytes() as u64
 }
 
 fn is_identity(encoding: &SlotEncoding) -> bool {

@@ -32,7 +32,7 @@ pub trait BrickSource: Send + Sync {
     fn occupancy_bins(&self) -> OccupancyBins;
     /// What the brick can show, apron included; [`Occupancy::ALL`] where it is not known. From memory: no I/O.
     fn occupancy(&self, id: BrickId) -> Occupancy;
-    /// Tells the kernel that these bricks are about to be read.
+    /// Tells the kernel that these bricks, and their aprons where they are stored, are about to be read.
     fn advise(&self, ids: &[BrickId]);
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent
     /// are unspecified.
@@ -40,6 +40,14 @@ pub trait BrickSource: Send + Sync {
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
-    /// Encoded bytes that [`BrickSource::read_core`] has read so far, for whomever.
+    /// Width of the aprons that are stored; 0 where there are none.
+    fn stored_apron(&self) -> u32;
+    /// Decodes the brick's stored apron, little-endian voxels in the order of [`brickyard_volume::Apron`], into `out`. Only
+    /// asked for where aprons are stored.
+    ///
+    /// # Errors
+    /// As [`BrickSource::read_core`], of the apron.
+    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
+    /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for whomever.
     fn bytes_read(&self) -> u64;
 }

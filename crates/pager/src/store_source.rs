@@ -49,6 +49,14 @@ impl BrickSource for Store {
         self.read_core(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
     }
 
+    fn stored_apron(&self) -> u32 {
+        self.apron().map_or(0, |apron| apron.width)
+    }
+
+    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        self.read_apron(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+    }
+
     fn bytes_read(&self) -> u64 {
         self.bytes_read()
     }

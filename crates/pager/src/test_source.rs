@@ -3,7 +3,7 @@
 use crate::cut::View;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
-    BrickId, Camera, Extent, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid, VoxelType,
+    Apron, BrickId, Camera, Extent, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid, VoxelType,
 };
 use glam::DVec3;
 use std::collections::HashSet;
@@ -19,6 +19,9 @@ pub(crate) struct TestSource {
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
     pub(crate) panicking: HashSet<BrickId>,
+    /// Width of the stored aprons.
+    stored_apron: u32,
+    pub(crate) failing_aprons: HashSet<BrickId>,
     bytes_read: AtomicU64,
 }
 
@@ -36,13 +39,29 @@ fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
 impl TestSource {
     pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
         let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
-        let (empty, failing, panicking, bytes_read) = Default::default();
-        Self { pyramid, geometry, voxel_type, voxel_at: hashed_voxel, empty, failing, panicking, bytes_read }
+        let (empty, failing, panicking, failing_aprons, bytes_read) = Default::default();
+        Self {
+            pyramid,
+            geometry,
+            voxel_type,
+            voxel_at: hashed_voxel,
+            empty,
+            failing,
+            panicking,
+            stored_apron: 0,
+            failing_aprons,
+            bytes_read,
+        }
     }
 
     /// `n`^3 voxels of 8 bits in bricks of 8^3.
     pub(crate) fn cube(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(n, n, n), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+
+    /// The same with aprons of this width stored.
+    pub(crate) fn with_aprons(self, width: u32) -> Self {
+        Self { stored_apron: width, ..self }
     }
 }
 
@@ -108,6 +127,29 @@ impl BrickSource for TestSource {
             voxel.fill(0xAA);
             if (0..3).all(|a| v[a] < high[a]) {
                 (self.voxel_at)(id, v, voxel);
+            }
+        }
+        Ok(())
+    }
+    fn stored_apron(&self) -> u32 {
+        self.stored_apron
+    }
+    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        if self.failing_aprons.contains(&id) {
+            return Err(BrickError { id, reason: "told to fail".into() });
+        }
+        self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
+        let apron = Apron { edge: self.pyramid.edge(), width: self.stored_apron };
+        let (index, extent) = (id.index.to_array(), self.pyramid.level(id.level).extent.to_array());
+        let mut voxels = out.chunks_exact_mut(self.voxel_type.bytes());
+        for slab in apron.slabs() {
+            let (low, n) = (slab.min.to_array(), slab.extent().to_array());
+            for i in 0..slab.extent().volume() as u32 {
+                let at = [low[0] + i % n[0], low[1] + i / n[0] % n[1], low[2] + i / n[0] / n[1]];
+                let place = |a: usize| (index[a] * apron.edge + at[a]).saturating_sub(apron.width).min(extent[a] - 1);
+                if let Some(voxel) = voxels.next() {
+                    (self.voxel_at)(id, [0, 1, 2].map(place), voxel);
+                }
             }
         }
         Ok(())
