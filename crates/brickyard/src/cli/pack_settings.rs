@@ -32,9 +32,8 @@ pub(crate) struct PackSettings {
     downsample: Option<Reductions>,
     /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
     /// decodes no brick just for its neighbour's sake
-    #[arg(long, value_name = "VOXELS", default_value_t = 0, hide_default_value = true,
-        value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
-    aprons: u32,
+    #[arg(long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
+    aprons: Option<u32>,
     /// Limit of the process's own memory
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
@@ -90,7 +89,7 @@ impl PackSettings {
             codec: self.codec.unwrap_or(defaults.codec),
             downsample: self.downsample.unwrap_or(by_kind.into()),
             kind,
-            aprons: self.aprons,
+            aprons: self.aprons.unwrap_or(0),
             memory_bytes: self.memory,
             threads: self.threads.unwrap_or(defaults.threads),
             exists,
