@@ -5,7 +5,8 @@ use brickyard::volume::{
     Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel, VoxelType,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, bytes_of, oracle, read_png, session, session_within, settled,
+    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, oracle, read_png, session,
+    session_for, session_within, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -62,14 +63,20 @@ fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
     ]
 }
 
+/// What a scene of a mode needs: most values of these volumes are on one side of it or on the other, between 0 and 255.
+fn isovalue(mode: Mode) -> Option<f64> {
+    (mode == Mode::Isosurface).then_some(110.0)
+}
+
 /// The settled picture of every way to draw equals the oracle's.
 fn check(store: &Arc<Store>, scene: &Scene, what: &str) {
     let expected = oracle(store, scene, SIZE);
     for backend in WAYS {
-        let Some(mut session) = session(store, backend, SIZE) else { continue };
+        let Some(mut session) = session_for(store, scene.mode, backend, SIZE) else { continue };
         let (picture, stats) = settled(&mut session, scene, SIZE);
         assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
-        assert_same(&picture, &expected, &format!("{what}, {backend:?}"));
+        let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
+        same(&picture, &expected, &format!("{what}, {backend:?}"));
     }
 }
 
@@ -91,16 +98,19 @@ fn check_volume<T: Voxel>(
             ..Scene::default()
         };
         check(&test.store, &scene, &format!("{} {extent} {name}", T::TYPE));
+        let isovalue = Some(window.0 + 0.37 * (window.1 - window.0));
+        let surface = Scene { mode: Mode::Isosurface, isovalue, ..scene };
+        check(&test.store, &surface, &format!("surface in {} {extent} {name}", T::TYPE));
     }
 }
 
 #[test]
-fn dvr_of_u8_equals_the_oracle_from_everywhere() {
+fn dvr_and_surfaces_of_u8_equal_the_oracle_from_everywhere() {
     check_volume(Extent::new(61, 53, 67), Geometry::default(), |v| u8::from_f64_rounded(v * 255.0), (0.0, 255.0));
 }
 
 #[test]
-fn dvr_of_anisotropic_u16_equals_the_oracle_from_everywhere() {
+fn dvr_and_surfaces_of_anisotropic_u16_equal_the_oracle_from_everywhere() {
     let geometry = Geometry {
         spacing: DVec3::new(0.5, 0.8, 2.1),
         origin: DVec3::new(-7.0, 3.0, 11.0),
@@ -110,7 +120,7 @@ fn dvr_of_anisotropic_u16_equals_the_oracle_from_everywhere() {
 }
 
 #[test]
-fn dvr_of_signed_16_bit_equals_the_oracle() {
+fn dvr_and_surfaces_of_signed_16_bit_equal_the_oracle() {
     check_volume(
         Extent::new(33, 48, 40),
         Geometry::default(),
@@ -120,7 +130,7 @@ fn dvr_of_signed_16_bit_equals_the_oracle() {
 }
 
 #[test]
-fn dvr_of_floats_with_invalid_voxels_equals_the_oracle() {
+fn dvr_and_surfaces_of_floats_with_invalid_voxels_equal_the_oracle() {
     // Values above 0.97 are missing: the invalid regions have curved borders inside bricks and across them.
     let value = |v: f64| if v > 0.97 { f32::NAN } else { (v * 12.0 - 3.0) as f32 };
     check_volume(Extent::new(50, 41, 44), Geometry::default(), value, (-3.0, 9.0));
@@ -136,7 +146,7 @@ fn all_modes_equal_the_oracle() {
     for mode in Mode::ALL {
         for (name, camera) in cameras(low, high) {
             let transfer = Some(transfer(0.0, 255.0, 2.0));
-            let scene = Scene { camera: Some(camera), mode, transfer, ..Scene::default() };
+            let scene = Scene { camera: Some(camera), mode, isovalue: isovalue(mode), transfer, ..Scene::default() };
             check(&test.store, &scene, &format!("{mode:?} {name}"));
         }
     }
@@ -155,6 +165,8 @@ fn every_level_lock_and_step_equals_the_oracle() {
             let transfer = Some(transfer(0.0, 255.0, 2.0));
             let scene = Scene { camera, transfer, level: LevelPolicy::Locked(level), step, ..Scene::default() };
             check(&test.store, &scene, &format!("level {level} step {step}"));
+            let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene };
+            check(&test.store, &surface, &format!("surface, level {level} step {step}"));
         }
     }
 }
@@ -184,6 +196,8 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");
         }
         check(&test.store, &scene, &format!("mixed levels at {pixel_error} px"));
+        let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene };
+        check(&test.store, &surface, &format!("surface of mixed levels at {pixel_error} px"));
     }
 }
 
@@ -204,9 +218,10 @@ fn a_clip_box_equals_the_oracle() {
     ];
     for (name, camera) in cameras(low, high) {
         for (i, &clip) in clips.iter().enumerate() {
-            for mode in [Mode::Dvr, Mode::Average] {
+            for mode in [Mode::Dvr, Mode::Average, Mode::Isosurface] {
                 let transfer = Some(transfer(0.0, 255.0, geometry.voxel_size(extent) * 2.0));
-                let scene = Scene { camera: Some(camera), transfer, mode, clip: Some(clip), ..Scene::default() };
+                let (camera, clip, isovalue) = (Some(camera), Some(clip), isovalue(mode));
+                let scene = Scene { camera, transfer, mode, isovalue, clip, ..Scene::default() };
                 let expected = oracle(&test.store, &scene, SIZE);
                 if expected.rgb.iter().all(|p| *p == expected.rgb[0]) {
                     // This camera looks past what is left.
@@ -309,11 +324,19 @@ fn the_brick_size_does_not_show() {
             level: LevelPolicy::Locked(0),
             ..Scene::default()
         };
+        let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene.clone() };
         for backend in WAYS {
-            let picture = |test: &TestStore| Some(settled(&mut session(&test.store, backend, SIZE)?, &scene, SIZE).0);
-            let Some(whole) = picture(&stores[2]) else { continue };
-            for test in &stores[..2] {
-                assert_same(&picture(test).expect("the same backend"), &whole, &format!("{name} {backend:?}"));
+            for scene in [&scene, &surface] {
+                let picture = |test: &TestStore| {
+                    let mut session = session_for(&test.store, scene.mode, backend, SIZE)?;
+                    Some(settled(&mut session, scene, SIZE).0)
+                };
+                let Some(whole) = picture(&stores[2]) else { continue };
+                let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
+                for test in &stores[..2] {
+                    let found = picture(test).expect("the same backend");
+                    same(&found, &whole, &format!("{:?} {name} {backend:?}", scene.mode));
+                }
             }
         }
     }

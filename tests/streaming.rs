@@ -107,7 +107,7 @@ fn a_damaged_brick_shows_its_ancestor_everywhere_alike() {
     let damaged = store();
     damage(&damaged);
     let damaged_store = Arc::new(Store::open(damaged.path()).expect("it opens"));
-    for mode in Mode::ALL {
+    for mode in [Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average] {
         let scene = Scene { mode, ..scene(transfer(0.6, 0.1), 20.0) };
         let sound = oracle(&whole.store, &scene, SIZE);
         let mut first: Option<Picture> = None;

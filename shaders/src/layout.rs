@@ -63,12 +63,16 @@ pub struct FrameUniform {
     pub macro_cells: u32,
     /// Low corner of what is shown, level-0 voxels.
     pub shown_low: [f32; 3],
-    /// Padding.
-    pub spare_3: f32,
+    /// Texels along a slot's edge.
+    pub slot_edge: f32,
     /// High corner of what is shown.
     pub shown_high: [f32; 3],
     /// Padding.
     pub spare_4: f32,
+    /// Colour of the surface, if the mode has one.
+    pub surface_color: [f32; 3],
+    /// Normalised code from which on a place is inside of it.
+    pub threshold: f32,
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
 }

@@ -15,11 +15,21 @@ pub enum Gather {
     Project,
     /// Sums of value and length; cells add.
     Average,
+    /// The first surface; cells blend *over* each other.
+    Isosurface,
 }
 
 impl Gather {
-    /// All three.
-    pub const ALL: [Self; 3] = [Self::Composite, Self::Project, Self::Average];
+    /// All four.
+    pub const ALL: [Self; 4] = [Self::Composite, Self::Project, Self::Average, Self::Isosurface];
+
+    /// Whether what is in front hides what is behind: then rays can say with how much light they entered a brick.
+    pub const fn occludes(self) -> bool {
+        match self {
+            Self::Composite | Self::Isosurface => true,
+            Self::Project | Self::Average => false,
+        }
+    }
 }
 
 /// Steps of a brick's mark: a transmittance of 1.
@@ -32,23 +42,32 @@ const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 /// The sorted compositor's march: entry points `proxy` and `march`. With `has_invalid`, code 0 is no value and is left
 /// out of interpolation.
 pub fn sorted(gather: Gather, has_invalid: bool) -> String {
-    [marching(gather, has_invalid), include_str!("../wgsl/sorted.wgsl").to_string()].join("\n")
+    let march = match gather {
+        Gather::Composite | Gather::Project | Gather::Average => include_str!("../wgsl/march_samples.wgsl"),
+        Gather::Isosurface => include_str!("../wgsl/march_surface.wgsl"),
+    };
+    [&marching(gather, has_invalid), include_str!("../wgsl/sorted.wgsl"), march].join("\n")
 }
 
 /// The raycast compositor's pass: entry points `fullscreen` and `raycast`. `has_invalid` as for [`sorted`]. With `marks`,
-/// composites say how bricks were entered (binding 9, a [`MARK_STEPS`]th a step).
+/// composites and surfaces say how bricks were entered (binding 9, a [`MARK_STEPS`]th a step).
 pub fn raycast(gather: Gather, has_invalid: bool, marks: bool) -> String {
     let sees = match gather {
         Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
         Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
         Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
+        Gather::Isosurface => include_str!("../wgsl/sees_surface.wgsl"),
     };
     let (tree, macrocells) = (include_str!("../wgsl/tree.wgsl"), include_str!("../wgsl/macrocells.wgsl"));
-    let mark = match gather == Gather::Composite && marks {
+    let mark = match gather.occludes() && marks {
         true => include_str!("../wgsl/mark.wgsl"),
         false => include_str!("../wgsl/mark_none.wgsl"),
     };
-    let parts = [tree, macrocells, sees, mark, FULLSCREEN, include_str!("../wgsl/raycast.wgsl")];
+    let raycast = match gather {
+        Gather::Composite | Gather::Project | Gather::Average => include_str!("../wgsl/raycast_samples.wgsl"),
+        Gather::Isosurface => include_str!("../wgsl/raycast_surface.wgsl"),
+    };
+    let parts = [tree, macrocells, sees, mark, FULLSCREEN, include_str!("../wgsl/raycast.wgsl"), raycast];
     [marching(gather, has_invalid), parts.join("\n")].join("\n")
 }
 
@@ -62,6 +81,7 @@ fn marching(gather: Gather, has_invalid: bool) -> String {
         Gather::Composite => include_str!("../wgsl/composite.wgsl"),
         Gather::Project => include_str!("../wgsl/project.wgsl"),
         Gather::Average => include_str!("../wgsl/average.wgsl"),
+        Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
     };
     let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
     [FRAME, ray, lattice, sample, CLASSIFY, accumulate].join("\n")
@@ -70,7 +90,7 @@ fn marching(gather: Gather, has_invalid: bool) -> String {
 /// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
 pub fn resolve(gather: Gather) -> String {
     let resolve = match gather {
-        Gather::Composite => include_str!("../wgsl/resolve_composite.wgsl"),
+        Gather::Composite | Gather::Isosurface => include_str!("../wgsl/resolve_composite.wgsl"),
         Gather::Project => include_str!("../wgsl/resolve_project.wgsl"),
         Gather::Average => include_str!("../wgsl/resolve_average.wgsl"),
     };
@@ -80,6 +100,7 @@ pub fn resolve(gather: Gather) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::surface;
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -137,7 +158,8 @@ mod tests {
             let module = parse(&name, &source);
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
-                size_px last_place spare_2 root_size macro_cells shown_low spare_3 shown_high spare_4 zone_starts);
+                size_px last_place spare_2 root_size macro_cells shown_low slot_edge shown_high spare_4 surface_color
+                threshold zone_starts);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min spare region_max spare_2 texel_scale spare_3
@@ -153,8 +175,16 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let module = parse("raycast", &raycast(Gather::Composite, false, true));
+        let module = parse("raycast", &raycast(Gather::Isosurface, false, true));
+        let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [
+            ("PARTS", naga::Literal::U32(surface::PARTS as u32)),
+            ("ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
+            ("AMBIENT", single(surface::AMBIENT)),
+            ("DIFFUSE", single(surface::DIFFUSE)),
+            ("SPECULAR", single(surface::SPECULAR)),
+            ("SPECULAR_POWER", single(surface::SPECULAR_POWER as f64)),
+            ("FLAT_CODES", single(surface::FLAT_CODES)),
             ("LEAF", naga::Literal::U32(LEAF)),
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),

@@ -28,9 +28,11 @@ struct Frame {
     root_size: vec3f,
     macro_cells: u32,
     shown_low: vec3f,
-    spare_3: f32,
+    slot_edge: f32,
     shown_high: vec3f,
     spare_4: f32,
+    surface_color: vec3f,
+    threshold: f32,
     zone_starts: array<vec4u, 4>,
 }
 

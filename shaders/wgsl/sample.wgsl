@@ -2,6 +2,8 @@
 @group(0) @binding(2) var atlas: texture_3d<f32>;
 @group(0) @binding(3) var atlas_sampler: sampler;
 
+const HAS_INVALID: bool = false;
+
 fn sample_atlas(point: vec3f) -> f32 {
     return textureSampleLevel(atlas, atlas_sampler, point * frame.texel, 0.0).x;
 }

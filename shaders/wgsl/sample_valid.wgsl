@@ -3,6 +3,8 @@
 @group(0) @binding(2) var atlas: texture_3d<f32>;
 @group(0) @binding(3) var atlas_sampler: sampler;
 
+const HAS_INVALID: bool = true;
+
 fn sample_atlas(point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;

@@ -53,35 +53,3 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     out.texel_offset = cell.texel_offset;
     return out;
 }
-
-@fragment
-fn march(in: Proxy) -> @location(0) vec4f {
-    let ray = pixel_ray(in.position.xy);
-    let whole = clip(ray, frame.shown_low, frame.shown_high);
-    let t_in = max(whole.x, 0.0);
-    let t_out = whole.y;
-    // Where samples of this cell can be: its box, widened by what rounding moves a point.
-    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
-    let first = max(own.x, t_in);
-    let last = min(own.y, t_out);
-
-    // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
-    let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
-    let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
-
-    let stretch = vec2f(t_in, t_out);
-    var pixel = pixel_start();
-    var walk = enter_zone(tick_at(first), 0u, stretch);
-    while (first < last && walk.middle < last && !is_final(pixel)) {
-        let point = ray.origin + ray.direction * walk.middle;
-        let value = sample_atlas(point * in.texel_scale + in.texel_offset);
-        if (all(point >= low) && all(point < high) && value >= 0.0) {
-            pixel = accumulate(pixel, value, walk.end - walk.start);
-        }
-        walk = walk_on(walk, stretch);
-        if (is_zone_left(walk)) {
-            walk = next_zone(walk, stretch);
-        }
-    }
-    return pixel_end(pixel);
-}

@@ -6,9 +6,6 @@ use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRende
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 
-/// Voxels copied around a brick: enough for trilinear samples.
-const APRON: u32 = 1;
-
 /// Which backend to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BackendChoice {
@@ -65,7 +62,7 @@ impl BackendNeeds {
         Self {
             encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
             edge: pyramid.edge(),
-            apron: APRON,
+            apron: options.mode.apron(),
             compositor: options.compositor,
             levels: pyramid.levels().len() as u32,
             gpu_memory_bytes: options.gpu_memory_bytes,

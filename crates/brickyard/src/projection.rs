@@ -15,7 +15,7 @@ pub fn for_mode(store: Store, mode: Mode) -> Result<Store, OpenError> {
     let wanted = match mode {
         Mode::Mip => Downsample::Max,
         Mode::MinIp => Downsample::Min,
-        Mode::Dvr | Mode::Average => return Ok(store),
+        Mode::Dvr | Mode::Average | Mode::Isosurface => return Ok(store),
     };
     if store.downsample() == wanted || store.info().downsample.second() != Some(wanted) {
         return Ok(store);

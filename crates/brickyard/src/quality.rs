@@ -179,6 +179,7 @@ mod tests {
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode: Mode::Dvr,
+            isovalue: 0.0,
             background: [0.0; 3],
             clip: None,
         };

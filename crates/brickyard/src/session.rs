@@ -8,7 +8,7 @@ use brickyard_pager::{
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Mode, Picture, Scene, SlotEncoding, TransferFunction,
-    TransferTable,
+    TransferTable, surface,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -28,6 +28,9 @@ pub struct SessionOptions {
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
+    /// The mode of the scenes to come: [`Mode::Isosurface`] needs more voxels around a brick. Other scenes with no greater needs
+    /// may be shown too.
+    pub mode: Mode,
     /// Decode workers, and threads of the CPU backend.
     pub threads: usize,
     /// The largest picture to be rendered, pixels.
@@ -81,6 +84,8 @@ pub struct ResolvedScene {
 /// One volume, its pager and a backend.
 pub struct Session {
     source: Arc<dyn BrickSource>,
+    /// Voxels around its bricks.
+    apron: u32,
     default_window: (f64, f64),
     pager: Pager,
     backend: Backend,
@@ -123,14 +128,31 @@ impl Session {
         let pager = Pager::new(source.clone(), config)?;
         let clock = options.live.then(Instant::now);
         let (draw, shown, losses_in_a_row, losses) = Default::default();
-        Ok(Self { source, default_window, pager, backend, backend_line, draw, shown, losses_in_a_row, losses, clock })
+        let apron = needs.apron;
+        Ok(Self {
+            source,
+            apron,
+            default_window,
+            pager,
+            backend,
+            backend_line,
+            draw,
+            shown,
+            losses_in_a_row,
+            losses,
+            clock,
+        })
     }
 
     /// Resolves a scene against this volume.
     ///
     /// # Errors
-    /// If the camera, level, time step or channel is impossible.
+    /// If the camera, level, time step, channel or isovalue is impossible, or the session was made for another mode.
     pub fn resolve(&self, scene: &Scene, (width, height): (u32, u32)) -> Result<ResolvedScene, SessionError> {
+        if scene.mode.apron() > self.apron {
+            let problem = format!("the session's bricks have too few voxels around them for {:?}", scene.mode);
+            return Err(SessionError::Scene(problem + ": make it with SessionOptions::mode set to that"));
+        }
         resolve(&*self.source, self.default_window, scene, (width, height))
     }
 
@@ -244,7 +266,7 @@ impl Session {
 /// Resolves a scene against a volume: default camera and transfer function, table, lattice, opaque bins.
 ///
 /// # Errors
-/// If the camera, level, time step or channel is impossible.
+/// If the camera, level, time step, channel or isovalue is impossible.
 pub fn resolve(
     source: &dyn BrickSource,
     default_window: (f64, f64),
@@ -269,7 +291,14 @@ pub fn resolve(
     let table = TransferTable::new(&transfer, &encoding);
     // A table entry reaches one code to each side, and quantisation moves a value by half a code.
     let slack = 1.5 * encoding.code_width();
-    let opaque = (scene.mode == Mode::Dvr).then(|| source.occupancy_bins().opaque(&transfer, slack));
+    let bins = source.occupancy_bins();
+    // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
+    let isovalue = scene.isovalue.map_or(0.0, |isovalue| surface::threshold(isovalue, &encoding));
+    let opaque = match scene.mode {
+        Mode::Dvr => Some(bins.opaque(&transfer, slack)),
+        Mode::Isosurface => Some(bins.mask(isovalue - slack, isovalue + slack)),
+        Mode::Mip | Mode::MinIp | Mode::Average => None,
+    };
     let background = scene.background.map(|c| c as f32);
     Ok(ResolvedScene {
         view: View {
@@ -280,7 +309,7 @@ pub fn resolve(
             time: scene.time,
             channel: scene.channel,
             clip: scene.clip,
-            appearance: appearance(&table, scene.mode),
+            appearance: appearance(&table, scene),
         },
         frame: FrameSettings {
             rays,
@@ -289,6 +318,7 @@ pub fn resolve(
             encoding,
             table,
             mode: scene.mode,
+            isovalue,
             background,
             clip: scene.clip,
         },
@@ -298,9 +328,10 @@ pub fn resolve(
 }
 
 /// What of a picture decides which bricks hide others.
-fn appearance(table: &TransferTable, mode: Mode) -> u64 {
+fn appearance(table: &TransferTable, scene: &Scene) -> u64 {
     let mut hasher = DefaultHasher::new();
-    mode.hash(&mut hasher);
+    scene.mode.hash(&mut hasher);
+    scene.isovalue.map(f64::to_bits).hash(&mut hasher);
     table.unit_distance.to_bits().hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
     hasher.finish()
@@ -320,6 +351,21 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
         if !(value.is_finite() && value > 0.0) {
             return Err(SessionError::Scene(format!("the {name} is {value}: expected a positive number")));
         }
+    }
+    match (scene.mode, scene.isovalue) {
+        (Mode::Isosurface, Some(value)) if value.is_finite() => {}
+        (Mode::Isosurface, Some(value)) => {
+            return Err(SessionError::Scene(format!("the isovalue is {value}: expected a finite number")));
+        }
+        (Mode::Isosurface, None) => {
+            let problem = "an isosurface needs the value whose surface it is: give --isovalue, in stored units";
+            return Err(SessionError::Scene(problem.into()));
+        }
+        (_, Some(value)) => {
+            let problem = format!("the isovalue {value} is for isosurfaces: leave it out, or add --mode isosurface");
+            return Err(SessionError::Scene(problem));
+        }
+        (_, None) => {}
     }
     if let Some([low, high]) = scene.clip
         && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())

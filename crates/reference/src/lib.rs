@@ -4,8 +4,11 @@
 //! tested against it. A volume is a list of levels held whole in memory; which level a place is drawn at is the caller's
 //! function, so pictures of mixed levels have an oracle too. Costs about a microsecond a sample.
 
+mod surface;
+
 use brickyard_volume::{
-    Extent, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, TransferFunction, Voxel, VoxelType, with_voxel_type,
+    Extent, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, Segment, TransferFunction, Voxel, VoxelType,
+    with_voxel_type,
 };
 use glam::DVec3;
 
@@ -103,6 +106,9 @@ pub fn render(frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> Picture {
 /// The display-referred colour of one ray.
 pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> [f64; 3] {
     let background = frame.background.map(f64::from);
+    if frame.mode == Mode::Isosurface {
+        return surface::color(frame, volume, ray).unwrap_or(background);
+    }
     let samples = samples_along(frame, volume, ray);
     let values = || samples.iter().map(|s| s.value);
     let value = match frame.mode {
@@ -114,6 +120,7 @@ pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> 
             let sum: f64 = samples.iter().map(|s| s.value * s.length).sum();
             (length > 0.0).then(|| sum / length)
         }
+        Mode::Isosurface => None,
     };
     value.map_or(background, |v| volume.transfer.rgb(v))
 }
@@ -125,18 +132,36 @@ struct Sample {
 }
 
 fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> Vec<Sample> {
-    let origin = frame.geometry.voxel_from_world(ray.origin);
-    let direction = ray.direction / frame.geometry.spacing;
-    let Some((t_in, t_out)) = clip(origin, direction, frame.shown_box(volume.levels[0].extent)) else {
-        return Vec::new();
-    };
-    let segments = frame.lattice.segments(t_in, t_out);
-    let sample = |s: brickyard_volume::Segment| {
-        let point = origin + direction * s.middle();
+    let path = Path::new(frame, ray);
+    let sample = |s: Segment| {
+        let point = path.at(s.middle());
         let value = volume.levels[(volume.level_at)(point)].sample(point)?;
         Some(Sample { value, length: s.length() })
     };
-    segments.filter_map(sample).collect()
+    path.segments(frame, volume).filter_map(sample).collect()
+}
+
+/// A ray in voxel space, with world distances along it.
+struct Path {
+    origin: DVec3,
+    direction: DVec3,
+}
+
+impl Path {
+    fn new(frame: &FrameSettings, ray: &Ray) -> Self {
+        let origin = frame.geometry.voxel_from_world(ray.origin);
+        Self { origin, direction: ray.direction / frame.geometry.spacing }
+    }
+
+    fn at(&self, t: f64) -> DVec3 {
+        self.origin + self.direction * t
+    }
+
+    /// The segments inside of what is shown, near to far.
+    fn segments(&self, frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> impl Iterator<Item = Segment> {
+        let inside = clip(self.origin, self.direction, frame.shown_box(volume.levels[0].extent));
+        inside.into_iter().flat_map(|(t_in, t_out)| frame.lattice.segments(t_in, t_out))
+    }
 }
 
 /// Where the ray is inside the half-open box, `t >= 0`.
@@ -205,11 +230,11 @@ pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use brickyard_volume::{Camera, Geometry, Lattice, Projection, SlotEncoding, TransferTable};
 
-    fn settings(
+    pub(crate) fn settings(
         mode: Mode,
         geometry: Geometry,
         camera: Camera,
@@ -224,16 +249,17 @@ mod tests {
             encoding,
             table: TransferTable::new(transfer, &encoding),
             mode,
+            isovalue: 0.0,
             background: [0.25, 0.0, 1.0],
             clip: None,
         }
     }
 
-    fn camera(eye: DVec3, target: DVec3) -> Camera {
+    pub(crate) fn camera(eye: DVec3, target: DVec3) -> Camera {
         Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 30.0 } }
     }
 
-    fn cube(n: u32, value: impl Fn([u32; 3]) -> f64) -> Array {
+    pub(crate) fn cube(n: u32, value: impl Fn([u32; 3]) -> f64) -> Array {
         let pyramid = Pyramid::new(Extent::new(n, n, n), [1.0; 3], 64);
         Array::from_fn(&pyramid.levels()[0], value)
     }

@@ -17,6 +17,8 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
     let eye = frame.geometry.voxel_from_world(rays.eye);
     let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
+    let threshold = frame.encoding.unorm(frame.isovalue);
+    let [r, g, b, _] = frame.table.lookup(threshold as f32);
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
@@ -46,9 +48,11 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
         shown_low: single(shown_low),
-        spare_3: 0.0,
+        slot_edge: atlas.slot_edge as f32,
         shown_high: single(shown_high),
         spare_4: 0.0,
+        surface_color: [r, g, b],
+        threshold: threshold as f32,
         zone_starts: frame.lattice.zone_starts,
         ..Default::default()
     }

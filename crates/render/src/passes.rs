@@ -9,7 +9,7 @@ use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March};
 use crate::targets::{Found, Targets};
 use brickyard_pager::{DrawList, Slot};
-use brickyard_shaders::{Gather, MARK_STEPS};
+use brickyard_shaders::MARK_STEPS;
 use brickyard_volume::{FrameSettings, Picture, Pyramid};
 use std::time::Instant;
 use wgpu::BindingResource;
@@ -107,7 +107,7 @@ impl Passes<'_> {
 
     /// The compositor, if it marks bricks in this frame.
     fn marked(&self) -> Option<&Raycast> {
-        let marks = gather_of(self.frame.mode) == Gather::Composite && self.renderer.gpu.report.feedback;
+        let marks = gather_of(self.frame.mode).occludes() && self.renderer.gpu.report.feedback;
         match &self.renderer.march {
             March::Raycast(raycast) if marks => Some(raycast),
             _ => None,

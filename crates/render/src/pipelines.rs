@@ -18,13 +18,14 @@ pub(crate) fn gather_of(mode: Mode) -> Gather {
         Mode::Dvr => Gather::Composite,
         Mode::Mip | Mode::MinIp => Gather::Project,
         Mode::Average => Gather::Average,
+        Mode::Isosurface => Gather::Isosurface,
     }
 }
 
 /// The format that a gathering needs.
 pub(crate) fn gather_format(gather: Gather, formats: &GpuFormats) -> TextureFormat {
     match gather {
-        Gather::Composite => formats.composite,
+        Gather::Composite | Gather::Isosurface => formats.composite,
         Gather::Project | Gather::Average => formats.project,
     }
 }
@@ -96,7 +97,7 @@ impl Layouts {
 /// How cells meet: *over* from back to front, the greater, or the sum.
 fn blend(gather: Gather) -> wgpu::BlendState {
     let (dst_factor, operation) = match gather {
-        Gather::Composite => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
+        Gather::Composite | Gather::Isosurface => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
         Gather::Project => (BlendFactor::One, BlendOperation::Max),
         Gather::Average => (BlendFactor::One, BlendOperation::Add),
     };

@@ -78,7 +78,7 @@ pub struct GpuRenderer {
     pub(crate) layouts: Layouts,
     pub(crate) march: March,
     /// By [`Gather`], made at first use.
-    pub(crate) pipelines: [Option<Pipelines>; 3],
+    pub(crate) pipelines: [Option<Pipelines>; Gather::ALL.len()],
     pub(crate) targets: Option<Targets>,
     /// Room for marks in the targets.
     marks_bytes: u64,
@@ -193,7 +193,7 @@ impl GpuRenderer {
             shared,
             layouts,
             march,
-            pipelines: [None, None, None],
+            pipelines: Default::default(),
             targets,
             marks_bytes,
             table: None,
@@ -316,6 +316,11 @@ impl GpuRenderer {
                 self.recipe.encoding,
                 self.recipe.edge
             )));
+        }
+        if frame.mode.apron() > self.recipe.apron {
+            let (needed, apron) = (frame.mode.apron(), self.recipe.apron);
+            let mode = frame.mode;
+            return Err(GpuError::Mismatch(format!("{mode:?} of bricks with an apron of {apron}: expected {needed}")));
         }
         let entries = self.recipe.encoding.format.max_code() as usize + 1;
         if frame.table.entries.len() != entries {

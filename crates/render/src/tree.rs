@@ -26,7 +26,7 @@ impl Visibility<'_> {
     /// Whether the brick is worth a leaf.
     fn any(&self, [low, high]: [u16; 2]) -> bool {
         match self.mode {
-            Mode::Dvr => true,
+            Mode::Dvr | Mode::Isosurface => true,
             Mode::Mip | Mode::MinIp | Mode::Average => low <= high,
         }
     }
@@ -35,7 +35,7 @@ impl Visibility<'_> {
     fn all(&self, range: [u16; 2]) -> bool {
         match self.mode {
             Mode::Dvr => self.opaque.all(range),
-            Mode::Mip | Mode::MinIp => false,
+            Mode::Mip | Mode::MinIp | Mode::Isosurface => false,
             Mode::Average => !self.has_invalid,
         }
     }

@@ -3,7 +3,7 @@
 mod bricks;
 
 use bricks::{APRON, Bricks, MEMORY_BYTES};
-use brickyard_render::{GpuError, GpuOptions, GpuRenderer};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
 
@@ -82,6 +82,21 @@ fn assert_close(what: &str, found: &Picture, expected: &Picture, tolerance: u8) 
     }
 }
 
+/// In every mode by the contract; whether a ray that grazes a surface meets it is a matter of rounding, so there for all but
+/// two pixels in a thousand.
+fn assert_agree(mode: Mode, what: &str, found: &Picture, expected: &Picture) {
+    match mode {
+        Mode::Isosurface => assert_most_agree(what, found, expected, 2),
+        _ => assert_close(what, found, expected, CONTRACT),
+    }
+}
+
+fn assert_most_agree(what: &str, found: &Picture, expected: &Picture, off_per_mille: usize) {
+    let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > CONTRACT);
+    let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+    assert!(off * 1000 <= off_per_mille * found.rgb.len(), "{what}: {off} pixels, {:?}", found.difference(expected));
+}
+
 /// These views by both compositors, in these modes, against the oracle.
 fn compare_views(
     bricks: &Bricks,
@@ -99,7 +114,8 @@ fn compare_views(
                 let list = bricks.draw(renderer, rays, &all_fine, &own);
                 let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
                 let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, transfer));
-                assert_close(&format!("{name}, {mode:?}, {:?}", renderer.compositor()), &found, expected, CONTRACT);
+                let what = format!("{name}, {mode:?}, {:?}", renderer.compositor());
+                assert_agree(mode, &what, &found, expected);
             }
         }
     }
@@ -119,17 +135,21 @@ fn every_mode_and_view_matches_the_oracle() {
 #[test]
 fn steps_that_grow_with_distance_match_the_oracle() {
     let bricks = Bricks::new([45, 37, 52], 16, uneven(), u8_codes(), waves(255.0));
-    compare(&bricks, &[Mode::Dvr], &tinted(0.0, 255.0), &|rays| Lattice::for_view(0.4, 0.8, rays, 0.5, 5));
+    compare(&bricks, &[Mode::Dvr, Mode::Isosurface], &tinted(0.0, 255.0), &|rays| {
+        Lattice::for_view(0.4, 0.8, rays, 0.5, 5)
+    });
 }
 
 #[test]
 fn sixteen_bits_and_floats_match_the_oracle() {
     let wide = SlotEncoding::new(VoxelType::I16, (0.0, 0.0), false);
     let bricks = Bricks::new([40, 40, 40], 32, uneven(), wide, |v| waves(3000.0)(v) - 1000.0);
-    compare(&bricks, &[Mode::Dvr, Mode::Mip], &tinted(-1000.0, 2000.0), &|_| Lattice::uniform(1.0, 0));
+    compare(&bricks, &[Mode::Dvr, Mode::Mip, Mode::Isosurface], &tinted(-1000.0, 2000.0), &|_| {
+        Lattice::uniform(1.0, 0)
+    });
     let float = SlotEncoding::new(VoxelType::F32, (0.0, 1e-3), false);
     let bricks = Bricks::new([40, 40, 40], 32, uneven(), float, waves(1e-3));
-    compare(&bricks, &[Mode::Dvr, Mode::Average], &tinted(0.0, 1e-3), &|_| Lattice::uniform(1.0, 0));
+    compare(&bricks, &[Mode::Dvr, Mode::Average, Mode::Isosurface], &tinted(0.0, 1e-3), &|_| Lattice::uniform(1.0, 0));
 }
 
 #[test]
@@ -157,7 +177,7 @@ fn mixed_levels_and_ancestors_match_the_oracle() {
         |id: BrickId| (id.index.x + id.index.y + id.index.z).is_multiple_of(3) as u8 * (1 + id.index.z as u8 % 2);
     let mut renderers = bricks.renderers();
     for (name, rays) in views(&bricks) {
-        for mode in [Mode::Dvr, Mode::MinIp] {
+        for mode in [Mode::Dvr, Mode::MinIp, Mode::Isosurface] {
             let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));
             let mut expected = None;
             for renderer in &mut renderers {
@@ -166,7 +186,18 @@ fn mixed_levels_and_ancestors_match_the_oracle() {
                 assert!(levels.len() >= 3 && list.cells.iter().any(|c| c.brick.level > c.cell.level), "{levels:?}");
                 let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
                 let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, &transfer));
-                assert_close(&format!("{name}, {mode:?}, {:?}", renderer.compositor()), &found, expected, CONTRACT);
+                let what = format!("{name}, {mode:?}, {:?}", renderer.compositor());
+                match (mode, renderer.compositor()) {
+                    // Where levels meet, cells of `sorted` do not know what the one before has seen.
+                    (Mode::Isosurface, Compositor::Sorted) => {
+                        assert_most_agree(&what, &found, expected, 40);
+                        let background = Picture::quantise(frame.background);
+                        let is_hole = |(a, b): &(&[u8; 3], &[u8; 3])| **a == background && **b != background;
+                        let holes = found.rgb.iter().zip(&expected.rgb).filter(is_hole).count();
+                        assert!(holes * 1000 <= found.rgb.len(), "{what}: {holes} holes");
+                    }
+                    _ => assert_agree(mode, &what, &found, expected),
+                }
             }
         }
     }
@@ -210,15 +241,17 @@ fn the_brick_size_does_not_show() {
             for (_, rays) in views(&bricks) {
                 let list = bricks.draw(renderer, &rays, &all_fine, &own);
                 let frames = Mode::ALL.map(|mode| bricks.settings(rays, mode, &transfer, Lattice::uniform(0.5, 0)));
-                pictures.extend(frames.map(|frame| renderer.render(&frame, &bricks.pyramid, &list).unwrap()));
+                let draw =
+                    |frame: FrameSettings| (frame.mode, renderer.render(&frame, &bricks.pyramid, &list).unwrap());
+                pictures.extend(frames.map(draw));
             }
         }
         pictures
     };
     let [small, middle, single] = [8, 32, 64].map(render);
-    for (i, one) in single.iter().enumerate() {
-        assert_close(&format!("bricks of 32, picture {i}"), &middle[i], one, CONTRACT);
-        assert_close(&format!("bricks of 8, picture {i}"), &small[i], one, CONTRACT);
+    for (i, (mode, one)) in single.iter().enumerate() {
+        assert_agree(*mode, &format!("bricks of 32, picture {i}"), &middle[i].1, one);
+        assert_agree(*mode, &format!("bricks of 8, picture {i}"), &small[i].1, one);
     }
 }
 
@@ -361,11 +394,11 @@ fn refused_memory_ends_in_fewer_slots() {
             let options = GpuOptions { compositor, max_slots: 2000, refuse_above_bytes, ..Default::default() };
             GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64))
         };
-        // 2000 slots of 10^3 texels of 1 or 2 bytes; of 500 one texture takes half a megabyte or one.
+        // 2000 slots of 12^3 texels of 1 or 2 bytes; of 500 or 250 one texture takes less than a megabyte.
         let whole = new(u64::MAX).unwrap();
         assert_eq!((whole.slots(), whole.asked_bytes()), (2000, whole.gpu_bytes()));
         let mut less = new(1 << 20).unwrap();
-        assert!((250..1050).contains(&less.slots()), "{compositor:?}: {} slots", less.slots());
+        assert!((240..1050).contains(&less.slots()), "{compositor:?}: {} slots", less.slots());
         assert!(less.gpu_bytes() < whole.gpu_bytes() && less.asked_bytes() == whole.gpu_bytes());
         let pictures = [&mut ample, &mut less].map(|renderer| {
             let list = bricks.draw(renderer, &rays, &all_fine, &own);
@@ -412,7 +445,7 @@ fn rays_say_with_what_they_entered_cells() {
     };
     let nothing = TransferFunction { opacity: vec![[0.0, 0.0]], ..transfer.clone() };
     for mut renderer in bricks.renderers() {
-        let marks = renderer.adapter().feedback && renderer.compositor() == brickyard_render::Compositor::Raycast;
+        let marks = renderer.adapter().feedback && renderer.compositor() == Compositor::Raycast;
         let found = layers(&bricks, &mut renderer, &transfer, Mode::Dvr);
         let Some(found) = found else {
             assert!(!marks, "{:?}", renderer.compositor());

@@ -25,6 +25,7 @@ fn main() -> std::io::Result<()> {
             ("fog", Mode::Dvr, vec![[0.0, 0.0005], [1.0, 0.01]]),
             ("mip", Mode::Mip, vec![[0.0, 1.0]]),
             ("average", Mode::Average, vec![[0.0, 1.0]]),
+            ("surface", Mode::Isosurface, vec![[0.0, 1.0]]),
         ] {
             if !std::env::args().nth(2).is_none_or(|only| format!("{voxel_type} {name}").contains(&only)) {
                 continue;
@@ -71,6 +72,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         encoding: volume.encoding,
         table: TransferTable::new(&transfer, &volume.encoding),
         mode,
+        isovalue: value(0.4),
         background: [0.0; 3],
         clip: None,
     }
@@ -79,7 +81,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
 /// The best wall and the best CPU time of some frames, and the picture.
 fn measure(volume: &Volume, frame: &FrameSettings, threads: usize) -> (f64, f64, Picture) {
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-    let (mut renderer, list) = volume.load(&cut, &frame.rays, threads);
+    let (mut renderer, list) = volume.load(&cut, frame, threads);
     let mut picture = renderer.render(frame, &volume.pyramid, &list);
     let (mut wall, mut cpu) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..FRAMES {

@@ -4,10 +4,13 @@
 //! everything is inlined and free of closures.
 
 use crate::frame::{Cell, Frame};
-use crate::macrocells::Mask;
-use crate::sample::{Chunk, Code, LANES, PACKETS, Packet};
+use crate::macrocells::{Mask, Reach};
+use crate::ray::Ray;
+use crate::sample::{Chunk, Code, LANES, PACKETS, Packet, Unit};
 use crate::steps::StepTable;
+use crate::tile::{March, Stretch};
 use glam::{Vec4, Vec4Swizzles};
+use std::ops::Range;
 
 /// How much of a brick can be seen.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -25,6 +28,9 @@ pub(crate) trait Blend {
 
     /// Whether the order of samples matters. Where it does not, the most promising bricks come first.
     const FRONT_TO_BACK: bool;
+
+    /// Whether a segment is looked at in its middle or from end to end.
+    const REACH: Reach = Reach::Middles;
 
     /// Whether what is in front takes light from what is behind; the sum's last component then is the light left.
     const OCCLUDES: bool = false;
@@ -44,14 +50,26 @@ pub(crate) trait Blend {
         u64::MAX
     }
 
-    /// Adds a chunk of samples.
-    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
+    /// Takes the segments `from..to` of a stretch, or fewer if nothing behind those can be seen.
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    );
 
     /// Whether no further sample can be seen.
     fn is_final<C: Code>(sum: Vec4) -> bool;
 
     /// The pixel.
     fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3];
+}
+
+/// A mode that samples segments in their middles.
+pub(crate) trait Sum: Blend {
+    /// Adds a chunk of samples.
+    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
 }
 
 /// Emission and absorption: the sum is premultiplied colour and transmittance.
@@ -108,19 +126,33 @@ impl Blend for Dvr {
 
     #[inline(always)]
     unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
-        let seen = match &cell.mask {
-            Mask::None => return 0,
-            Mask::Some(seen) => seen,
-            Mask::All => return u64::MAX,
-        };
-        let mut bits = 0;
-        for i in 0..LANES {
-            // SAFETY: the caller's promise; a mask has all boxes.
-            bits |= (unsafe { *seen.get_unchecked(boxes[i] as usize) } as u64) << i;
-        }
-        bits
+        // SAFETY: the caller's promise.
+        unsafe { cell.mask.seen(boxes) }
     }
 
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(sum: Vec4) -> bool {
+        sum.w < Self::FAINTEST
+    }
+
+    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+        let background = frame.settings.background;
+        std::array::from_fn(|k| sum[k] + sum.w * background[k])
+    }
+}
+
+impl Sum for Dvr {
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
         if C::BYTES == 1
@@ -160,16 +192,6 @@ impl Blend for Dvr {
         }
         color.w = transmittance;
         color
-    }
-
-    #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
-        sum.w < Self::FAINTEST
-    }
-
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        let background = frame.settings.background;
-        std::array::from_fn(|k| sum[k] + sum.w * background[k])
     }
 }
 
@@ -239,6 +261,28 @@ impl Blend for Mip {
     }
 
     #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(sum: Vec4) -> bool {
+        sum.x >= C::MAX as f32
+    }
+
+    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+        opaque::<C>(frame, (sum.x >= 0.0).then_some(sum.x))
+    }
+}
+
+impl Sum for Mip {
+    #[inline(always)]
     fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
@@ -249,15 +293,6 @@ impl Blend for Mip {
         }
         sum.x = sum.x.max(best.max_element());
         sum
-    }
-
-    #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
-        sum.x >= C::MAX as f32
-    }
-
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        opaque::<C>(frame, (sum.x >= 0.0).then_some(sum.x))
     }
 }
 
@@ -286,16 +321,14 @@ impl Blend for MinIp {
     }
 
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
-        let mut best = Self::START;
-        for p in 0..chunk.packets.min(PACKETS) {
-            let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
-            for q in 0..LANES / 4 {
-                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), code[q], Self::START));
-            }
-        }
-        sum.x = sum.x.min(best.min_element());
-        sum
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -308,6 +341,21 @@ impl Blend for MinIp {
     }
 }
 
+impl Sum for MinIp {
+    #[inline(always)]
+    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+        let mut best = Self::START;
+        for p in 0..chunk.packets.min(PACKETS) {
+            let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
+            for q in 0..LANES / 4 {
+                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), code[q], Self::START));
+            }
+        }
+        sum.x = sum.x.min(best.min_element());
+        sum
+    }
+}
+
 /// The weighted mean: the sum is that of weighted codes, then that of weights.
 pub(crate) struct Average;
 
@@ -315,6 +363,28 @@ impl Blend for Average {
     const START: Vec4 = Vec4::ZERO;
     const FRONT_TO_BACK: bool = true;
 
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(_: Vec4) -> bool {
+        false
+    }
+
+    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+        opaque::<C>(frame, (sum.y > 0.0).then(|| sum.x / sum.y))
+    }
+}
+
+impl Sum for Average {
     #[inline(always)]
     fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
         let (mut codes, mut weights) = (Vec4::ZERO, Vec4::ZERO);
@@ -328,15 +398,6 @@ impl Blend for Average {
         sum.x += codes.element_sum();
         sum.y += weights.element_sum();
         sum
-    }
-
-    #[inline(always)]
-    fn is_final<C: Code>(_: Vec4) -> bool {
-        false
-    }
-
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        opaque::<C>(frame, (sum.y > 0.0).then(|| sum.x / sum.y))
     }
 }
 

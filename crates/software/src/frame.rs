@@ -5,10 +5,11 @@ use crate::macrocells::{Mask, over_boxes};
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
+use crate::surface::{INSIDE, OUTSIDE};
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
-use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox};
-use glam::DVec3;
+use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox, surface};
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::sync::Arc;
@@ -37,6 +38,9 @@ pub(crate) struct Frame<'a> {
     pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
     pub(crate) visible: [f32; 2],
+    /// Codes from this one on are inside of the surface, if the mode has one; and its colour.
+    pub(crate) threshold: f32,
+    pub(crate) surface_color: Vec3,
 }
 
 /// One cell of the draw list.
@@ -52,8 +56,10 @@ pub(crate) struct Cell<'a> {
     pub(crate) offset: [f64; 3],
     /// The padded brick.
     pub(crate) brick: &'a Resident,
-    /// In a composite picture, where the brick has opacity.
+    /// Where the brick has opacity in a composite picture, or may have the surface; everywhere in other modes.
     pub(crate) mask: Mask,
+    /// On which side of the surface the brick is; 0 if on both, or if there is none.
+    pub(crate) side: f32,
     /// In a maximum or minimum projection, the greatest or least code in each box of macro-cells.
     pub(crate) extremes: Box<[u16]>,
     /// The pixels that may see the cell.
@@ -88,15 +94,14 @@ impl<'a> Frame<'a> {
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let (shown_low, shown_high) = settings.shown_box(pyramid.levels()[0].extent);
-        let opaque = (settings.mode == Mode::Dvr).then(|| OpaqueCodes::new(&settings.table));
+        let shows = Shows::new(settings);
         let near_first = list.cells.par_iter().enumerate().rev();
-        let cell =
-            |(i, c): (usize, &DrawCell)| Cell::new(settings, pyramid, i, c, apron, opaque.as_ref(), brick(c.slot));
+        let cell = |(i, c): (usize, &DrawCell)| Cell::new(settings, pyramid, i, c, apron, &shows, brick(c.slot));
         let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
         match settings.mode {
             Mode::Mip => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
             Mode::MinIp => cells.sort_by_key(|cell| cell.brick.cells.whole()[0]),
-            Mode::Dvr | Mode::Average => {}
+            Mode::Dvr | Mode::Average | Mode::Isosurface => {}
         }
         let first = entries.iter().position(|e| e[3] > 0.0);
         let last = entries.iter().rposition(|e| e[3] > 0.0);
@@ -105,7 +110,10 @@ impl<'a> Frame<'a> {
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
-        let (zones, lit) = if settings.mode == Mode::Dvr { (ticks.zones, list.cells.len()) } else { (0, 0) };
+        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
+        let lit = if occludes(settings.mode) { list.cells.len() } else { 0 };
+        let isovalue = settings.encoding.unorm(settings.isovalue) as f32;
+        let [r, g, b, _] = settings.table.lookup(isovalue);
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
@@ -119,8 +127,23 @@ impl<'a> Frame<'a> {
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
+            threshold: threshold(settings),
+            surface_color: Vec3::new(r, g, b),
         }
     }
+}
+
+/// Whether what is in front takes light from what is behind.
+pub(crate) fn occludes(mode: Mode) -> bool {
+    match mode {
+        Mode::Dvr | Mode::Isosurface => true,
+        Mode::Mip | Mode::MinIp | Mode::Average => false,
+    }
+}
+
+/// The surface's threshold in codes.
+fn threshold(settings: &FrameSettings) -> f32 {
+    (settings.encoding.unorm(settings.isovalue) * settings.encoding.format.max_code() as f64) as f32
 }
 
 impl Frame<'_> {
@@ -155,10 +178,48 @@ impl Frame<'_> {
     }
 }
 
-/// Where a brick has opacity; everywhere in modes that know none.
-fn mask(opaque: Option<&OpaqueCodes>, cells: &MacroCells, edge: usize) -> Mask {
-    let Some(opaque) = opaque else { return Mask::All };
-    if opaque.any(cells.whole()) { Mask::new(cells, edge, |range| opaque.any(range)) } else { Mask::None }
+/// Which ranges of codes can be seen, where that does not depend on the ray.
+enum Shows {
+    All,
+    Opaque(OpaqueCodes),
+    /// Those on both sides of a threshold.
+    Surface(f32),
+}
+
+impl Shows {
+    fn new(settings: &FrameSettings) -> Self {
+        match settings.mode {
+            Mode::Dvr => Self::Opaque(OpaqueCodes::new(&settings.table)),
+            Mode::Isosurface => Self::Surface(threshold(settings)),
+            Mode::Mip | Mode::MinIp | Mode::Average => Self::All,
+        }
+    }
+
+    fn any(&self, range: [u16; 2]) -> bool {
+        match self {
+            Self::All => true,
+            Self::Opaque(opaque) => opaque.any(range),
+            Self::Surface(threshold) => surface::straddles(range, *threshold),
+        }
+    }
+
+    /// Where in a brick something can be seen.
+    fn mask(&self, cells: &MacroCells, edge: usize) -> Mask {
+        match self {
+            Self::All => Mask::All,
+            _ if !self.any(cells.whole()) => Mask::None,
+            _ => Mask::new(cells, edge, |range| self.any(range)),
+        }
+    }
+
+    /// On which side of the surface a range is; 0 if on both, or if there is none.
+    fn side(&self, [low, high]: [u16; 2]) -> f32 {
+        match self {
+            Self::Surface(threshold) if low <= high && low as f32 >= *threshold => INSIDE,
+            Self::Surface(threshold) if low <= high && (high as f32) < *threshold => OUTSIDE,
+            _ => 0.0,
+        }
+    }
 }
 
 /// What a projection needs to know of a brick's macro-cells.
@@ -167,7 +228,7 @@ fn extremes(mode: Mode, cells: &MacroCells, edge: usize) -> Box<[u16]> {
     match mode {
         Mode::Mip => over_boxes(ranges.map(|range| range[1]), edge, u16::max),
         Mode::MinIp => over_boxes(ranges.map(|range| range[0]), edge, u16::min),
-        Mode::Dvr | Mode::Average => Box::default(),
+        Mode::Dvr | Mode::Average | Mode::Isosurface => Box::default(),
     }
 }
 
@@ -179,12 +240,12 @@ impl<'a> Cell<'a> {
         index_in_list: usize,
         cell: &DrawCell,
         apron: u32,
-        opaque: Option<&OpaqueCodes>,
+        shows: &Shows,
         brick: &'a Resident,
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
         let edge = pyramid.edge() as usize;
-        let mask = mask(opaque, &brick.cells, edge);
+        let (mask, side) = (shows.mask(&brick.cells, edge), shows.side(brick.cells.whole()));
         let extremes = extremes(settings.mode, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
@@ -199,6 +260,7 @@ impl<'a> Cell<'a> {
             offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
             brick,
             mask,
+            side,
             extremes,
             rect,
         })

@@ -10,6 +10,8 @@
 //! 5. `sample` and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time).
 //!
+//! For surfaces `surface` stands where `blend` stands for sums: it finds where a run's samples change sides.
+//!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
@@ -20,6 +22,7 @@ mod ray;
 mod renderer;
 mod sample;
 mod steps;
+mod surface;
 mod tile;
 
 pub use renderer::{SoftwareError, SoftwareOptions, SoftwareRenderer};

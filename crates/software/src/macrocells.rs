@@ -1,7 +1,8 @@
 //! What a ray meets of a brick's macro-cells ([`brickyard_volume::macrocells`]): which of them can be seen, asked for blocks
 //! of samples.
 //!
-//! A block is as many neighbouring samples of a ray as reach no farther than a cell's edge along each axis. So along an axis
+//! A block is as many neighbouring samples of a ray, or whole segments where ends count, as reach no farther than a cell's edge
+//! along each axis. So along an axis
 //! they are in one cell or in two: *span* `2 i` is cell `i`, span `2 i + 1` is cells `i` and `i + 1`. What the cells of each
 //! box of spans have together is computed once for a frame, and one look-up tells whether a block can be seen. (To walk from
 //! cell to cell along the ray asks more exactly, but three times as often, and which plane comes next is not for a
@@ -53,6 +54,25 @@ pub(crate) enum Mask {
 }
 
 impl Mask {
+    /// Which of these boxes can be seen, a bit for each.
+    ///
+    /// # Safety
+    /// The brick has these boxes.
+    #[inline(always)]
+    pub(crate) unsafe fn seen(&self, boxes: &[i32; LANES]) -> u64 {
+        let seen = match self {
+            Self::None => return 0,
+            Self::Some(seen) => seen,
+            Self::All => return u64::MAX,
+        };
+        let mut bits = 0;
+        for i in 0..LANES {
+            // SAFETY: the caller's promise; a mask has all boxes.
+            bits |= (unsafe { *seen.get_unchecked(boxes[i] as usize) } as u64) << i;
+        }
+        bits
+    }
+
     /// The cells for which `is_visible`.
     pub(crate) fn new(cells: &MacroCells, edge: usize, is_visible: impl Fn([u16; 2]) -> bool) -> Self {
         let visible: Vec<bool> = cells.ranges().iter().map(|&range| is_visible(range)).collect();
@@ -64,17 +84,30 @@ impl Mask {
     }
 }
 
-/// Samples of a block, which are so far apart along each axis (in voxels): at least one, and whole packets if more than one.
+/// How much of its segments a block is made of.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Reach {
+    /// From the first one's middle to the last one's.
+    Middles,
+    /// All.
+    Ends,
+}
+
+/// Segments of a block, which are so long along each axis (in voxels): at least one, and whole packets if more than one.
 #[inline(always)]
-pub(crate) fn block_length(step: [f32; 3]) -> i32 {
+pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
     /// Short of all that is ever counted.
     const MOST: f32 = (1 << 24) as f32;
     let mut longest = 0.0f32;
     for a in 0..3 {
         longest = if step[a].abs() > longest { step[a].abs() } else { longest };
     }
-    let reach = CELL_EDGE as f32 / longest;
-    let length = if reach < MOST { reach as i32 + 1 } else { MOST as i32 };
+    let steps = CELL_EDGE as f32 / longest;
+    let length = match reach {
+        _ if steps >= MOST => MOST as i32,
+        Reach::Middles => steps as i32 + 1,
+        Reach::Ends => (steps as i32).max(1),
+    };
     if length > LANES as i32 { length & -(LANES as i32) } else { length }
 }
 
@@ -93,16 +126,19 @@ pub(crate) struct Blocks {
 impl Blocks {
     pub(crate) const EMPTY: Self = Self { middle: [0.0; 3], stride: [0.0; 3], half: [0.0; 3], spans: 0, limit: 0.0 };
 
-    /// The blocks of `length` samples at `origin + i * step` (slot coordinates).
+    /// The blocks of `length` segments with their middles at `origin + i * step` (slot coordinates).
     #[inline(always)]
-    pub(crate) fn new(origin: [f32; 3], step: [f32; 3], length: i32, edge: u32, apron: u32) -> Self {
+    pub(crate) fn new(origin: [f32; 3], step: [f32; 3], length: i32, reach: Reach, edge: u32, apron: u32) -> Self {
         const CELLS: f32 = 1.0 / CELL_EDGE as f32;
         let (mut middle, mut stride, mut half) = ([0.0; 3], [0.0; 3], [0.0; 3]);
         for a in 0..3 {
-            let reach = 0.5 * (length - 1) as f32 * step[a];
-            middle[a] = (origin[a] + reach - (apron as f32 - 0.5)) * CELLS;
+            let between = 0.5 * (length - 1) as f32 * step[a];
+            middle[a] = (origin[a] + between - (apron as f32 - 0.5)) * CELLS;
             stride[a] = step[a] * (length as f32 * CELLS);
-            half[a] = reach.abs() * CELLS;
+            half[a] = match reach {
+                Reach::Middles => between.abs() * CELLS,
+                Reach::Ends => 0.5 * stride[a].abs(),
+            };
         }
         let cells = per_axis(edge as usize) as f32;
         Self { middle, stride, half, spans: spans_per_axis(edge as usize) as i32, limit: cells.next_down() }
@@ -145,8 +181,9 @@ mod tests {
         fn a_samples_voxels_are_in_its_blocks_range(
             codes in prop::collection::vec(prop::sample::select(vec![0u8, 1, 7, 200, 255]), 20 * 20 * 20),
             origin in prop::array::uniform3(0.5f32..17.5), far in prop::array::uniform3(0.5f32..17.5), count in 1i32..90,
-            has_invalid in any::<bool>(), flat in prop::option::of(0usize..3),
+            has_invalid in any::<bool>(), flat in prop::option::of(0usize..3), by_ends in any::<bool>(),
         ) {
+            let reach = if by_ends { Reach::Ends } else { Reach::Middles };
             let (edge, apron, padded) = (17, 1, 19);
             let codes = &codes[..padded * padded * padded];
             let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, apron);
@@ -156,15 +193,20 @@ mod tests {
             if let Some(axis) = flat {
                 step[axis] = 0.0;
             }
-            let length = block_length(step);
-            let blocks = Blocks::new(origin, step, length, edge as u32, apron as u32);
-            for i in 0..count {
+            let length = block_length(step, reach);
+            let blocks = Blocks::new(origin, step, length, reach, edge as u32, apron as u32);
+            // Where a segment is looked at, from its middle.
+            let offsets: &[f32] = if by_ends && step.iter().all(|s| s.abs() <= 8.0) { &[-0.5, 0.0, 0.5] } else { &[0.0] };
+            for (i, offset) in (0..count).flat_map(|i| offsets.iter().map(move |&offset| (i, offset))) {
                 let block = i / length;
                 let mut boxes = [0; LANES];
                 blocks.boxes(block - block % 3, &mut boxes);
                 let place = boxes[(block % 3) as usize] as usize;
                 let [low, high] = ranges[place];
-                let at: [usize; 3] = std::array::from_fn(|a| ((origin[a] + i as f32 * step[a]) as usize).min(padded - 2));
+                let at: [usize; 3] = std::array::from_fn(|a| {
+                    // What is outside of the core belongs to the outermost cells as far as half a voxel away.
+                    (origin[a] + (i as f32 + offset) * step[a]).clamp(0.5, 17.5) as usize
+                });
                 for neighbour in 0..8 {
                     let [x, y, z] = std::array::from_fn(|a| at[a] + (neighbour >> a & 1));
                     let code = codes[(z * padded + y) * padded + x] as u16;
@@ -176,9 +218,12 @@ mod tests {
 
     #[test]
     fn blocks_are_as_long_as_a_cells_edge_allows() {
-        let length = |longest: f32| block_length([0.1 * longest, -longest, 0.0]);
-        assert_eq!([9.0, 8.0, 3.0, 1.0, 0.9, 0.4, 0.1].map(length), [1, 2, 3, 8, 8, 16, 80]);
-        assert_eq!(block_length([0.0; 3]), 1 << 24);
+        let lengths = |reach| {
+            [9.0, 8.0, 3.0, 1.0, 0.9, 0.4, 0.1].map(|longest: f32| block_length([0.1 * longest, -longest, 0.0], reach))
+        };
+        assert_eq!(lengths(Reach::Middles), [1, 2, 3, 8, 8, 16, 80]);
+        assert_eq!(lengths(Reach::Ends), [1, 1, 2, 8, 8, 16, 80]);
+        assert_eq!([Reach::Middles, Reach::Ends].map(|reach| block_length([0.0; 3], reach)), [1 << 24; 2]);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! follow one another without gap or overlap, and cells have every segment exactly once between them, whatever is rounded.
 
 use crate::frame::{Cell, Frame};
+use crate::macrocells::Reach;
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
 use glam::Vec4;
@@ -91,6 +92,8 @@ pub(crate) struct Ray {
     pub(crate) cursor: u32,
     /// What the samples add up to; the blend mode knows its meaning.
     pub(crate) sum: Vec4,
+    /// The segment behind the last one that was searched for a surface.
+    pub(crate) reached: u32,
 }
 
 impl Ray {
@@ -105,6 +108,7 @@ impl Ray {
         end: 0,
         cursor: 0,
         sum: Vec4::ZERO,
+        reached: 0,
     };
 
     /// The ray through a pixel's centre; one without segments if it misses the volume.
@@ -138,18 +142,26 @@ impl Ray {
         ray
     }
 
-    /// The segment's midpoint and length; the first and last are cut where the ray enters and leaves the volume.
+    /// The segment's start and end; the first and last are cut where the ray enters and leaves the volume.
     #[inline(always)]
-    pub(crate) fn segment(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
+    pub(crate) fn ends(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
         let (start, end) = (tick as i32 as f64 * ticks.step, ticks.next(tick) as i32 as f64 * ticks.step);
         let start = if start > self.t_in { start } else { self.t_in };
         let end = if end < self.t_out { end } else { self.t_out };
+        (start, end)
+    }
+
+    /// The segment's midpoint and length.
+    #[inline(always)]
+    pub(crate) fn segment(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
+        let (start, end) = self.ends(ticks, tick);
         (0.5 * (start + end), end - start)
     }
 
-    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last.
+    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last. Where ends count a
+    /// cell also takes those of others of which more than half a voxel is in it.
     #[inline(always)]
-    pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>) -> Option<(u32, u32)> {
+    pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>, reach: Reach) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.
         let (mut near, mut far) = (self.t_in, self.t_out);
         for a in 0..3 {
@@ -163,6 +175,10 @@ impl Ray {
         if near >= far {
             return None;
         }
+        if reach == Reach::Ends {
+            let overhang = self.overhang(ticks, cell, far);
+            (near, far) = (near - overhang, far + overhang);
+        }
         // Cells follow one another: mostly the next segment is the first.
         let mut first = self.cursor;
         if self.segment(ticks, first).0 < near {
@@ -175,6 +191,22 @@ impl Ray {
         last = if self.segment(ticks, last).0 < far { ticks.next(last) } else { last };
         last = if last < self.end { last } else { self.end };
         (first < last).then_some((first, last))
+    }
+
+    /// How far a segment that belongs to a neighbour may reach into the cell, less half a voxel, about distance `t`. Where
+    /// voxels are no shorter than segments that is nothing: a brick's ranges of codes hold for half a voxel around it.
+    #[inline(always)]
+    fn overhang(&self, ticks: &Ticks, cell: &Cell<'_>, t: f64) -> f64 {
+        let mut voxels = 0.0f64;
+        for a in 0..3 {
+            let along = (self.direction[a] * cell.scale[a]).abs();
+            voxels = if along > voxels { along } else { voxels };
+        }
+        let half = |zone: usize| 0.5 * ticks.step * (1u32 << zone) as f64;
+        if half(ticks.zones - 1) * voxels <= 0.5 {
+            return 0.0;
+        }
+        (half(ticks.zone(ticks.about(t))) - 0.5 / voxels).max(0.0)
     }
 
     /// The least distance at which the ray has passed the plane. Boxes hold their lower planes but not their upper ones, so

@@ -1,13 +1,13 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
 
-use crate::frame::{Cell, Frame, Resident};
+use crate::frame::{Cell, Frame, Resident, occludes};
 use crate::macrocells::boxes;
 use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::macrocells::{self, MacroCells};
-use brickyard_volume::{FrameSettings, Mode, Picture, Pyramid, SlotEncoding};
+use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -131,6 +131,7 @@ impl SoftwareRenderer {
         assert!(width <= max_picture_px[0] && height <= max_picture_px[1], "the picture is larger than was agreed");
         assert_eq!(edge, pyramid.edge(), "other bricks");
         assert_eq!(encoding, settings.encoding, "other codes");
+        assert!(apron >= settings.mode.apron(), "{:?} needs a wider apron", settings.mode);
         let brick = |slot: Slot| {
             self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
         };
@@ -140,7 +141,7 @@ impl SoftwareRenderer {
             let draw = tile::for_frame(&frame);
             (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
         });
-        let occludes = settings.mode == Mode::Dvr;
+        let occludes = occludes(settings.mode);
         self.visibility = occludes.then(|| light.iter().map(|l| f32::from_bits(l.load(Ordering::Relaxed))).collect());
         let mut rgb = vec![[0; 3]; width as usize * height as usize];
         for (tile, pixels) in tiles.iter().zip(&drawn) {

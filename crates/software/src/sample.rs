@@ -195,13 +195,8 @@ impl<'a> Brick<'a> {
             let mut voxel = [0i32; LANES];
             for a in [2, 1, 0] {
                 for i in 0..LANES {
-                    let v = origin[a] + chunk.along[p][i] * step[a];
-                    // Written so that NaN, too, ends up inside.
-                    let v = if v > 0.0 { v } else { 0.0 };
-                    let v = if v < self.limit { v } else { self.limit };
-                    // SAFETY: 0 <= v <= limit < 2^31.
-                    let whole = unsafe { v.to_int_unchecked::<i32>() };
-                    chunk.fraction[p][a][i] = v - whole as f32;
+                    let (whole, fraction) = self.split(origin[a] + chunk.along[p][i] * step[a]);
+                    chunk.fraction[p][a][i] = fraction;
                     voxel[i] = voxel[i] * self.padded as i32 + whole;
                 }
             }
@@ -210,17 +205,62 @@ impl<'a> Brick<'a> {
         for p in 0..packets {
             let (voxel, fraction, weight) = (&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]);
             // SAFETY: every coordinate's whole part is at most padded - 2.
-            chunk.code[p] = unsafe {
-                if C::BYTES == 1 && !INVALID {
-                    self.interpolate_bytes::<U>(voxel, fraction)
-                } else {
-                    self.interpolate::<C, INVALID>(voxel, fraction, weight)
-                }
-            };
+            chunk.code[p] = unsafe { self.codes::<C, U, INVALID>(voxel, fraction, weight) };
         }
     }
 
-    /// [`Brick::interpolate`] for valid 8-bit codes.
+    /// The codes at eight slot coordinates, given axis by axis. Those without a value then weigh nothing.
+    #[inline(always)]
+    pub(crate) fn sample_points<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        points: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        let (mut voxel, mut fraction) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
+        for a in [2, 1, 0] {
+            for i in 0..LANES {
+                let whole;
+                (whole, fraction[a][i]) = self.split(points[a][i]);
+                voxel[i] = voxel[i] * self.padded as i32 + whole;
+            }
+        }
+        // SAFETY: every coordinate's whole part is at most padded - 2.
+        unsafe { self.codes::<C, U, INVALID>(&voxel, &fraction, weight) }
+    }
+
+    /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
+    #[inline(always)]
+    fn split(&self, v: f32) -> (i32, f32) {
+        // Written so that NaN, too, ends up inside.
+        let v = if v > 0.0 { v } else { 0.0 };
+        let v = if v < self.limit { v } else { self.limit };
+        // SAFETY: 0 <= v <= limit < 2^31.
+        let whole = unsafe { v.to_int_unchecked::<i32>() };
+        (whole, v - whole as f32)
+    }
+
+    /// The codes at the given voxels and fractions towards their upper neighbours.
+    ///
+    /// # Safety
+    /// Every index is that of a voxel with an upper neighbour along each axis.
+    #[inline(always)]
+    unsafe fn codes<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        voxel: &[i32; LANES],
+        fraction: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        // SAFETY: the caller's promise.
+        unsafe {
+            if C::BYTES == 1 && !INVALID {
+                self.interpolate_bytes::<U>(voxel, fraction)
+            } else {
+                self.interpolate::<C, INVALID>(voxel, fraction, weight)
+            }
+        }
+    }
+
+    /// [`Brick::codes`] for valid 8-bit ones.
     ///
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis, in a brick of 8-bit codes.
@@ -254,7 +294,7 @@ impl<'a> Brick<'a> {
         code
     }
 
-    /// The codes at the given voxels and fractions towards their upper neighbours.
+    /// [`Brick::codes`] for all others.
     ///
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis.

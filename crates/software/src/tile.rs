@@ -1,14 +1,17 @@
 //! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
 
-use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip};
+use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip, Sum};
 use crate::frame::{Cell, Frame, PixelRect};
-use crate::macrocells::{Blocks, block_length};
+use crate::macrocells::{Blocks, Reach, block_length};
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS, Portable, Unit};
+use crate::surface::Isosurface;
+use brickyard_volume::macrocells::CELL_EDGE;
 use brickyard_volume::{Mode, Picture, SlotFormat};
 use glam::Vec4;
+use std::ops::Range;
 
 /// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
 pub(crate) const TILE_PX: u32 = 16;
@@ -45,6 +48,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
             Mode::Mip => for_machine::<C, Mip, INVALID>(),
             Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
             Mode::Average => for_machine::<C, Average, INVALID>(),
+            Mode::Isosurface => for_machine::<C, Isosurface, INVALID>(),
         }
     }
     let settings = frame.settings;
@@ -100,12 +104,12 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
                     continue;
                 }
                 if B::coverage(cell, ray.sum) == Coverage::None {
-                    if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell).is_some() {
+                    if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell, B::REACH).is_some() {
                         brightest = ray.sum.w;
                     }
                     continue;
                 }
-                let Some((first, last)) = ray.run(&frame.ticks, cell) else { continue };
+                let Some((first, last)) = ray.run(&frame.ticks, cell, B::REACH) else { continue };
                 if B::OCCLUDES && ray.sum.w > brightest {
                     brightest = ray.sum.w;
                 }
@@ -118,7 +122,7 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
                     if queue.len == QUEUE {
                         waiting -= queue.march::<C, B, U, INVALID>(frame, cell, &mut rays, &mut chunk);
                     }
-                    start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last));
+                    start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
                 }
             }
         }
@@ -182,6 +186,7 @@ impl Queue {
             }
         }
         let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
+        let march = March { frame, cell, brick };
         let mut ended = 0;
         for stretch in stretches {
             let ray = &mut rays[stretch.ray];
@@ -194,7 +199,7 @@ impl Queue {
                 seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
                 let last = (to as i32).saturating_mul(stretch.block);
                 let last = if last < stretch.count { last } else { stretch.count };
-                stretch.add::<C, B, U, INVALID>(frame, &brick, ray, chunk, from as i32 * stretch.block, last);
+                B::take::<C, U, INVALID>(&march, stretch, ray, chunk, from as i32 * stretch.block..last);
                 if B::is_final::<C>(ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
@@ -205,26 +210,33 @@ impl Queue {
     }
 }
 
+/// What stretches are marched through.
+pub(crate) struct March<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    pub(crate) cell: &'a Cell<'a>,
+    pub(crate) brick: Brick<'a>,
+}
+
 /// A part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
 #[derive(Clone, Copy)]
-struct Stretch {
+pub(crate) struct Stretch {
     /// The ray's place in the tile.
     ray: usize,
     /// The first segment and one past the last.
-    start: u32,
-    end: u32,
-    zone: usize,
-    count: i32,
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+    pub(crate) zone: usize,
+    pub(crate) count: i32,
     /// Samples in a block, and a bit for each block: whether it may be seen.
     block: i32,
     seen: u64,
     /// World length of a segment, and distance of the middle of the first, were it not cut.
-    length: f64,
-    middle: f64,
+    pub(crate) length: f64,
+    pub(crate) middle: f64,
     /// Slot coordinates of the first sample and from one to the next: counted from here, f32 is fine to a ten-thousandth
     /// of a voxel.
-    origin: [f32; 3],
-    step: [f32; 3],
+    pub(crate) origin: [f32; 3],
+    pub(crate) step: [f32; 3],
     blocks: Blocks,
 }
 
@@ -247,7 +259,7 @@ impl Stretch {
     /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
     /// count as seen.
     #[inline(always)]
-    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, place: usize, start: u32, last: u32) -> Self {
+    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, place: usize, start: u32, last: u32, reach: Reach) -> Self {
         let ticks = &frame.ticks;
         let zone = ticks.zone(start);
         let zone_end = ticks.zone_end(zone);
@@ -259,13 +271,19 @@ impl Stretch {
             origin[a] = (cell.offset[a] + cell.scale[a] * voxel) as f32;
             step[a] = (cell.scale[a] * ray.direction[a] * length) as f32;
         }
-        let block = block_length(step);
+        let block = block_length(step, reach);
         let end = if last < zone_end { last } else { zone_end };
         let count = ((end - start) >> zone) as i32;
         let most = block.saturating_mul(u64::BITS as i32);
         let (end, count) = if count <= most { (end, count) } else { (start + ((most as u32) << zone), most) };
-        let blocks = Blocks::new(origin, step, block, frame.edge, frame.apron);
+        let blocks = Blocks::new(origin, step, block, reach, frame.edge, frame.apron);
         Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step, blocks }
+    }
+
+    /// A distance, in segments from the middle of the first.
+    #[inline(always)]
+    pub(crate) fn along(&self, t: f64) -> f32 {
+        ((t - self.middle) / self.length) as f32
     }
 
     /// Finds the blocks that may be seen.
@@ -278,19 +296,51 @@ impl Stretch {
             seen |= unsafe { B::sees(cell, boxes, sum) } << first;
             first += LANES as i32;
         }
+        if B::REACH == Reach::Ends {
+            seen |= self.uncovered();
+        }
         self.seen = seen;
     }
 
-    /// Adds the samples `from..to`, or fewer if nothing behind those can be seen.
+    /// The blocks of which macro-cells' ranges do not tell everything when whole segments count: those that may reach out of the
+    /// brick by more than half a voxel, and all if a segment may pass through a cell.
     #[inline(always)]
-    fn add<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+    fn uncovered(&self) -> u64 {
+        let longest = longest(self.step);
+        if longest <= 1.0 {
+            return 0;
+        }
+        if longest > CELL_EDGE as f32 {
+            return u64::MAX;
+        }
+        1 | 1 << ((self.count - 1) / self.block)
+    }
+
+    /// Between which places, in segments from the middle of the first, the brick can be sampled. Segments no longer than a voxel
+    /// never reach out of it.
+    #[inline(always)]
+    pub(crate) fn sampleable(&self, padded: u32) -> [f32; 2] {
+        let (mut low, mut high) = (f32::NEG_INFINITY, f32::INFINITY);
+        if longest(self.step) > 1.0 {
+            for a in 0..3 {
+                if self.step[a] != 0.0 {
+                    let enter = -self.origin[a] / self.step[a];
+                    let leave = ((padded - 1) as f32 - self.origin[a]) / self.step[a];
+                    (low, high) = (low.max(enter.min(leave)), high.min(enter.max(leave)));
+                }
+            }
+        }
+        [low, high]
+    }
+
+    /// Adds the samples of the segments `from..to`, or fewer if nothing behind those can be seen.
+    #[inline(always)]
+    pub(crate) fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
         &self,
-        frame: &Frame<'_>,
-        brick: &Brick<'_>,
+        March { frame, brick, .. }: &March<'_>,
         ray: &mut Ray,
         chunk: &mut Chunk,
-        from: i32,
-        to: i32,
+        Range { start: from, end: to }: Range<i32>,
     ) {
         let full = (self.length * frame.per_unit) as f32;
         let mut sum = ray.sum;
@@ -315,7 +365,7 @@ impl Stretch {
                     let tick = self.start + (((done + lane) as u32) << self.zone);
                     let (middle, length) = ray.segment(&frame.ticks, tick);
                     let (p, i) = (lane as usize / LANES, lane as usize % LANES);
-                    chunk.along[p][i] = ((middle - self.middle) / self.length) as f32;
+                    chunk.along[p][i] = self.along(middle);
                     chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
                 }
             }
@@ -328,6 +378,12 @@ impl Stretch {
         }
         ray.sum = sum;
     }
+}
+
+/// Voxels of a step along the axis with the most.
+#[inline(always)]
+fn longest(step: [f32; 3]) -> f32 {
+    step[0].abs().max(step[1].abs()).max(step[2].abs())
 }
 
 #[cfg(test)]
@@ -365,6 +421,7 @@ mod tests {
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode,
+            isovalue: 0.4 * encoding.high,
             background: [0.1, 0.2, 0.3],
             clip: None,
         };
@@ -375,13 +432,14 @@ mod tests {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
-        let codes: std::sync::Arc<[u8]> = (0..18 * 18 * 18 * C::BYTES).map(noise).collect();
-        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, 1);
+        let (apron, padded) = (mode.apron(), 16 + 2 * mode.apron() as usize);
+        let codes: std::sync::Arc<[u8]> = (0..padded.pow(3) * C::BYTES).map(noise).collect();
+        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, apron as usize);
         let resident = Resident { codes, cells };
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let cell =
             DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
-        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, 1, |_| &resident);
+        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, apron, |_| &resident);
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
         let picture = draw::<C, B, Portable, INVALID>(&frame, &tile);
         assert!(picture.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
@@ -395,5 +453,7 @@ mod tests {
         same_on_all_units::<Code8, Mip, true>(Mode::Mip);
         same_on_all_units::<Code16, MinIp, true>(Mode::MinIp);
         same_on_all_units::<Code16, Average, false>(Mode::Average);
+        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface);
+        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface);
     }
 }

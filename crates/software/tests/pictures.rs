@@ -63,10 +63,17 @@ impl View {
             encoding: volume.encoding,
             table: TransferTable::new(transfer, &volume.encoding),
             mode: self.mode,
+            isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &volume.encoding),
             background: [0.1, 0.2, 0.35],
             clip: None,
         }
     }
+}
+
+/// How many pixels are past the tolerance.
+fn pixels_off(found: &Picture, expected: &Picture) -> usize {
+    let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
+    found.rgb.iter().zip(&expected.rgb).filter(is_off).count()
 }
 
 /// Renders all modes and compares with the oracle.
@@ -78,7 +85,16 @@ fn agree(volume: &Volume, view: &mut View, transfer: &TransferFunction, cut: &dy
         let found = volume.render(&frame, &cut, 2);
         let expected = volume.reference(&frame, &cut, transfer);
         let d = found.difference(&expected);
-        assert!(d.max <= TOLERANCE, "{mode:?} {:?}: {d:?}", view.camera);
+        let off = pixels_off(&found, &expected);
+        match mode {
+            // Whether a ray that grazes a surface meets it is a matter of rounding. Where segments are longer than voxels,
+            // bricks take those of neighbours, which may be of another level.
+            Mode::Isosurface => {
+                let per_mille = if view.pixel_error > 1.0 { 40 } else { 2 };
+                assert!(off * 1000 <= per_mille * found.rgb.len(), "{off} pixels {:?}: {d:?}", view.camera);
+            }
+            _ => assert_eq!(off, 0, "{mode:?} {:?}: {d:?}", view.camera),
+        }
         let background = Picture::quantise(frame.background);
         assert!(found.rgb.iter().any(|&p| p != background), "nothing in view proves nothing");
     }
@@ -232,9 +248,75 @@ fn the_picture_does_not_depend_on_how_space_is_cut() {
         let whole = picture(64);
         for edge in [16, 32] {
             // Positions are rounded relative to other bricks: to 2^-18 of a voxel, so to one step of the picture.
-            let d = picture(edge).difference(&whole);
-            assert!(d.max <= 1 && d.psnr_db > 60.0, "{mode:?} {edge}: {d:?}");
+            let found = picture(edge);
+            let d = found.difference(&whole);
+            match mode {
+                Mode::Isosurface => assert!(pixels_off(&found, &whole) <= 5, "{edge}: {d:?}"),
+                _ => assert!(d.max <= 1 && d.psnr_db > 60.0, "{mode:?} {edge}: {d:?}"),
+            }
         }
+    }
+}
+
+/// A ball, of which only the bricks are there that its surface is in. Whatever the step, every ray that is longer inside than
+/// two steps meets it. (Between voxels the ball is up to 0.02 thinner; half a chord of 1 is that deep.)
+#[test]
+fn surfaces_have_no_pinholes() {
+    let (n, radius) = (64, 23.4);
+    let centre = DVec3::splat(0.5 * n as f64 + 0.3);
+    let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
+    let value = |p: DVec3| 30000.0 - 500.0 * (p - centre).length();
+    let volume = Volume::new(Extent::new(n, n, n), DVec3::ONE, 16, encoding, value);
+    let isovalue = 30000.0 - 500.0 * radius;
+    let transfer = vivid((0.0, 65535.0));
+    for (step, tilt) in [(0.3, 0.1), (1.0, 0.0), (1.0, 0.3), (1.9, 0.2), (3.0, 0.1)] {
+        // Voxel (i, j, k) has its centre there in the world, and half a voxel higher in voxel space.
+        let target = centre - 0.5;
+        let eye = target + DVec3::new(-90.0, 40.0 * tilt, 60.0 * tilt);
+        let mut view = View { mode: Mode::Isosurface, step, ..View::new(eye.into(), target.into()) };
+        view.camera.projection = Projection::Orthographic { height: 60.0 };
+        view.size = [160, 160];
+        let frame = FrameSettings { isovalue, ..view.frame(&volume, &transfer) };
+        let all = finest(&volume)(&frame);
+        let mut cells = all.clone();
+        cells.retain(|c| {
+            let low = DVec3::from_array(c.index.to_array().map(|i| 16.0 * i as f64)) - centre - 0.5;
+            let high = low + 17.0;
+            let nearest = low.max(-high).max(DVec3::ZERO).length();
+            nearest < radius && low.abs().max(high.abs()).length() > radius
+        });
+        assert!(cells.len() < all.len());
+        let found = volume.render(&frame, &cells, 2);
+        let mut met = 0;
+        for (x, y) in (0..160).flat_map(|y| (0..160).map(move |x| (x, y))) {
+            let ray = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+            let to = target - ray.origin;
+            let distance = (to - ray.direction * to.dot(ray.direction)).length();
+            if radius.powi(2) - distance.powi(2) > step.powi(2) + 1.0 {
+                met += 1;
+                assert_ne!(found.pixel(x, y), Picture::quantise(frame.background), "step {step}: a hole at {x}, {y}");
+            }
+        }
+        assert!(met > 8000, "{met}");
+        let off = pixels_off(&found, &volume.reference(&frame, &all, &transfer));
+        // Longer steps than voxels reach so far out of a brick that gradients there are one-sided.
+        assert!(off <= if step > 1.0 { 200 } else { 0 }, "step {step}, tilt {tilt}: {off} pixels");
+    }
+}
+
+/// Where all voxels have just the isovalue, rounding makes no speckles.
+#[test]
+fn a_plateau_at_the_isovalue_is_inside() {
+    let value = |p: DVec3| if p.x < 17.0 { 60.0 } else { 90.0 };
+    let volume = Volume::new(Extent::new(40, 40, 40), DVec3::ONE, 16, u8_codes(), value);
+    // From inside of the plateau nothing is met but its end.
+    for (target, is_met) in [([39.0, 21.0, 19.0], false), ([0.0, 21.0, 19.0], true)] {
+        let view = View { mode: Mode::Isosurface, ..View::new([30.0, 20.0, 20.0], target) };
+        let isovalue = surface::threshold(90.0, &volume.encoding);
+        let frame = FrameSettings { isovalue, ..view.frame(&volume, &vivid((0.0, 255.0))) };
+        let picture = volume.render(&frame, &finest(&volume)(&frame), 2);
+        let met = picture.rgb.iter().filter(|&&p| p != Picture::quantise(frame.background)).count();
+        assert_eq!(met, if is_met { picture.rgb.len() } else { 0 });
     }
 }
 

@@ -34,11 +34,12 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         encoding,
         table: TransferTable::new(&transfer, &encoding),
         mode,
+        isovalue: 150.0,
         background: [0.0; 3],
         clip: None,
     };
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-    let (mut renderer, list) = volume.load(&cut, &frame.rays, 2);
+    let (mut renderer, list) = volume.load(&cut, &frame, 2);
     assert_eq!(renderer.visibility(), None, "nothing has been drawn yet");
     renderer.render(&frame, &volume.pyramid, &list);
     let found = renderer.visibility()?;
@@ -62,6 +63,13 @@ fn a_half_transparent_slab_halves_the_light() {
         // The table's error of a step, 32 times a brick.
         assert!((found - expected).abs() < 1e-4, "{found} {expected}");
     }
+}
+
+#[test]
+fn a_surface_hides_what_is_behind() {
+    // The value passes 150 a quarter of a voxel inside of the first brick of 200.
+    assert_eq!(visibility([0.0, 0.0, OPAQUE, 0.0], Mode::Isosurface, 0.0).unwrap(), [1.0, 1.0, 1.0, 0.0]);
+    assert_eq!(visibility([OPAQUE, OPAQUE, OPAQUE, HALF], Mode::Isosurface, 0.0).unwrap(), [1.0; 4]);
 }
 
 #[test]

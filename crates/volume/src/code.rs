@@ -74,6 +74,11 @@ impl SlotEncoding {
         self.low + unorm * (self.high - self.low)
     }
 
+    /// The normalised code of a value: below 0 or above 1 outside of the encoding's range.
+    pub fn unorm(&self, value: f64) -> f64 {
+        (value - self.low) / (self.high - self.low)
+    }
+
     /// Encodes little-endian voxels into `codes`. Costs a copy for unsigned 8- and 16-bit data.
     ///
     /// # Panics

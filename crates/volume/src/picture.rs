@@ -24,6 +24,8 @@ pub struct FrameSettings {
     pub table: TransferTable,
     /// How samples become a pixel.
     pub mode: Mode,
+    /// The value at which [`Mode::Isosurface`] has its surface; of no meaning in other modes.
+    pub isovalue: f64,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
     /// Corners of the world box outside of which nothing is shown.

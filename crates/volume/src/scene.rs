@@ -18,11 +18,23 @@ pub enum Mode {
     MinIp,
     /// The length-weighted mean of the samples, likewise.
     Average,
+    /// The first place where the value passes the scene's isovalue, as an opaque surface, lit from the eye
+    /// (see [`surface`](crate::surface)).
+    Isosurface,
 }
 
 impl Mode {
     /// All modes.
-    pub const ALL: [Mode; 4] = [Self::Dvr, Self::Mip, Self::MinIp, Self::Average];
+    pub const ALL: [Mode; 5] = [Self::Dvr, Self::Mip, Self::MinIp, Self::Average, Self::Isosurface];
+
+    /// Voxels of its neighbours that a brick needs around it: one for trilinear samples of its own, two where samples reach
+    /// out, as those of gradients do.
+    pub const fn apron(self) -> u32 {
+        match self {
+            Self::Dvr | Self::Mip | Self::MinIp | Self::Average => 1,
+            Self::Isosurface => 2,
+        }
+    }
 }
 
 /// Which level a view wants.
@@ -44,6 +56,8 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// The mode.
     pub mode: Mode,
+    /// The value at which [`Mode::Isosurface`] has its surface, in stored units: given there and nowhere else.
+    pub isovalue: Option<f64>,
     /// The transfer function; `None` is a gray ramp over the store's default window.
     pub transfer: Option<TransferFunction>,
     /// Sampling step in units of the finest voxel size.
@@ -67,6 +81,7 @@ impl Default for Scene {
         Self {
             camera: None,
             mode: Mode::Dvr,
+            isovalue: None,
             transfer: None,
             step: 1.0,
             background: [0.0; 3],
@@ -93,7 +108,8 @@ mod tests {
                 up: DVec3::Z,
                 projection: Projection::Orthographic { height: 3.5 },
             }),
-            mode: Mode::MinIp,
+            mode: Mode::Isosurface,
+            isovalue: Some(-7.5),
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
             step: 0.5,
             background: [0.25, 0.5, 1.0],

@@ -34,6 +34,9 @@ pub(crate) struct SceneArguments {
     /// How samples become a pixel
     #[arg(long, value_enum)]
     mode: Option<ModeArgument>,
+    /// The value whose surface `--mode isosurface` shows, in stored units
+    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    isovalue: Option<f64>,
     /// Transfer function: a JSON file, or gray, viridis, fire, ct-skin, ct-bone
     #[arg(long, value_name = "FILE|PRESET")]
     transfer: Option<String>,
@@ -71,6 +74,8 @@ enum ModeArgument {
     Minip,
     /// Mean along the ray
     Average,
+    /// The surface of one value, opaque, lit from the eye
+    Isosurface,
 }
 
 impl From<ModeArgument> for Mode {
@@ -80,6 +85,7 @@ impl From<ModeArgument> for Mode {
             ModeArgument::Mip => Self::Mip,
             ModeArgument::Minip => Self::MinIp,
             ModeArgument::Average => Self::Average,
+            ModeArgument::Isosurface => Self::Isosurface,
         }
     }
 }
@@ -114,6 +120,9 @@ impl SceneArguments {
         }
         scene.camera = self.camera(scene.camera, store);
         scene.mode = self.mode.map_or(scene.mode, Mode::from);
+        // Another mode's flag takes the file's isovalue away with its mode; one that is given must suit.
+        let of_file = scene.isovalue.filter(|_| self.mode.is_none() || scene.mode == Mode::Isosurface);
+        scene.isovalue = self.isovalue.or(of_file);
         scene.step = self.step.unwrap_or(scene.step);
         scene.background = self.background.unwrap_or(scene.background);
         scene.level = self.level.unwrap_or(scene.level);

@@ -6,7 +6,8 @@ use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use std::collections::BTreeMap;
 
-pub(crate) const APRON: u32 = 1;
+/// Enough for every mode.
+pub(crate) const APRON: u32 = 2;
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
@@ -151,6 +152,7 @@ impl Bricks {
             encoding: self.encoding,
             table: TransferTable::new(transfer, &self.encoding),
             mode,
+            isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &self.encoding),
             background: [0.2, 0.1, 0.4],
             clip: None,
         }

@@ -8,8 +8,6 @@ use brickyard_volume::*;
 use glam::DVec3;
 use std::sync::Arc;
 
-pub(crate) const APRON: u32 = 1;
-
 /// A volume on all levels: as arrays of values for the oracle, and the same values as codes.
 pub(crate) struct Volume {
     pub(crate) pyramid: Pyramid,
@@ -57,13 +55,13 @@ impl Volume {
     }
 
     /// A brick with its apron, the volume's faces replicated.
-    fn padded(&self, level: Level, index: BrickIndex) -> Arc<[u8]> {
+    fn padded(&self, level: Level, index: BrickIndex, apron: u32) -> Arc<[u8]> {
         let (edge, extent) = (self.pyramid.edge() as i64, self.pyramid.level(level).extent);
         let n = extent.to_array();
         let index = index.to_array();
         let along = |a: usize| {
-            let start = index[a] as i64 * edge - APRON as i64;
-            (start..start + edge + 2 * APRON as i64).map(move |i| i.clamp(0, n[a] as i64 - 1) as u32)
+            let start = index[a] as i64 * edge - apron as i64;
+            (start..start + edge + 2 * apron as i64).map(move |i| i.clamp(0, n[a] as i64 - 1) as u32)
         };
         let mut bytes = Vec::new();
         for z in along(2) {
@@ -116,22 +114,23 @@ impl Volume {
         }
     }
 
-    /// A renderer that holds the bricks of the cut, and its draw list.
-    pub(crate) fn load(&self, cut: &[CutCell], rays: &ViewRays, threads: usize) -> (SoftwareRenderer, DrawList) {
+    /// A renderer that holds the bricks of the cut for a frame, and its draw list.
+    pub(crate) fn load(&self, cut: &[CutCell], frame: &FrameSettings, threads: usize) -> (SoftwareRenderer, DrawList) {
+        let (rays, apron) = (&frame.rays, frame.mode.apron());
         let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
         bricks.sort();
         bricks.dedup();
         let mut renderer = SoftwareRenderer::new(SoftwareOptions {
             encoding: self.encoding,
             edge: self.pyramid.edge(),
-            apron: APRON,
+            apron,
             memory_bytes: 1 << 30,
             max_picture_px: [rays.width, rays.height],
             threads,
         })
         .unwrap();
         for (slot, id) in bricks.iter().enumerate() {
-            renderer.upload(Slot(slot as u32), self.padded(id.level, id.index));
+            renderer.upload(Slot(slot as u32), self.padded(id.level, id.index, apron));
         }
         let draw = |c: &CutCell| {
             let brick = self.brick(c);
@@ -152,7 +151,7 @@ impl Volume {
 
     /// The picture of the cut.
     pub(crate) fn render(&self, frame: &FrameSettings, cut: &[CutCell], threads: usize) -> Picture {
-        let (mut renderer, list) = self.load(cut, &frame.rays, threads);
+        let (mut renderer, list) = self.load(cut, frame, threads);
         renderer.render(frame, &self.pyramid, &list)
     }
 

@@ -1,0 +1,264 @@
+//! Isosurfaces: where a ray first passes the isovalue, and what it sees there. The rule is
+//! [`brickyard_volume::surface`]'s.
+//!
+//! The ends of segments are sampled in packets of eight, and the bits of which are inside, shifted by one, tell where the side
+//! changes. Only there the place is looked for, with a packet for each round, and lit, with a packet for the gradient.
+//! Blocks of macro-cells that are on one side are leapt over: the side that the ray was on before is the one that it is on
+//! behind them. (Where voxels may have no value it is not: then the ray finds its side anew.)
+
+use crate::blend::{Blend, Coverage};
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Mask, Reach};
+use crate::ray::Ray;
+use crate::sample::{Chunk, Code, LANES, Packet, Unit};
+use crate::tile::{March, Stretch};
+use brickyard_volume::surface::{FLAT_CODES, PARTS, ROUNDS, headlight};
+use glam::{Vec3, Vec4};
+use std::ops::Range;
+
+/// Sides of the surface; 0 is not known.
+pub(crate) const INSIDE: f32 = 1.0;
+pub(crate) const OUTSIDE: f32 = -1.0;
+
+/// Packets of ends that are sampled together: more wait less for one another, but more of them lie behind the surface.
+const TOGETHER: usize = 2;
+
+const _: () = assert!(PARTS == LANES, "a round is a packet");
+
+/// The first surface: before it the sum is the side that the ray is on, nothing, nothing, and 1 for all of the light; then the
+/// colour and 0.
+pub(crate) struct Isosurface;
+
+impl Blend for Isosurface {
+    const START: Vec4 = Vec4::W;
+    const FRONT_TO_BACK: bool = true;
+    const OCCLUDES: bool = true;
+    const REACH: Reach = Reach::Ends;
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+        match cell.mask {
+            // On the other side than the brick before: the surface is where they meet.
+            Mask::None if sum.x * cell.side < 0.0 => Coverage::All,
+            Mask::None => Coverage::None,
+            Mask::Some(_) => Coverage::Some,
+            Mask::All => Coverage::All,
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
+        // SAFETY: the caller's promise.
+        unsafe { cell.mask.seen(boxes) }
+    }
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        let ticks = &march.frame.ticks;
+        let [low, high] = stretch.sampleable(march.frame.edge + 2 * march.frame.apron);
+        let inside = |along: f32| {
+            if along < low {
+                low
+            } else if along > high {
+                high
+            } else {
+                along
+            }
+        };
+        let first = stretch.start + ((segments.start as u32) << stretch.zone);
+        if INVALID && ray.reached != first {
+            ray.sum.x = 0.0;
+        }
+        if ray.sum.x == 0.0 {
+            let start = inside(stretch.along(ray.ends(ticks, first).0));
+            ray.sum.x = Line { march, stretch }.side::<C, U, INVALID>(start);
+        }
+        let mut done = segments.start;
+        while done < segments.end {
+            let left = segments.end - done;
+            chunk.packets = (left.min((TOGETHER * LANES) as i32) as usize).div_ceil(LANES);
+            for p in 0..chunk.packets.min(TOGETHER) {
+                for i in 0..LANES {
+                    let lane = (p * LANES + i) as i32;
+                    chunk.along[p][i] = inside((done + lane) as f32 + 0.5);
+                    chunk.weight[p][i] = if lane < left { 1.0 } else { 0.0 };
+                }
+            }
+            let last = (left - 1) as usize;
+            if stretch.end == ray.end && segments.end == stretch.count && last < TOGETHER * LANES {
+                let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
+                chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
+            }
+            march.brick.sample::<C, U, INVALID>(stretch.origin, stretch.step, chunk);
+            for p in 0..chunk.packets.min(TOGETHER) {
+                let lanes = left - (p * LANES) as i32;
+                let Some(i) = crossing(march.frame.threshold, &mut ray.sum.x, &chunk.code[p], &chunk.weight[p], lanes)
+                else {
+                    continue;
+                };
+                let segment = done + (p * LANES + i) as i32;
+                let tick = stretch.start + ((segment as u32) << stretch.zone);
+                let from = inside(stretch.along(ray.ends(ticks, tick).0));
+                let end = [chunk.along[p][i], chunk.code[p][i]];
+                let line = Line { march, stretch };
+                let hit = line.locate::<C, U, INVALID>(from, end);
+                ray.sum = line.lit::<C, U, INVALID>(ray, hit).extend(0.0);
+                return;
+            }
+            done += (TOGETHER * LANES) as i32;
+        }
+        ray.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(sum: Vec4) -> bool {
+        sum.w == 0.0
+    }
+
+    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+        if sum.w == 0.0 { sum.truncate().to_array() } else { frame.settings.background }
+    }
+}
+
+/// The first of a packet of `count` ends (or more than fit) that is on another side than the one before it; before the first is
+/// `side`, which becomes that of the last. Those that weigh nothing are on no side.
+#[inline(always)]
+fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, count: i32) -> Option<usize> {
+    let (mut inside, mut known) = (0u32, 0u32);
+    for i in 0..LANES {
+        inside |= ((code[i] >= threshold) as u32) << i;
+        known |= ((weight[i] > 0.0) as u32) << i;
+    }
+    let before = inside << 1 | (*side > 0.0) as u32;
+    let known_before = known << 1 | (*side != 0.0) as u32;
+    let crossed = (inside ^ before) & known & known_before;
+    let last = if count < LANES as i32 { count - 1 } else { LANES as i32 - 1 };
+    let of_last = if inside >> last & 1 == 1 { INSIDE } else { OUTSIDE };
+    *side = if known >> last & 1 == 1 { of_last } else { 0.0 };
+    (crossed != 0).then(|| crossed.trailing_zeros() as usize)
+}
+
+/// A ray's way through a brick, in segments from the middle of a stretch's first.
+struct Line<'a> {
+    march: &'a March<'a>,
+    stretch: &'a Stretch,
+}
+
+impl Line<'_> {
+    /// The side that a place is on; 0 if it has no value.
+    #[inline(always)]
+    fn side<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> f32 {
+        let (code, weight) = self.sample::<C, U, INVALID>(&[along; LANES]);
+        match weight[0] > 0.0 {
+            true if code[0] >= self.march.frame.threshold => INSIDE,
+            true => OUTSIDE,
+            false => 0.0,
+        }
+    }
+
+    /// The surface between two places, of which the one behind is given with its code.
+    #[inline(always)]
+    fn locate<C: Code, U: Unit, const INVALID: bool>(&self, mut from: f32, [mut to, mut to_code]: [f32; 2]) -> f32 {
+        let threshold = self.march.frame.threshold;
+        let is_inside = to_code >= threshold;
+        // Behind by nothing: the place behind is the surface, if the one in front turns out to have no value.
+        let mut from_code = to_code;
+        for _ in 0..ROUNDS {
+            let part = (to - from) * (1.0 / PARTS as f32);
+            let mut along = [0.0; LANES];
+            for i in 0..LANES {
+                along[i] = from + i as f32 * part;
+            }
+            let (code, weight) = self.sample::<C, U, INVALID>(&along);
+            let mut past = 1 << LANES;
+            for i in 0..LANES {
+                past |= ((((code[i] >= threshold) == is_inside) & (weight[i] > 0.0)) as u32) << i;
+            }
+            let first = past.trailing_zeros() as usize;
+            if first == 0 {
+                // The brick before saw it on the other side here.
+                return from;
+            }
+            if first < LANES {
+                (to, to_code) = (along[first], code[first]);
+            }
+            from = along[first - 1];
+            from_code = if weight[first - 1] > 0.0 { code[first - 1] } else { to_code };
+        }
+        let share = (threshold - from_code) / (to_code - from_code);
+        if to_code == from_code { to } else { from + (to - from) * share.clamp(0.0, 1.0) }
+    }
+
+    /// The colour of the surface at a place.
+    #[inline(always)]
+    fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
+        let March { frame, cell, brick } = self.march;
+        let (origin, step) = (self.stretch.origin, self.stretch.step);
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        // A voxel to each side along each axis, or as far as the brick goes.
+        let far = (frame.edge + 2 * frame.apron - 1) as f32;
+        for a in 0..3 {
+            let at = (origin[a] + along * step[a]).clamp(0.0, far);
+            points[a] = [at; LANES];
+            (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
+        }
+        let mut code = brick.sample_points::<C, U, INVALID>(&points, &mut weight);
+        let spacing = frame.settings.geometry.spacing.to_array();
+        let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+        for i in 0..LANES {
+            code[i] = if weight[i] > 0.0 { code[i] } else { frame.threshold };
+        }
+        for a in 0..3 {
+            let distance = points[a][2 * a] - points[a][2 * a + 1];
+            differences[a] = (code[2 * a] - code[2 * a + 1]) * (2.0 / distance);
+            gradient[a] = differences[a] * (cell.scale[a] / spacing[a]) as f32;
+            direction[a] = (ray.direction[a] * spacing[a]) as f32;
+        }
+        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
+        let (own, white) = headlight((!is_flat).then(|| (gradient.dot(direction) / gradient.length()) as f64));
+        frame.surface_color * own as f32 + Vec3::splat(white as f32)
+    }
+
+    /// The codes at these places; what has no value weighs nothing.
+    #[inline(always)]
+    fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: &Packet) -> (Packet, Packet) {
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for a in 0..3 {
+            for i in 0..LANES {
+                points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
+            }
+        }
+        let code = self.march.brick.sample_points::<C, U, INVALID>(&points, &mut weight);
+        (code, weight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_change_of_sides_is_found() {
+        let find = |codes: [i32; LANES], mut side: f32, count| {
+            let weight = codes.map(|code| (code >= 0) as u8 as f32);
+            let found = crossing(5.0, &mut side, &codes.map(|code| code as f32), &weight, count);
+            (found, side)
+        };
+        let none = -1;
+        assert_eq!(find([1, 2, 3, 4, 4, 4, 4, 4], OUTSIDE, 8), (None, OUTSIDE));
+        assert_eq!(find([1, 2, 3, 4, 5, 6, 1, 9], OUTSIDE, 9), (Some(4), INSIDE));
+        assert_eq!(find([5, 6, 6, 6, 6, 4, 4, 4], INSIDE, 8), (Some(5), OUTSIDE));
+        assert_eq!(find([5, 6, 6, 6, 6, 6, 6, 6], OUTSIDE, 8), (Some(0), INSIDE));
+        assert_eq!(find([5, 6, 6, 6, 6, 6, 6, 6], 0.0, 8), (None, INSIDE));
+        // Lanes behind the last one weigh nothing; nor do places without a value, on whose far side nothing is known.
+        assert_eq!(find([1, 1, none, none, none, none, none, none], OUTSIDE, 2), (None, OUTSIDE));
+        assert_eq!(find([1, none, 7, 7, 4, none, none, none], OUTSIDE, 5), (Some(4), OUTSIDE));
+        assert_eq!(find([1, none, 7, 7, 7, 7, 7, none], OUTSIDE, 8), (None, 0.0));
+    }
+}

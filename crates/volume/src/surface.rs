@@ -1,0 +1,94 @@
+//! Surfaces of one value: where a ray meets them, and how they are lit. What all renderers of
+//! [`Mode::Isosurface`](crate::Mode::Isosurface) have in common.
+//!
+//! The field is read at the ends of a ray's segments (see [`lattice`](crate::lattice)), each in the brick that owns the segment
+//! it ends; the start of the first one in that one's brick. Where an end is on another side of the isovalue than the end before
+//! it, the surface has been crossed in between; the first crossing is what is seen. So a ray has exactly one hit where it
+//! passes from one side to the other: bricks that disagree at their border, by rounding or by their level, leave no gap. An end
+//! without a value has no side, and where the volume or the shown box begins there is no surface.
+//!
+//! Where in its segment the crossing is, is found in the segment's own brick: of [`PARTS`] equal parts the first whose ends are
+//! on two sides, the same once more within it, then a straight line between its ends. A 64th of a segment holds the crossing
+//! before that last step, and the line is far better.
+
+use crate::code::SlotEncoding;
+
+/// Parts that a stretch is searched in, each of [`ROUNDS`] times.
+pub const PARTS: usize = 8;
+
+/// How often the part with the crossing is searched again.
+pub const ROUNDS: usize = 2;
+
+/// Light that comes from everywhere: what a surface shows of its colour however it is turned. This and the rest are VTK's
+/// defaults.
+pub const AMBIENT: f64 = 0.1;
+
+/// What it shows besides when it faces the light.
+pub const DIFFUSE: f64 = 0.7;
+
+/// What it reflects of the white light when it faces it.
+pub const SPECULAR: f64 = 0.2;
+
+/// How fast the reflection fades as it turns away: the power of the cosine.
+pub const SPECULAR_POWER: i32 = 10;
+
+/// Differences of codes across two voxels, along all axes together, below which a field has no gradient: what rounding leaves
+/// of a flat one.
+pub const FLAT_CODES: f64 = 1.0 / 64.0;
+
+/// A share of a code, by which surfaces lie below their isovalue: where many voxels have just that value, rounding does not
+/// decide on which side they are.
+const BELOW: f64 = 1.0 / 64.0;
+
+/// The value that the field is compared with for a surface at `isovalue`: at or above it is inside.
+pub fn threshold(isovalue: f64, encoding: &SlotEncoding) -> f64 {
+    isovalue - BELOW * encoding.code_width()
+}
+
+/// Whether samples with codes in the range can be on both sides of a threshold, in codes.
+#[inline(always)]
+pub fn straddles([low, high]: [u16; 2], threshold: f32) -> bool {
+    (low as f32) < threshold && threshold <= high as f32
+}
+
+/// What a surface shows whose normal has this cosine with the ray, lit from the eye, whichever side it shows: as a share of
+/// its own colour, and of white. `None` is a field so flat that there is no normal: it shows its colour as if it faced the eye.
+pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
+    match cosine.map(f64::abs) {
+        // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.
+        Some(cosine) => (AMBIENT + DIFFUSE * cosine, SPECULAR * cosine.powi(SPECULAR_POWER)),
+        None => (AMBIENT + DIFFUSE, 0.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel_type::VoxelType;
+
+    #[test]
+    fn a_range_straddles_only_what_is_inside_of_it() {
+        let cases =
+            [([3, 9], true), ([6, 9], false), ([3, 5], false), ([5, 6], true), (crate::macrocells::NONE, false)];
+        for (range, expected) in cases {
+            assert_eq!(straddles(range, 5.5), expected, "{range:?}");
+        }
+        assert!(straddles([5, 6], 6.0) && !straddles([6, 7], 6.0), "at the threshold is inside");
+    }
+
+    #[test]
+    fn voxels_of_just_the_isovalue_are_inside() {
+        let encoding = SlotEncoding::new(VoxelType::I16, (0.0, 1.0), false);
+        let threshold = encoding.unorm(threshold(-24.0, &encoding)) * 65535.0;
+        let code = 32768.0 - 24.0;
+        assert!(threshold < code - 0.01 && threshold > code - 0.02, "{threshold}");
+    }
+
+    #[test]
+    fn both_sides_of_a_surface_are_lit() {
+        assert_eq!(headlight(Some(1.0)), headlight(Some(-1.0)));
+        let (own, white) = headlight(Some(0.5));
+        assert!((own - 0.45).abs() < 1e-12 && (white - 0.2 / 1024.0).abs() < 1e-12);
+        assert_eq!(headlight(None).1, 0.0);
+    }
+}

@@ -1,0 +1,26 @@
+// Looks for the surface in a cell.
+//
+// Cells do not know on which side a ray comes from the one before. So each looks in its own field from as far before it as its
+// apron goes: what two cells would see each just beyond the plane where they meet, one of them sees.
+@fragment
+fn march(in: Proxy) -> @location(0) vec4f {
+    let ray = pixel_ray(in.position.xy);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
+    let stretch = vec2f(max(whole.x, 0.0), whole.y);
+    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
+    let first = max(own.x, stretch.x);
+    let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);
+    let before = max(first - 1.5 * voxel_length(ray, in.texel_scale), max(stretch.x, field.reach.x));
+    var walk = enter_zone(tick_at(before), 0u, stretch);
+    let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
+    var pixel = pixel_start();
+    pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
+    while (first < min(own.y, stretch.y) && walk.middle < last && !is_final(pixel)) {
+        pixel = search(pixel, field, walk.start, walk.end);
+        walk = walk_on(walk, stretch);
+        if (is_zone_left(walk)) {
+            walk = next_zone(walk, stretch);
+        }
+    }
+    return pixel_in(pixel, field, ray);
+}

@@ -1,0 +1,70 @@
+// As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, and the side that the ray is
+// on goes with it from brick to brick, also over what is leapt over.
+@fragment
+fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let ray = pixel_ray(position.xy);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
+    let stretch = vec2f(max(whole.x, 0.0), whole.y);
+    var pixel = pixel_start();
+    var field: Field;
+    var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
+    while (walk.start < stretch.y && !is_final(pixel)) {
+        if (is_zone_left(walk)) {
+            walk = next_zone(walk, stretch);
+        }
+        // Where segments are long, bricks take those of others that reach into them, for the others may not be there.
+        let hang = overhang(ray, vec3f(1.0), walk.stride);
+        let place = find_place(ray.origin + ray.direction * min(walk.middle + hang, stretch.y));
+        // The leaf has at least this segment, even where rounding puts its end before it.
+        let leave = max(min(leaving(ray, place.low, place.size) + hang, stretch.y), walk.end);
+        var brick: RayBrick;
+        var is_brick_seen = place.number != 0u;
+        if (is_brick_seen) {
+            mark(place.number - 1u, pixel);
+            brick = bricks[place.number - 1u];
+            is_brick_seen = sees(pixel, brick.range);
+        }
+        field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
+        // Longer segments reach out of macro-cells farther than their ranges hold.
+        let has_cells = is_brick_seen && overhang(ray, brick.texel_scale, walk.stride) == 0.0;
+        var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
+        loop {
+            // The next run: from where to where; behind the eye if there is none.
+            var enter = select(leave, walk.middle, is_brick_seen);
+            var end = select(-1.0, leave, is_brick_seen);
+            if (has_cells) {
+                enter = leave;
+                end = -1.0;
+                var is_in_run = false;
+                var is_searching = true;
+                while (is_searching) {
+                    let is_seen = cells.enter < leave && sees(pixel, ranges[brick.first_range + cell_index(cells)]);
+                    enter = select(enter, cells.enter, is_seen && !is_in_run);
+                    end = select(end, cells.enter, is_in_run);
+                    is_searching = cells.enter < leave && (is_seen || !is_in_run);
+                    is_in_run = is_seen;
+                    if (is_searching) {
+                        cells = next_cell(ray, cells, brick.texel_scale);
+                    }
+                }
+            }
+            // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
+            if (enter > walk.middle || leave <= walk.middle) {
+                walk = walk_past(walk, enter, stretch);
+                pixel.side = select(pixel.side, 0.0, HAS_INVALID);
+            }
+            let until = min(end, leave);
+            if (pixel.side == 0.0 && walk.middle < until) {
+                pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
+            }
+            while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {
+                pixel = search(pixel, field, walk.start, walk.end);
+                walk = walk_on(walk, stretch);
+            }
+            if (walk.middle >= leave || is_zone_left(walk) || is_final(pixel)) {
+                break;
+            }
+        }
+    }
+    return pixel_in(pixel, field, ray);
+}
