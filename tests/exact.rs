@@ -45,6 +45,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
         threads: 2,
         mode: Mode::Isosurface,
         max_size_px: SIZE,
+        leaps: true,
         live: false,
     }
 }

@@ -6,7 +6,7 @@ use brickyard::volume::{
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, oracle, read_png, session,
-    session_for, session_within, settled,
+    session_for, session_within, session_without_leaps, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -202,6 +202,32 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
 }
 
 /// A clip box cuts through bricks and voxels; what is outside of it is neither shown nor read.
+#[test]
+fn leaps_change_no_picture() {
+    let extent = Extent::new(61, 53, 67);
+    let geometry = Geometry { spacing: DVec3::new(0.5, 0.8, 1.1), ..Geometry::default() };
+    let value = |v| u8::from_f64_rounded(shells(extent, v) * 255.0);
+    let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), |_, _, v| value(v)), 16);
+    let (low, high) = geometry.world_box(extent);
+    let (_, camera) = cameras(low, high).into_iter().next().expect("a camera");
+    for mode in Mode::ALL {
+        let transfer = Some(transfer(140.0, 255.0, geometry.voxel_size(extent) * 2.0));
+        let scene = Scene { camera: Some(camera), transfer, mode, isovalue: isovalue(mode), ..Scene::default() };
+        let expected = oracle(&test.store, &scene, SIZE);
+        for way in WAYS {
+            let Some(mut with) = session_for(&test.store, mode, way, SIZE) else { continue };
+            let (_, with) = settled(&mut with, &scene, SIZE);
+            let mut without = session_without_leaps(&test.store, mode, way, SIZE).expect("the same backend");
+            let (picture, without) = settled(&mut without, &scene, SIZE);
+            assert_same(&picture, &expected, &format!("{mode:?} {way:?}"));
+            // Bricks that show nothing are read only where nothing is leapt over.
+            let (with, without) = (with.bricks.uploaded, without.bricks.uploaded);
+            let leaves_out = matches!(mode, Mode::Dvr | Mode::Isosurface);
+            assert!(if leaves_out { with < without } else { with == without }, "{mode:?} {way:?}: {with}, {without}");
+        }
+    }
+}
+
 #[test]
 fn a_clip_box_equals_the_oracle() {
     let extent = Extent::new(61, 53, 67);

@@ -125,6 +125,14 @@ pub fn session_for(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)
     open_session(store, SessionOptions { mode, ..options(way, size_px, 256 << 20, 256 << 20) })
 }
 
+/// The same, leaping over nothing.
+///
+/// # Panics
+/// If the session cannot be made although there is an adapter.
+pub fn session_without_leaps(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)) -> Option<Session> {
+    open_session(store, SessionOptions { mode, leaps: false, ..options(way, size_px, 256 << 20, 256 << 20) })
+}
+
 /// Opens a session under budgets.
 ///
 /// # Panics
@@ -148,6 +156,7 @@ fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u64, 
         mode: Mode::Dvr,
         threads: 2,
         max_size_px,
+        leaps: true,
         live: false,
     }
 }

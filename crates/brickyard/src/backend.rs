@@ -51,6 +51,8 @@ pub struct BackendNeeds {
     pub max_slots: u32,
     /// Threads of the CPU backend.
     pub threads: usize,
+    /// Whether rays leap over what shows nothing.
+    pub leaps: bool,
 }
 
 impl BackendNeeds {
@@ -69,6 +71,7 @@ impl BackendNeeds {
             max_size_px: options.max_size_px,
             max_slots: u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX),
             threads: options.threads,
+            leaps: options.leaps,
         }
     }
 }
@@ -120,6 +123,7 @@ impl Backend {
                 memory_bytes: needs.gpu_memory_bytes,
                 max_picture_px: needs.max_size_px.into(),
                 threads: needs.threads,
+                leaps: needs.leaps,
             })?;
             Ok((Self::Cpu(renderer), format!("cpu, {} threads{why}", needs.threads)))
         };
@@ -130,7 +134,8 @@ impl Backend {
                 CompositorChoice::Raycast => Compositor::Raycast,
             };
             let (levels, max_slots) = (needs.levels, needs.max_slots);
-            let options = GpuOptions { preference, compositor, levels, max_slots, ..Default::default() };
+            let options =
+                GpuOptions { preference, compositor, levels, max_slots, leaps: needs.leaps, ..Default::default() };
             let renderer = GpuRenderer::new(
                 &options,
                 needs.encoding,

@@ -35,6 +35,8 @@ pub struct SessionOptions {
     pub threads: usize,
     /// The largest picture to be rendered, pixels.
     pub max_size_px: (u32, u32),
+    /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
+    pub leaps: bool,
     /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, and each step's uploads are
     /// limited. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
     pub live: bool,
@@ -86,6 +88,7 @@ pub struct Session {
     source: Arc<dyn BrickSource>,
     /// Voxels around its bricks.
     apron: u32,
+    leaps: bool,
     default_window: (f64, f64),
     pager: Pager,
     backend: Backend,
@@ -132,6 +135,7 @@ impl Session {
         Ok(Self {
             source,
             apron,
+            leaps: options.leaps,
             default_window,
             pager,
             backend,
@@ -153,7 +157,9 @@ impl Session {
             let problem = format!("the session's bricks have too few voxels around them for {:?}", scene.mode);
             return Err(SessionError::Scene(problem + ": make it with SessionOptions::mode set to that"));
         }
-        resolve(&*self.source, self.default_window, scene, (width, height))
+        let mut resolved = resolve(&*self.source, self.default_window, scene, (width, height))?;
+        resolved.view.opaque = resolved.view.opaque.filter(|_| self.leaps);
+        Ok(resolved)
     }
 
     /// One step of streaming: asks the pager, performs its uploads, keeps its draw list. A lost device is made anew.

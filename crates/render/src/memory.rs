@@ -38,11 +38,13 @@ pub(crate) struct RaycastPlan {
     pub(crate) levels: u32,
     /// The counts of opaque entries.
     pub(crate) opaque_bytes: u64,
+    /// Whether macro-cells are to be leapt over.
+    pub(crate) leaps: bool,
 }
 
 impl RaycastPlan {
-    pub(crate) fn new(edge: u32, levels: u32, codes: SlotFormat) -> Self {
-        Self { edge, levels, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
+    pub(crate) fn new(edge: u32, levels: u32, codes: SlotFormat, leaps: bool) -> Self {
+        Self { edge, levels, leaps, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
     }
 
     /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its
@@ -157,7 +159,7 @@ mod tests {
 
     /// For either compositor.
     fn both(needs: MemoryNeeds) -> [MemoryNeeds; 2] {
-        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.codes)), ..needs }]
+        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.codes, true)), ..needs }]
     }
 
     #[test]

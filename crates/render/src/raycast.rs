@@ -78,7 +78,10 @@ impl Raycast {
     /// Takes note of what a brick that goes into a slot holds.
     pub(crate) fn upload(&mut self, gpu: &Gpu, Slot(slot): Slot, codes: &[u8], encoding: &SlotEncoding, apron: u32) {
         let edge = self.plan.edge as usize;
-        let cells = MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, apron as usize);
+        let cells = match self.plan.leaps {
+            true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, apron as usize),
+            false => MacroCells::of_anything(encoding.format, edge),
+        };
         let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();
         gpu.queue.write_buffer(&self.ranges, self.plan.ranges_bytes(slot), bytemuck::cast_slice(&packed));
         self.slot_ranges[slot as usize] = cells.whole();
@@ -105,7 +108,8 @@ impl Raycast {
     ) -> Result<(), GpuError> {
         let macro_cells = per_axis(self.plan.edge as usize).pow(3) as u32;
         let slots = Slots { atlas, apron, macro_cells, ranges: &self.slot_ranges };
-        let visibility = Visibility { mode: frame.mode, has_invalid: frame.encoding.has_invalid, opaque: &self.opaque };
+        let (mode, has_invalid) = (frame.mode, frame.encoding.has_invalid);
+        let visibility = Visibility { mode, has_invalid, opaque: &self.opaque, leaps: self.plan.leaps };
         let tree = Tree::new(pyramid, draw, &visibility, &slots);
         let (nodes, bricks): (&[u8], &[u8]) = (bytemuck::cast_slice(&tree.nodes), bytemuck::cast_slice(&tree.bricks));
         if nodes.len() as u64 > self.nodes.size() || bricks.len() as u64 > self.bricks.size() {

@@ -49,6 +49,8 @@ pub struct GpuOptions {
     pub preference: GpuPreference,
     /// How frames are gathered.
     pub compositor: Compositor,
+    /// Whether rays of `raycast` leap over what shows nothing; without, pictures are the same and take longer.
+    pub leaps: bool,
     /// Levels of the pyramid, at most: how deep an octree is made room for.
     pub levels: u32,
     /// No more slots than this, whatever the budget: the number of bricks there are. A slot costs its bytes from the start.
@@ -61,7 +63,7 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self { preference, compositor, levels: 16, max_slots: u32::MAX, refuse_above_bytes: u64::MAX }
+        Self { preference, compositor, leaps: true, levels: 16, max_slots: u32::MAX, refuse_above_bytes: u64::MAX }
     }
 }
 
@@ -104,7 +106,7 @@ impl Recipe {
     fn raycast(&self) -> Option<RaycastPlan> {
         let levels = self.options.levels;
         (self.options.compositor == Compositor::Raycast)
-            .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format))
+            .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format, self.options.leaps))
     }
 
     /// How the budget is spent on this device.

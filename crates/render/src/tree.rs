@@ -20,6 +20,8 @@ pub(crate) struct Visibility<'a> {
     pub(crate) mode: Mode,
     pub(crate) has_invalid: bool,
     pub(crate) opaque: &'a OpaqueCodes,
+    /// Whether macro-cells are to be leapt over.
+    pub(crate) leaps: bool,
 }
 
 impl Visibility<'_> {
@@ -34,8 +36,11 @@ impl Visibility<'_> {
     /// Whether no macro-cell of a brick with these codes is worth leaping over.
     fn all(&self, range: [u16; 2]) -> bool {
         match self.mode {
+            // A surface's rays ask every macro-cell.
+            Mode::Isosurface => false,
+            _ if !self.leaps => true,
             Mode::Dvr => self.opaque.all(range),
-            Mode::Mip | Mode::MinIp | Mode::Isosurface => false,
+            Mode::Mip | Mode::MinIp => false,
             Mode::Average => !self.has_invalid,
         }
     }
@@ -200,7 +205,7 @@ mod tests {
             let tree = Tree::new(
                 &pyramid,
                 &list,
-                &Visibility { mode: Mode::Dvr, has_invalid: false, opaque: &opaque },
+                &Visibility { mode: Mode::Dvr, has_invalid: false, opaque: &opaque, leaps: true },
                 &slots,
             );
             assert!(tree.nodes.len() / GROUP <= 1 + list.cells.len() * splits(&pyramid).len());
@@ -257,7 +262,8 @@ mod tests {
         let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 4, ranges: &ranges };
         let opaque = table(|i| (10..=30).contains(&i) as u8 as f32);
         let firsts = |mode, has_invalid| {
-            let tree = Tree::new(&pyramid, &list, &Visibility { mode, has_invalid, opaque: &opaque }, &slots);
+            let tree =
+                Tree::new(&pyramid, &list, &Visibility { mode, has_invalid, opaque: &opaque, leaps: true }, &slots);
             tree.bricks.iter().rev().map(|b| b.first_range).collect::<Vec<_>>()
         };
         assert_eq!(firsts(Mode::Dvr, false), [0, 4, 8, NO_RANGES, 16, 20, 24, NO_RANGES]);

@@ -27,6 +27,8 @@ pub struct SoftwareOptions {
     pub max_picture_px: [u32; 2],
     /// Threads that draw; at least 1.
     pub threads: usize,
+    /// Whether rays leap over what shows nothing; without, pictures are the same and take longer.
+    pub leaps: bool,
 }
 
 /// Why a renderer cannot be made.
@@ -115,8 +117,11 @@ impl SoftwareRenderer {
     /// If there is no such slot or the length is not a padded brick's.
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
-        let SoftwareOptions { encoding, edge, apron, .. } = self.options;
-        let cells = MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize);
+        let SoftwareOptions { encoding, edge, apron, leaps, .. } = self.options;
+        let cells = match leaps {
+            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize),
+            false => MacroCells::of_anything(encoding.format, edge as usize),
+        };
         self.slots[slot.0 as usize] = Some(Resident { codes, cells });
     }
 
@@ -192,7 +197,15 @@ mod tests {
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
         let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
-        SoftwareOptions { encoding, edge: 32, apron: 1, memory_bytes, max_picture_px: [640, 481], threads: 2 }
+        SoftwareOptions {
+            encoding,
+            edge: 32,
+            apron: 1,
+            memory_bytes,
+            max_picture_px: [640, 481],
+            threads: 2,
+            leaps: true,
+        }
     }
 
     #[test]

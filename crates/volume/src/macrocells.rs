@@ -68,6 +68,12 @@ impl MacroCells {
         Self { ranges: ranges.into(), whole }
     }
 
+    /// Those of a brick of which nothing is known: a ray leaps over none of them.
+    pub fn of_anything(format: SlotFormat, edge: usize) -> Self {
+        let whole = [0, format.max_code() as u16];
+        Self { ranges: vec![whole; per_axis(edge).pow(3)].into(), whole }
+    }
+
     /// The ranges of all cells, x fastest; [`NONE`] where no voxel is valid.
     pub fn ranges(&self) -> &[[u16; 2]] {
         &self.ranges

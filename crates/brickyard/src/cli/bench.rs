@@ -32,6 +32,9 @@ pub(crate) struct BenchArguments {
     /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it. Without, every frame is exact
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
     frame_goal: Option<u32>,
+    /// Read and sample what shows nothing, too: what leaping over it gains is the difference
+    #[arg(long)]
+    no_leaps: bool,
     /// Seed of the random flight
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -134,6 +137,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         mode: scene.mode,
         threads: threads(arguments.threads),
         max_size_px: arguments.size,
+        leaps: !arguments.no_leaps,
         live: true,
     };
     let plan = FlightPlan {

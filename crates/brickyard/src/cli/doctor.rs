@@ -127,6 +127,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         mode: scene.mode,
         threads: processors(),
         max_size_px: SIZE,
+        leaps: true,
         live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };

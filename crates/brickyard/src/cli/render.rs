@@ -192,6 +192,7 @@ impl RenderArguments {
             mode,
             threads: threads(self.threads),
             max_size_px: self.size,
+            leaps: true,
             live: false,
         }
     }

@@ -127,6 +127,7 @@ impl Volume {
             memory_bytes: 1 << 30,
             max_picture_px: [rays.width, rays.height],
             threads,
+            leaps: true,
         })
         .unwrap();
         for (slot, id) in bricks.iter().enumerate() {
