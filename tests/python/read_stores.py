@@ -1,8 +1,8 @@
 """Stores made by `brickyard pack`, read by zarr-python and tensorstore.
 
 For every voxel type and for volumes of every awkward shape: all readers see what `export` gives, bit for bit; every level
-is the mean of the finer one (or, in a second pyramid, the maximum); the OME metadata places every level right; and nothing
-but the levels is listed.
+is the mean of the finer one (or, in a second pyramid, the maximum); stored aprons are what surrounds the bricks; the OME metadata
+places every level right; and nothing but the levels is listed.
 """
 
 import json
@@ -19,6 +19,8 @@ NAMES = {"u1": "u8", "i1": "i8", "u2": "u16", "i2": "i16", "u4": "u32", "i4": "i
 SMALL = ["--brick", "8", "--shard", "16"]
 MEDIUM = ["--brick", "16", "--shard", "64"]
 TWO = ["--downsample", "mean,max"]
+APRONS = ["--aprons", "1"]
+WIDE_APRONS = ["--aprons", "2"]
 
 
 class Volume:
@@ -53,16 +55,16 @@ def volumes():
     """{name: Volume}."""
     made = {}
     for d in DTYPES:
-        made[f"{d}-odd"] = Volume(noise(d, 43, 21, 37), SMALL + TWO)
+        made[f"{d}-odd"] = Volume(noise(d, 43, 21, 37), SMALL + TWO + APRONS)
         made[f"{d}-anisotropic"] = Volume(
             noise(d, 19, 40, 33), MEDIUM + TWO, spacing=(0.5, 0.7, 2.25), origin=(-11.5, 3.25, 1e3), unit="um")
         made[f"{d}-slice"] = Volume(noise(d, 1, 50, 34), SMALL, spacing=(2.0, 3.0, 0.1))
         made[f"{d}-times"] = Volume(noise(d, 3, 1, 18, 17, 19), SMALL)
         made[f"{d}-channels"] = Volume(noise(d, 2, 18, 17, 19), SMALL)
-        made[f"{d}-5d"] = Volume(noise(d, 2, 3, 9, 10, 20), SMALL + TWO, unit="mm")
+        made[f"{d}-5d"] = Volume(noise(d, 2, 3, 9, 10, 20), SMALL + TWO + WIDE_APRONS, unit="mm")
         made[f"{d}-constant"] = Volume(np.full((1, 1, 20, 30, 40), 7, d), MEDIUM)
         made[f"{d}-zero"] = Volume(np.zeros((1, 1, 20, 30, 40), d), MEDIUM)
-        made[f"{d}-plain"] = Volume(noise(d, 20, 30, 40), MEDIUM + ["--codec", "none"])
+        made[f"{d}-plain"] = Volume(noise(d, 20, 30, 40), MEDIUM + APRONS + ["--codec", "none"])
     made["u8-100x37x211"] = Volume(noise("u1", 211, 37, 100), MEDIUM)
     made["u16-100x37x211"] = Volume(noise("u2", 211, 37, 100))  # One brick shape for all defaults.
     made["u16-zstd"] = Volume(noise("u2", 20, 30, 40), MEDIUM + ["--codec", "zstd:3"])
@@ -76,7 +78,7 @@ def volumes():
     made["f4-not-finite"] = Volume(special, SMALL + TWO)
     spots = np.zeros((1, 1, 40, 40, 40), "u2")
     spots[..., 3, 33, 20] = 65535
-    made["u2-spot"] = Volume(spots, SMALL + TWO)
+    made["u2-spot"] = Volume(spots, SMALL + TWO + APRONS)
     return made
 
 
@@ -194,6 +196,28 @@ def opened(path):
     return array, ts.open({"driver": "zarr3", "kvstore": {"driver": "file", "path": str(path)}}).result()
 
 
+def check_aprons(path, level, root):
+    """Where aprons are stored beside the level at `path`, they are the voxels around its bricks, edges repeated."""
+    settings = root["attributes"]["brickyard"]
+    edge, width = settings["edge"], settings.get("aprons", 0)
+    if not width:
+        check(not (path / ".brickyard" / "aprons").exists(), path)
+        return
+    array, store = opened(path / ".brickyard" / "aprons")
+    found = array[...]
+    check(same_bits(found, store.read().result()), f"{path}: zarr-python and tensorstore differ in the aprons")
+    bricks = found.shape[-4:-1]
+    core, low, high = slice(width, width + edge), slice(width), slice(width + edge, None)
+    slabs = [(low,), (high,), (core, low), (core, high), (core, core, low), (core, core, high)]
+    for voxels, aprons in zip(level.reshape(-1, *level.shape[-3:]), found.reshape(-1, *found.shape[-4:]), strict=True):
+        pads = [(width, b * edge - n + width) for b, n in zip(bricks, voxels.shape)]
+        padded = np.pad(voxels, pads, mode="edge")
+        for brick in np.ndindex(*bricks):
+            box = padded[tuple(slice(b * edge, (b + 1) * edge + 2 * width) for b in brick)]
+            expected = np.concatenate([box[slab].ravel() for slab in slabs])
+            check(same_bits(aprons[brick], expected), f"{path}: the apron of brick {brick}")
+
+
 def check_second(path, root, scales):
     """The second pyramid's levels, where its metadata say, are the maxima of the finer ones, from the same level 0 on."""
     (main,), (second,) = (root["attributes"][owner]["multiscales"] for owner in ["ome", "brickyard"])
@@ -208,6 +232,7 @@ def check_second(path, root, scales):
         check(array.metadata == like, f"level {k}: shape, type, shards or codecs of the pyramids differ")
         found = array[...]
         check(same_bits(found, store.read().result()), f"level {k}: zarr-python and tensorstore differ")
+        check_aprons(path / ours["path"], found, root)
         if finer is not None:
             factor = [1] * (found.ndim - 3) + [round(f) for f in scales[k] / scales[k - 1]]
             check(same_bits(found, maximum(finer, factor)), f"level {k} is not the maximum of the finer one")
@@ -232,6 +257,7 @@ def check_store(name, volume):
         names = tuple(a["name"] for a in root["attributes"]["ome"]["multiscales"][0]["axes"])
         check(array.metadata.dimension_names == names and store.domain.labels == names, store.domain)
         check(same_bits(store.read().result(), ours), f"level {k}: tensorstore and export differ")
+        check_aprons(path / str(k), ours, root)
         if finer is None:
             check(same_bits(ours.reshape(volume.array.shape), volume.array), "level 0 is not the input")
         else:

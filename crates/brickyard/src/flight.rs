@@ -52,7 +52,7 @@ pub struct FlightReport {
     pub bricks: BrickCounts,
     /// Uploads in it of bricks that no view wanted yet.
     pub uploaded_ahead: u64,
-    /// Cores decoded in it.
+    /// Cores decoded in it. Stored aprons count in `bytes` alone.
     pub bricks_decoded: u64,
     /// Bytes of it.
     pub bytes: ByteCounts,
