@@ -100,7 +100,8 @@ fn main() -> Result<(), String> {
             for ((_, slots), timings) in backends.iter_mut().zip(&mut timings) {
                 let count = slots.count();
                 let (timing, result) = time(|| {
-                    (0..arguments.bricks).try_for_each(|i| slots.upload(Slot(i % count), &bricks[i as usize % bricks.len()]))
+                    (0..arguments.bricks)
+                        .try_for_each(|i| slots.upload(Slot(i % count), &bricks[i as usize % bricks.len()]))
                 });
                 result?;
                 timings.push(timing);

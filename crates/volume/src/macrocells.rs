@@ -1,7 +1,7 @@
 //! Macro-cells: a brick's core in boxes of 8^3 voxels, each with the least and greatest code that a sample in it can have,
 //! so that a ray leaps over what cannot be seen; and which ranges of codes a transfer table shows.
 //!
-//! Cells are made once when a brick arrives (about 30 us for 64^3); what they mean for a picture is asked anew for every
+//! Cells are made once when a brick arrives (0.1 to 0.2 ms for 64^3 on one core); what they mean for a picture is asked anew for every
 //! frame, so an edit of the transfer function reloads nothing. A cell's range covers half a voxel more than its box on each
 //! side: rounding in a traversal never hides a sample.
 
@@ -40,18 +40,25 @@ pub const fn bytes(edge: usize) -> usize {
 impl MacroCells {
     /// Those of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, apron: usize) -> Self {
+        match format {
+            SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, apron),
+            SlotFormat::U16 => Self::of::<u16>(codes.as_chunks().0, has_invalid, edge, apron),
+        }
+    }
+
+    fn of<C: Code>(codes: &[C::Bytes], has_invalid: bool, edge: usize, apron: usize) -> Self {
         let (padded, cells) = (edge + 2 * apron, per_axis(edge));
         // The voxels that samples of cell `i` touch along an axis: the core's, and one more on each side.
         let reach = |i: usize| i * CELL_EDGE + apron - 1..((i + 1) * CELL_EDGE + apron + 1).min(padded);
-        let mut rows = RowRanges::new(padded);
+        let mut rows = RowRanges::<C>::new(padded);
         // Joined along y in every slice, then along z, both by whole rows; along x at the end.
-        let mut slices = vec![NONE; padded * cells * padded];
+        let mut slices = vec![[C::MAX, C::ZERO]; padded * cells * padded];
         for z in 0..padded {
             for y in 0..cells {
                 rows.clear();
                 for line in reach(y) {
-                    let start = (z * padded + line) * padded * format.bytes();
-                    rows.add(&codes[start..start + padded * format.bytes()], format, has_invalid);
+                    let start = (z * padded + line) * padded;
+                    rows.add(&codes[start..start + padded], has_invalid);
                 }
                 rows.store(&mut slices[(z * cells + y) * padded..][..padded]);
             }
@@ -92,53 +99,71 @@ impl MacroCells {
     }
 }
 
-/// Codes of rows, column by column.
-struct RowRanges {
-    low: Vec<u16>,
-    high: Vec<u16>,
+/// A code as it lies in a brick: narrow ones are compared in twice as many lanes.
+trait Code: Copy + Ord + Into<u16> {
+    type Bytes: Copy;
+    const ZERO: Self;
+    const MAX: Self;
+    fn of(bytes: Self::Bytes) -> Self;
 }
 
-impl RowRanges {
+impl Code for u8 {
+    type Bytes = u8;
+    const ZERO: Self = 0;
+    const MAX: Self = u8::MAX;
+    fn of(bytes: u8) -> Self {
+        bytes
+    }
+}
+
+impl Code for u16 {
+    type Bytes = [u8; 2];
+    const ZERO: Self = 0;
+    const MAX: Self = u16::MAX;
+    fn of(bytes: [u8; 2]) -> Self {
+        u16::from_le_bytes(bytes)
+    }
+}
+
+/// Least and greatest codes of rows, column by column.
+struct RowRanges<C> {
+    low: Vec<C>,
+    high: Vec<C>,
+}
+
+impl<C: Code> RowRanges<C> {
     fn new(length: usize) -> Self {
-        Self { low: vec![0; length], high: vec![0; length] }
+        Self { low: vec![C::MAX; length], high: vec![C::ZERO; length] }
     }
 
     fn clear(&mut self) {
-        self.low.fill(NONE[0]);
-        self.high.fill(NONE[1]);
+        self.low.fill(C::MAX);
+        self.high.fill(C::ZERO);
     }
 
     fn at(&self, x: usize) -> [u16; 2] {
-        [self.low[x], self.high[x]]
+        let (low, high) = (self.low[x], self.high[x]);
+        if low > high { NONE } else { [low.into(), high.into()] }
     }
 
-    fn add(&mut self, codes: &[u8], format: SlotFormat, has_invalid: bool) {
-        match format {
-            SlotFormat::U8 => self.add_codes(codes.iter().map(|&code| code as u16), has_invalid),
-            SlotFormat::U16 => {
-                self.add_codes(codes.as_chunks::<2>().0.iter().map(|&code| u16::from_le_bytes(code)), has_invalid);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn add_codes(&mut self, codes: impl Iterator<Item = u16>, has_invalid: bool) {
-        for ((low, high), code) in self.low.iter_mut().zip(&mut self.high).zip(codes) {
+    fn add(&mut self, codes: &[C::Bytes], has_invalid: bool) {
+        for ((low, high), &code) in self.low.iter_mut().zip(&mut self.high).zip(codes) {
+            let code = C::of(code);
             // Code 0 then counts as the greatest of the least, and as the least of the greatest anyway.
-            let least = if has_invalid && code == 0 { u16::MAX } else { code };
+            let least = if has_invalid && code == C::ZERO { C::MAX } else { code };
             *low = (*low).min(least);
             *high = (*high).max(code);
         }
     }
 
-    fn join(&mut self, ranges: &[[u16; 2]]) {
+    fn join(&mut self, ranges: &[[C; 2]]) {
         for ((low, high), range) in self.low.iter_mut().zip(&mut self.high).zip(ranges) {
             *low = (*low).min(range[0]);
             *high = (*high).max(range[1]);
         }
     }
 
-    fn store(&self, ranges: &mut [[u16; 2]]) {
+    fn store(&self, ranges: &mut [[C; 2]]) {
         for ((range, low), high) in ranges.iter_mut().zip(&self.low).zip(&self.high) {
             *range = [*low, *high];
         }
