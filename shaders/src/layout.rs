@@ -77,29 +77,29 @@ pub struct FrameUniform {
     pub zone_starts: [u32; 16],
 }
 
-/// One cell of the draw list, as a box to draw; `Cell` in WGSL.
+/// One entry of the draw list, as a box to draw; `Cell` in WGSL.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CellInstance {
     /// Low corner of the cell's half-open box, level-0 voxels.
     pub region_min: [f32; 3],
-    /// Padding.
-    pub spare: f32,
+    /// The least threshold of the pixels that it draws.
+    pub pixels_from: u32,
     /// High corner, exclusive.
     pub region_max: [f32; 3],
-    /// Padding.
-    pub spare_2: f32,
+    /// The first threshold that is too great.
+    pub pixels_to: u32,
     /// Atlas texels per level-0 voxel: one over the brick's level's factor.
     pub texel_scale: [f32; 3],
     /// Padding.
-    pub spare_3: f32,
+    pub spare: f32,
     /// Atlas texel of voxel-space zero.
     pub texel_offset: [f32; 3],
     /// Padding.
-    pub spare_4: f32,
+    pub spare_2: f32,
 }
 
-/// One cell of the draw list, as a leaf of the octree; `RayBrick` in WGSL.
+/// One entry of the draw list, as a leaf of the octree or what it gives way to; `RayBrick` in WGSL.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayBrick {
@@ -113,8 +113,8 @@ pub struct RayBrick {
     pub range: u32,
     /// Low corner of the brick's core, level-0 voxels.
     pub low: [f32; 3],
-    /// Padding.
-    pub spare: u32,
+    /// The first threshold of the pixels in which the brick that follows is drawn instead.
+    pub pixels_to: u32,
 }
 
 /// [`RayBrick::first_range`] of a brick that needs no look at its macro-cells.

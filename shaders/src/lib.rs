@@ -71,7 +71,7 @@ pub fn raycast(gather: Gather, has_invalid: bool, marks: bool) -> String {
     [marching(gather, has_invalid), parts.join("\n")].join("\n")
 }
 
-/// What all marches share: the ray, its lattice, a sample's value, and what samples add up to.
+/// What all marches share: the ray, its pixel's threshold, its lattice, a sample's value, and what samples add up to.
 fn marching(gather: Gather, has_invalid: bool) -> String {
     let sample = match has_invalid {
         false => include_str!("../wgsl/sample.wgsl"),
@@ -84,7 +84,8 @@ fn marching(gather: Gather, has_invalid: bool) -> String {
         Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
     };
     let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
-    [FRAME, ray, lattice, sample, CLASSIFY, accumulate].join("\n")
+    let dither = include_str!("../wgsl/dither.wgsl");
+    [FRAME, ray, dither, lattice, sample, CLASSIFY, accumulate].join("\n")
 }
 
 /// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
@@ -162,12 +163,12 @@ mod tests {
                 threshold zone_starts);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
-                let expected = offsets!(CellInstance: region_min spare region_max spare_2 texel_scale spare_3
-                    texel_offset spare_4);
+                let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
+                    texel_offset spare_2);
                 assert_eq!(layout(&module, "Cell"), (expected, size_of::<CellInstance>()), "{name}");
             }
             if name.starts_with("raycast") {
-                let expected = offsets!(RayBrick: texel_scale first_range texel_offset range low spare);
+                let expected = offsets!(RayBrick: texel_scale first_range texel_offset range low pixels_to);
                 assert_eq!(layout(&module, "RayBrick"), (expected, size_of::<RayBrick>()), "{name}");
             }
         }

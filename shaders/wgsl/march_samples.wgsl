@@ -8,7 +8,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     // Where samples of this cell can be: its box, widened by what rounding moves a point.
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
     let first = max(own.x, t_in);
-    let last = min(own.y, t_out);
+    let last = select(first, min(own.y, t_out), has_pixel(in));
 
     // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
     let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));

@@ -15,7 +15,8 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
     var pixel = pixel_start();
     pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
-    while (first < min(own.y, stretch.y) && walk.middle < last && !is_final(pixel)) {
+    let is_drawn = first < min(own.y, stretch.y) && has_pixel(in);
+    while (is_drawn && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
         walk = walk_on(walk, stretch);
         if (is_zone_left(walk)) {

@@ -15,7 +15,8 @@ struct RayBrick {
     range: u32,
     // Low corner of the brick's core, level-0 voxels.
     low: vec3f,
-    spare: u32,
+    // Pixels with this threshold or a greater one draw the next brick instead.
+    pixels_to: u32,
 }
 
 const NO_RANGES: u32 = 0xffffffffu;
@@ -25,4 +26,10 @@ const NO_RANGES: u32 = 0xffffffffu;
 fn leaving(ray: Ray, low: vec3f, size: vec3f) -> f32 {
     let t = (select(low, low + size, ray.direction > vec3f(0.0)) - ray.origin) * ray.inverse;
     return min(min(t.x, t.y), t.z);
+}
+
+// Which brick a leaf's number stands for in a pixel. While one fades in, pixels that it does not have yet draw the next one.
+fn brick_number(leaf: u32, threshold: u32) -> u32 {
+    let first = leaf - 1u;
+    return first + u32(threshold >= bricks[first].pixels_to);
 }

@@ -3,6 +3,7 @@
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let ray = pixel_ray(position.xy);
+    let threshold = dither(position.xy);
     let whole = clip(ray, frame.shown_low, frame.shown_high);
     let stretch = vec2f(max(whole.x, 0.0), whole.y);
     var pixel = pixel_start();
@@ -20,8 +21,9 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         var brick: RayBrick;
         var is_brick_seen = place.number != 0u;
         if (is_brick_seen) {
-            mark(place.number - 1u, pixel);
-            brick = bricks[place.number - 1u];
+            let number = brick_number(place.number, threshold);
+            mark(number, pixel);
+            brick = bricks[number];
             is_brick_seen = sees(pixel, brick.range);
         }
         field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);

@@ -6,14 +6,14 @@
 // Twin of `CellInstance` in layout.rs.
 struct Cell {
     region_min: vec3f,
-    spare: f32,
+    pixels_from: u32,
     region_max: vec3f,
-    spare_2: f32,
+    pixels_to: u32,
     // texel = voxel * texel_scale + texel_offset
     texel_scale: vec3f,
-    spare_3: f32,
+    spare: f32,
     texel_offset: vec3f,
-    spare_4: f32,
+    spare_2: f32,
 }
 
 @group(0) @binding(1) var<storage, read> cells: array<Cell>;
@@ -24,6 +24,7 @@ struct Proxy {
     @location(1) @interpolate(flat) region_max: vec3f,
     @location(2) @interpolate(flat) texel_scale: vec3f,
     @location(3) @interpolate(flat) texel_offset: vec3f,
+    @location(4) @interpolate(flat) pixels: vec2u,
 }
 
 // Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
@@ -51,5 +52,12 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     out.region_max = cell.region_max;
     out.texel_scale = cell.texel_scale;
     out.texel_offset = cell.texel_offset;
+    out.pixels = vec2u(cell.pixels_from, cell.pixels_to);
     return out;
+}
+
+// Whether the entry draws a pixel: another one may have it.
+fn has_pixel(in: Proxy) -> bool {
+    let threshold = dither(in.position.xy);
+    return threshold >= in.pixels.x && threshold < in.pixels.y;
 }

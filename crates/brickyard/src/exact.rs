@@ -82,6 +82,7 @@ impl ExactRenderer {
             planning: Planning::Inline,
             prefetch: false,
             uploads: None,
+            fade: None,
         };
         Ok(Self { source, renderer, backend_line, config })
     }

@@ -59,7 +59,7 @@ const DEAD_BAND: f64 = 0.1;
 pub struct Change {
     /// The camera, the transfer function or the mode is another than in the last frame.
     pub moved: bool,
-    /// Bricks have come since the last frame.
+    /// Bricks have come since the last frame, or fade in.
     pub refined: bool,
 }
 

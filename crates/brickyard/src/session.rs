@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 /// What a live step may upload: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
 const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duration::from_millis(4) };
 
+/// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
+const LIVE_FADE: Duration = Duration::from_millis(200);
+
 /// What a session may use.
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
@@ -37,8 +40,8 @@ pub struct SessionOptions {
     pub max_size_px: (u32, u32),
     /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
     pub leaps: bool,
-    /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, and each step's uploads are
-    /// limited. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
+    /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
+    /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
     pub live: bool,
 }
 
@@ -127,6 +130,7 @@ impl Session {
             planning: if options.live { Planning::Thread } else { Planning::Inline },
             prefetch: options.live,
             uploads: options.live.then_some(LIVE_UPLOADS),
+            fade: options.live.then_some(LIVE_FADE),
         };
         let pager = Pager::new(source.clone(), config)?;
         let clock = options.live.then(Instant::now);

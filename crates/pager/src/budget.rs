@@ -7,6 +7,7 @@
 use crate::governor::UploadLimits;
 use crate::planner::Planning;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 /// What a pager may use.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +26,9 @@ pub struct PagerConfig {
     pub prefetch: bool,
     /// Limits for one frame's uploads; `None` where frames may wait (rendering offline).
     pub uploads: Option<UploadLimits>,
+    /// How long a finer brick takes to fade in where a coarser one was drawn; `None` for at once, so that the same view is
+    /// always the same picture.
+    pub fade: Option<Duration>,
 }
 
 /// Why a pager cannot start.

@@ -1,9 +1,11 @@
 //! The draw list: what is drawn for the cut now, back to front.
 //!
 //! Each visible cell is drawn with its own brick or with its nearest resident ancestor, restricted to the cell's box. One pass
-//! down the cut's tree finds all of them: one look-up a node.
+//! down the cut's tree finds all of them: one look-up a node. A brick that [fades in](crate::fade) shares its cell with what it
+//! takes the place of: of the pixels, each of the two has some.
 
 use crate::cut::{Cut, Node};
+use crate::fade::Fading;
 use crate::sight::Sight;
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 
@@ -11,20 +13,53 @@ use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Slot(pub u32);
 
-/// One cell of the cut and the resident brick that stands for it.
+/// Some of the picture's pixels, spread evenly: those whose [threshold](Pixels::threshold) is in `from..to`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    /// The least threshold.
+    pub from: u8,
+    /// The first that is too great, at most [`Pixels::THRESHOLDS`].
+    pub to: u8,
+}
+
+impl Pixels {
+    /// How many thresholds there are; an equal share of the pixels has each.
+    pub const THRESHOLDS: u8 = 64;
+    /// All of them.
+    pub const ALL: Self = Self { from: 0, to: Self::THRESHOLDS };
+
+    /// A pixel's threshold: Bayer's matrix of 8 by 8. In integers, so that it is the same in all renderers; the twin of
+    /// `dither` in dither.wgsl.
+    #[inline(always)]
+    pub fn threshold(x: u32, y: u32) -> u8 {
+        let z = x ^ y;
+        ((z & 1) << 5 | (y & 1) << 4 | (z & 2) << 2 | (y & 2) << 1 | (z & 4) >> 1 | (y & 4) >> 2) as u8
+    }
+
+    /// Whether a pixel is one of them.
+    #[inline(always)]
+    pub fn hold(self, x: u32, y: u32) -> bool {
+        (self.from..self.to).contains(&Self::threshold(x, y))
+    }
+}
+
+/// One cell of the cut and a resident brick that stands for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrawCell {
     /// The cell: a brick's place in the octree.
     pub cell: BrickId,
     /// The cell's half-open box in level-0 voxels: where this entry draws.
     pub region: VoxelBox,
+    /// The pixels that it draws: all, but where a brick fades in.
+    pub pixels: Pixels,
     /// The brick whose voxels are drawn: the cell's own, or its nearest resident ancestor.
     pub brick: BrickId,
     /// Where that brick is.
     pub slot: Slot,
 }
 
-/// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty.
+/// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty. A cell in which a brick fades in
+/// has two entries, one after the other: what gives way, then the brick. Between them they have every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
     /// Back to front.
@@ -33,14 +68,34 @@ pub struct DrawList {
 
 impl DrawList {
     /// What a view sees of a cut, given what stands for its nodes. Cells for which nothing is resident (before the first
-    /// brick of a volume has arrived, or where a whole line of ancestors cannot be read) are left out.
-    pub(crate) fn new(pyramid: &Pyramid, cut: &Cut, sight: &Sight, stand_ins: &StandIns) -> Self {
-        let draw = |&position: &u32| {
-            let (stand_in, slot) = stand_ins.of(position)?;
+    /// brick of a volume has arrived, or where a whole line of ancestors cannot be read) are left out. `fading` says of a brick
+    /// what it takes the place of, given how many more entries than cells there are so far.
+    pub(crate) fn new(
+        pyramid: &Pyramid,
+        cut: &Cut,
+        sight: &Sight,
+        stand_ins: &StandIns,
+        mut fading: impl FnMut(BrickId, usize) -> Option<(Fading, Slot)>,
+    ) -> Self {
+        let (mut cells, mut pairs) = (Vec::with_capacity(sight.cells.len()), 0);
+        for &position in &sight.cells {
+            let Some((stand_in, slot)) = stand_ins.of(position) else { continue };
             let (cell, brick) = (cut.id(position), cut.id(stand_in));
-            Some(DrawCell { cell, region: pyramid.brick_box_voxel(cell.level, cell.index), brick, slot })
-        };
-        Self { cells: sight.cells.iter().filter_map(draw).collect() }
+            let region = pyramid.brick_box_voxel(cell.level, cell.index);
+            let mut own = DrawCell { cell, region, pixels: Pixels::ALL, brick, slot };
+            if let Some((Fading { before, share }, slot)) = fading(brick, pairs) {
+                cells.push(DrawCell { pixels: Pixels { from: share, ..Pixels::ALL }, brick: before, slot, ..own });
+                own.pixels.to = share;
+                pairs += 1;
+            }
+            cells.push(own);
+        }
+        Self { cells }
+    }
+
+    /// Whether any brick fades in.
+    pub(crate) fn is_fading(&self) -> bool {
+        self.cells.iter().any(|cell| cell.pixels != Pixels::ALL)
     }
 }
 
@@ -77,5 +132,22 @@ impl StandIns {
     pub(crate) fn of(&self, position: u32) -> Option<(u32, Slot)> {
         let nearest = self.nearest[position as usize];
         self.own.get(nearest as usize).copied().flatten().map(|slot| (nearest, slot))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_are_spread_evenly() {
+        let of = |n: u32| (0..n).flat_map(move |y| (0..n).map(move |x| Pixels::threshold(x + 40, y + 24)));
+        let mut all: Vec<u8> = of(8).collect();
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..Pixels::THRESHOLDS), "each once in 8 by 8");
+        // Each quarter of them once in 2 by 2.
+        assert_eq!(of(2).map(|threshold| threshold / 16).collect::<Vec<_>>(), [0, 2, 3, 1]);
+        let half = Pixels { from: 0, to: 32 };
+        assert!((0..8).all(|i| half.hold(i, i) && !half.hold(i, i + 1)), "a chequered half");
     }
 }

@@ -42,7 +42,7 @@ pub struct Status {
     /// Cells whose own brick cannot be read: an ancestor stands in for good.
     pub failed: usize,
     /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
-    /// and, where feedback is given, that of such a frame has changed nothing.
+    /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
     pub settled: bool,
     /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`].
     pub awaits_feedback: bool,
@@ -94,12 +94,18 @@ pub struct Counters {
 /// How far ahead bricks are fetched: about as long as a few hundred take to come from a disk.
 const FETCH_TIME: Duration = Duration::from_millis(300);
 
+/// After how long a frame is worth its while because of what fades in: a sixtieth of a second.
+const FADE_STEP: Duration = Duration::from_millis(16);
+
 /// What feedback is about.
 #[derive(Debug, Default)]
 struct Drawn {
+    /// Of each entry of the list, its cell.
     cells: Vec<BrickId>,
     /// Whether nothing more was on its way.
     is_complete: bool,
+    /// Whether a brick was fading in.
+    is_fading: bool,
 }
 
 /// Pages the bricks of one source for one view at a time.
@@ -153,7 +159,7 @@ impl Pager {
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
         let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
-        let residency = Residency::new(config.slots);
+        let residency = Residency::new(config.slots, config.fade);
         let governor = Governor::new(config.uploads);
         let planner = Planner::new(&source, config.slots, config.planning)?;
         let bytes_read_before = source.bytes_read();
@@ -178,8 +184,8 @@ impl Pager {
         })
     }
 
-    /// What to upload and draw for `view` now, where `at` is the time since some moment that stays the same: motion is
-    /// measured by it. Calling it says that the last frame's uploads are done with.
+    /// What to upload and draw for `view` now, where `at` is the time since some moment that stays the same: motion and fades
+    /// are measured by it. Calling it says that the last frame's uploads are done with.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
@@ -207,11 +213,12 @@ impl Pager {
         };
         let (pyramid, roots) = (self.source.pyramid(), &self.roots);
         let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead: &ahead };
-        let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)));
+        let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)), at);
         self.last_at = at;
         self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
         let is_complete = step.settled && self.planner.is_done();
-        self.drawn = Drawn { cells: step.draw.cells.iter().map(|cell| cell.cell).collect(), is_complete };
+        let cells = step.draw.cells.iter().map(|cell| cell.cell).collect();
+        self.drawn = Drawn { cells, is_complete, is_fading: step.draw.is_fading() };
         let status = self.status(&cut, &sight, &step);
         let Step { uploads, draw, requests, stale, .. } = step;
         self.workers.give_back(stale);
@@ -221,14 +228,14 @@ impl Pager {
         Frame { uploads, draw, status }
     }
 
-    /// What the renderer saw of the last frame: for each cell of its draw list, in its order, the greatest transmittance with
-    /// which any ray entered the cell; 0 if none did, 1 if it is seen in the open. Hidden cells are not wanted from the next
-    /// plan on, and the others in the order of what is seen of them.
+    /// What the renderer saw of the last frame: for each entry of its draw list, in its order, the greatest transmittance with
+    /// which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open. Hidden cells are not wanted
+    /// from the next plan on, and the others in the order of what is seen of them.
     ///
     /// # Panics
-    /// If there are not as many numbers as cells.
+    /// If there are not as many numbers as entries.
     pub fn feedback(&mut self, visibility: &[f32]) {
-        let Drawn { cells, is_complete } = &self.drawn;
+        let Drawn { cells, is_complete, .. } = &self.drawn;
         assert_eq!(visibility.len(), cells.len(), "visibility of another draw list");
         let Some((view, ..)) = &self.sight else { return };
         let told = cells.iter().copied().zip(visibility.iter().copied());
@@ -254,21 +261,23 @@ impl Pager {
         self.governor.took(time);
     }
 
-    /// Waits until the next frame has something to take in; false if `timeout` has passed or nothing is on its way. Calling
-    /// it says that the last frame's uploads are done with.
+    /// Waits until the next frame has something to take in, or shows more of what fades in; false if `timeout` has passed or
+    /// nothing is on its way. Calling it says that the last frame's uploads are done with.
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.workers.give_back(self.handed_out.drain(..));
         if self.residency.has_staged() {
             return true;
         }
+        let is_fading = self.drawn.is_fading;
+        let timeout = if is_fading { timeout.min(FADE_STEP) } else { timeout };
         let (arrivals, outlook) = (self.workers.arrivals(), self.planner.awaited());
-        if outlook.is_none() && !self.workers.is_busy() {
+        if outlook.is_none() && !self.workers.is_busy() && !is_fading {
             return arrivals.is_some_and(|arrivals| !arrivals.is_empty());
         }
         let mut select = Select::new();
         arrivals.map(|arrivals| select.recv(arrivals));
         outlook.map(|outlook| select.recv(outlook));
-        select.ready_timeout(timeout).is_ok()
+        select.ready_timeout(timeout).is_ok() || is_fading
     }
 
     /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
@@ -330,7 +339,9 @@ impl Pager {
             }
         }
         let mut drawn = self.drawn.cells.iter().peekable();
-        let mut left_out = sight.cells.iter().filter(|&&position| drawn.next_if_eq(&&cut.id(position)).is_none());
+        // One entry, or two.
+        let mut entries = |cell| std::iter::from_fn(|| drawn.next_if_eq(&&cell)).count();
+        let mut left_out = sight.cells.iter().filter(|&&position| entries(cut.id(position)) == 0);
         let left_out = left_out.find(|&&position| seen(position)).map(|&position| cut.id(position));
         let is_complete = self.drawn.is_complete;
         // What has been told is to be confirmed by what is seen of a complete frame.
@@ -377,7 +388,7 @@ fn check_slots(source: &dyn BrickSource, given: u32, slot_bytes: u64) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draw_list::DrawCell;
+    use crate::draw_list::{DrawCell, Pixels};
     use crate::governor::UploadLimits;
     use crate::planner::Planning;
     use crate::test_source::{TestSource, box_view};
@@ -393,6 +404,7 @@ mod tests {
             planning: Planning::Inline,
             prefetch: false,
             uploads: None,
+            fade: None,
         }
     }
 
@@ -635,6 +647,36 @@ mod tests {
         }
         // Before anything was told, some were on their way.
         assert!(uploaded[1] < uploaded[0] * 3 / 4, "{uploaded:?}");
+    }
+
+    #[test]
+    fn a_view_settles_when_all_has_faded_in() {
+        let source = Arc::new(TestSource::cube(16));
+        let view =
+            View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 40.0 }) };
+        for fade in [None, Some(Duration::from_millis(200))] {
+            // Whatever else is staged, one brick comes a frame, the root first.
+            let uploads = Some(UploadLimits { bytes: 0, time: Duration::from_secs(9) });
+            let config = PagerConfig { fade, uploads, workers: 1, ..config(40, 1 << 20) };
+            let mut pager = Pager::new(source.clone(), config).unwrap();
+            let (mut at, mut shares) = (Duration::ZERO, HashMap::<BrickId, Vec<u8>>::new());
+            let last = loop {
+                let frame = pager.frame(&view, at);
+                let fading = frame.draw.cells.iter().filter(|entry| entry.pixels.to < Pixels::THRESHOLDS);
+                fading.for_each(|entry| shares.entry(entry.brick).or_default().push(entry.pixels.to));
+                if frame.status.settled {
+                    break frame;
+                }
+                assert!(frame.status.error.is_none(), "a cell with two entries is drawn");
+                pager.feedback(&vec![1.0; frame.draw.cells.len()]);
+                assert!(frame.status.awaits_feedback || pager.wait(Duration::from_secs(9)), "nothing goes on");
+                at += Duration::from_millis(50);
+            };
+            assert!(last.draw.cells.len() == 8 && !last.draw.is_fading() && last.status.covered);
+            assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+            assert_eq!(shares.len(), if fade.is_some() { 8 } else { 0 });
+            assert!(shares.values().all(|shares| *shares == [1, 16, 32, 48]), "{shares:?}");
+        }
     }
 
     #[test]

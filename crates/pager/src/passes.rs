@@ -9,7 +9,7 @@
 use crate::assemble::PaddedReader;
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
 use crate::cut::{Cut, View};
-use crate::draw_list::{DrawCell, DrawList, Slot};
+use crate::draw_list::{DrawCell, DrawList, Pixels, Slot};
 use crate::pager::Counters;
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes, zeroed};
 use crate::residency::Upload;
@@ -210,7 +210,7 @@ impl ExactPasses {
         let (cell, place) = (self.cells[at], at - self.start);
         let slot = Slot(place as u32);
         let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
-        self.draw[place] = Some(DrawCell { cell, region, brick, slot });
+        self.draw[place] = Some(DrawCell { cell, region, pixels: Pixels::ALL, brick, slot });
         self.placed += 1;
         self.counters.uploaded += 1;
         self.counters.bytes_uploaded += codes.len() as u64;
@@ -336,6 +336,7 @@ mod tests {
             planning: Planning::Inline,
             prefetch: false,
             uploads: None,
+            fade: None,
         }
     }
 

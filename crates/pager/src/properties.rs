@@ -3,7 +3,7 @@
 
 use crate::budget::{PagerConfig, TABLE_BYTES_PER_SLOT};
 use crate::cut::{Cut, View, cut_capacity, roots, world_box};
-use crate::draw_list::DrawList;
+use crate::draw_list::{DrawList, Pixels};
 use crate::pager::Pager;
 use crate::plan::Tier;
 use crate::planner::Planning;
@@ -319,6 +319,10 @@ struct Bench<'a> {
     slots: u32,
     seed: u64,
     upload_bytes: Option<u64>,
+    fade: Option<Duration>,
+    now: Duration,
+    /// When bricks have got their slots.
+    came: HashMap<BrickId, Duration>,
 }
 
 /// Bytes of the pretended padded bricks.
@@ -330,8 +334,9 @@ impl Bench<'_> {
         let ahead = self.ahead(cut, roots);
         let wants = Wants { pyramid: self.source.pyramid(), cut, sight, roots, ahead: &ahead };
         let before: HashSet<BrickId> = self.atlas.values().copied().collect();
-        let limit = self.upload_bytes;
-        let [step, twin] = self.twins.each_mut().map(|r| r.step(&wants, limit));
+        self.now += Duration::from_millis(self.dice.next() % 60);
+        let (limit, now) = (self.upload_bytes, self.now);
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(&wants, limit, now));
         let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.brick)).collect::<Vec<_>>();
         assert_eq!((names(&step), &step.draw, &step.requests), (names(&twin), &twin.draw, &twin.requests));
         let bytes = step.uploads.len() as u64 * PADDED;
@@ -339,6 +344,7 @@ impl Bench<'_> {
         for upload in &step.uploads {
             assert!(upload.slot.0 < self.slots);
             self.atlas.insert(upload.slot.0, upload.brick);
+            self.came.insert(upload.brick, self.now);
         }
         let after: HashSet<BrickId> = self.atlas.values().copied().collect();
         assert_eq!(after.len(), self.atlas.len(), "a brick has two slots");
@@ -399,18 +405,30 @@ impl Bench<'_> {
     }
 
     /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick; left out only where there
-    /// is none.
+    /// is none. One that has just come may leave some of the pixels to a resident ancestor.
     fn check_draw(&self, cut: &Cut, sight: &Sight, step: &Step) {
         let slot_of: HashMap<BrickId, u32> = self.atlas.iter().map(|(&slot, &id)| (id, slot)).collect();
         let mut drawn = step.draw.cells.iter();
         for cell in sight.cells.iter().map(|&cell| cut.id(cell)) {
             let nearest = lineage(self.source.pyramid(), cell).find(|id| slot_of.contains_key(id));
             let Some(nearest) = nearest else { continue };
-            let entry = drawn.next().expect("a cell with a resident brick is not drawn");
+            let mut entry = drawn.next().expect("a cell with a resident brick is not drawn");
+            let mut rest = Pixels::THRESHOLDS;
+            if entry.brick != nearest {
+                let mut ancestors = lineage(self.source.pyramid(), nearest).skip(1);
+                assert!(ancestors.any(|id| id == entry.brick) && slot_of.get(&entry.brick) == Some(&entry.slot.0));
+                assert_eq!((entry.cell, entry.region), (cell, region(self.source, cell)));
+                assert!(self.fade.is_some_and(|time| self.now - self.came[&nearest] < time), "it was there long ago");
+                rest = entry.pixels.from;
+                assert!(rest > 0 && entry.pixels == Pixels { from: rest, ..Pixels::ALL });
+                entry = drawn.next().expect("only what gives way is drawn");
+            }
+            assert_eq!(entry.pixels, Pixels { to: rest, ..Pixels::ALL });
             assert_eq!((entry.cell, entry.brick, entry.slot.0), (cell, nearest, slot_of[&nearest]));
             assert_eq!(entry.region, region(self.source, cell));
         }
         assert_eq!(drawn.next(), None);
+        assert!(step.draw.cells.len() <= sight.cells.len().max(self.slots as usize));
     }
 
     /// Some frames of a view with the cut of another, as while the camera moves ahead of the planner.
@@ -433,18 +451,24 @@ impl Bench<'_> {
     /// Runs a view until it settles, and checks that it only refines on the way.
     fn settle(&mut self, cut: &Cut, view: &View) {
         let (roots, sight) = (roots(self.source, 0, 0), Sight::new(self.source, cut, view));
-        let mut levels: HashMap<BrickId, Level> = HashMap::new();
+        let mut levels: HashMap<(BrickId, u8), Level> = HashMap::new();
         // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
         let rounds = 100 + 10 * self.source.pyramid().brick_count();
         for _ in 0..rounds {
             let staged = self.twins[0].has_staged();
             let step = self.frame(cut, &sight, &roots);
             assert!(!self.twins[0].has_staged() || !staged || !step.uploads.is_empty(), "no progress");
+            let mut drawn = 0;
             for entry in &step.draw.cells {
-                let before = levels.insert(entry.cell, entry.brick.level);
-                assert!(before.is_none_or(|level| level >= entry.brick.level), "{} got coarser", entry.cell);
+                // Of each cell some pixels.
+                for threshold in [0, 7, 31, 63].into_iter().filter(|t| (entry.pixels.from..entry.pixels.to).contains(t))
+                {
+                    let before = levels.insert((entry.cell, threshold), entry.brick.level);
+                    assert!(before.is_none_or(|level| level >= entry.brick.level), "{} got coarser", entry.cell);
+                    drawn += 1;
+                }
             }
-            assert!(levels.len() == step.draw.cells.len(), "a cell vanished");
+            assert!(levels.len() == drawn, "a cell vanished");
             if step.settled {
                 return self.check_settled(cut, &sight, &step);
             }
@@ -473,13 +497,15 @@ proptest! {
     #[test]
     fn paging_is_safe_live_and_deterministic(
         volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..120,
-        upload_bytes in prop::option::of(0u64..80), seed in any::<u64>(),
+        upload_bytes in prop::option::of(0u64..80), fade_ms in prop::option::of(50u64..300), seed in any::<u64>(),
     ) {
         let source = volume.source();
         let slots = slots.max(roots(&source, 0, 0).len() as u32);
-        let twins = [(); 2].map(|()| Residency::new(slots));
-        let (atlas, in_flight) = Default::default();
-        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice: Dice(seed), slots, seed, upload_bytes };
+        let fade = fade_ms.map(Duration::from_millis);
+        let twins = [(); 2].map(|()| Residency::new(slots, fade));
+        let (atlas, in_flight, now, came) = Default::default();
+        let dice = Dice(seed);
+        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice, slots, seed, upload_bytes, fade, now, came };
         let max_cells = cut_capacity(slots, roots(&source, 0, 0).len());
         let mut cut = Cut::new(&source, &views[0].view(&source), max_cells);
         for view in views.iter().map(|shot| shot.view(&source)) {
@@ -522,7 +548,7 @@ proptest! {
         let slots = slots.max(roots(&*source, 0, 0).len() as u32);
         let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
         let (planning, prefetch, uploads) = (Planning::Inline, false, None);
-        let config = PagerConfig { slots, apron: 1, host_bytes, workers: 1, planning, prefetch, uploads };
+        let config = PagerConfig { slots, apron: 1, host_bytes, workers: 1, planning, prefetch, uploads, fade: None };
         let mut pager = Pager::new(source.clone(), config).unwrap();
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         for view in views.iter().map(|shot| shot.view(&source)) {

@@ -10,6 +10,7 @@
 
 use crate::cut::Cut;
 use crate::draw_list::{DrawList, Slot, StandIns};
+use crate::fade::{Fades, Fading};
 use crate::plan::{self, State, Tier};
 use crate::sight::Sight;
 use crate::slots::SlotTable;
@@ -17,6 +18,7 @@ use crate::source::BrickError;
 use brickyard_volume::{BrickId, Pyramid};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// A padded brick to write into a slot of the atlas.
 #[derive(Clone, Debug)]
@@ -47,7 +49,7 @@ pub(crate) struct Step {
     pub(crate) requests: Vec<(Tier, BrickId)>,
     /// Arrivals that this view does not want.
     pub(crate) stale: Vec<Arc<[u8]>>,
-    /// Whether all that is wanted is resident, or failed with its stand-in resident.
+    /// Whether all that is wanted is resident, or failed with its stand-in resident, and nothing fades in any more.
     pub(crate) settled: bool,
 }
 
@@ -67,6 +69,7 @@ pub(crate) struct Residency {
     slots: SlotTable,
     staged: BTreeMap<BrickId, Arc<[u8]>>,
     failed: HashMap<BrickId, BrickError>,
+    fades: Fades,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
     pub(crate) uploaded_ahead: u64,
@@ -74,11 +77,13 @@ pub(crate) struct Residency {
 }
 
 impl Residency {
-    pub(crate) fn new(slots: u32) -> Self {
+    /// With so many slots; bricks that come take this long to fade in.
+    pub(crate) fn new(slots: u32, fade: Option<Duration>) -> Self {
         Self {
             slots: SlotTable::new(slots),
             staged: BTreeMap::new(),
             failed: HashMap::new(),
+            fades: Fades::new(fade),
             uploaded: 0,
             reuploaded: 0,
             uploaded_ahead: 0,
@@ -111,11 +116,12 @@ impl Residency {
     }
 
     /// One frame: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
-    /// `upload_bytes` but at least one; then draws and plans from what is resident.
-    pub(crate) fn step(&mut self, wants: &Wants<'_>, upload_bytes: Option<u64>) -> Step {
+    /// `upload_bytes` but at least one; then draws and plans from what is resident. `at` is the frame's time.
+    pub(crate) fn step(&mut self, wants: &Wants<'_>, upload_bytes: Option<u64>, at: Duration) -> Step {
         let &Wants { pyramid, cut, sight, roots, .. } = wants;
         self.slots.begin_frame();
         self.slots.set_pins(roots.to_vec());
+        self.fades.advance(at);
         let mut stand_ins = self.stand_ins(cut, sight);
         self.claim(wants, &stand_ins);
         let mut requests = self.plan(wants, &stand_ins);
@@ -124,12 +130,15 @@ impl Residency {
             uploads = self.place(&requests, upload_bytes, &mut stale);
         }
         if !uploads.is_empty() {
-            stand_ins = self.stand_ins(cut, sight);
+            let before = std::mem::replace(&mut stand_ins, self.stand_ins(cut, sight));
+            self.begin_fades(cut, sight, &before, &stand_ins);
             requests = self.plan(wants, &stand_ins);
         }
-        let draw = DrawList::new(pyramid, cut, sight, &stand_ins);
+        // Renderers have room for as many entries as there are slots.
+        let room = self.slots.count().saturating_sub(sight.cells.len());
+        let draw = DrawList::new(pyramid, cut, sight, &stand_ins, |brick, pairs| self.fading(brick, pairs < room));
         let resident = sight.cells.iter().map(|&cell| stand_ins.is_resident(cell)).collect();
-        let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead());
+        let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead()) && !draw.is_fading();
         requests.retain(|(_, id)| !self.staged.contains_key(id));
         Step { uploads, draw, resident, requests, stale, settled }
     }
@@ -138,9 +147,35 @@ impl Residency {
         StandIns::new(cut, |node| node.is_visible || !sight.is_planned, |id| self.slots.get(id))
     }
 
+    /// What comes where something was drawn, an ancestor, fades in.
+    fn begin_fades(&mut self, cut: &Cut, sight: &Sight, before: &StandIns, now: &StandIns) {
+        if !self.fades.are_wanted() {
+            return;
+        }
+        for &cell in &sight.cells {
+            // Parents come before children in a cut. What is coarser than before is there for something that had to go.
+            if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
+                && now > before
+            {
+                self.fades.begin(cut.id(now), cut.id(before));
+            }
+        }
+    }
+
+    /// What a brick that fades in takes the place of, and that one's slot.
+    fn fading(&mut self, brick: BrickId, has_room: bool) -> Option<(Fading, Slot)> {
+        let fading = self.fades.of(brick)?;
+        let slot = self.slots.get(fading.before).filter(|_| has_room);
+        if slot.is_none() {
+            self.fades.end(brick);
+        }
+        slot.map(|slot| (fading, slot))
+    }
+
     /// Claims what stands for the wanted cells, and what is fetched ahead. What else is drawn comes next to be kept.
     fn claim(&mut self, wants: &Wants<'_>, stand_ins: &StandIns) {
         let &Wants { cut, sight, .. } = wants;
+        self.fades.before().for_each(|brick| self.slots.touch(brick));
         let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_wanted());
         others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
         self.ahead(wants).into_iter().rev().for_each(|(tier, id)| self.slots.claim(id, tier));

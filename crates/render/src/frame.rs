@@ -63,7 +63,9 @@ pub(crate) fn cell_instance(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPla
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
     CellInstance {
         region_min: cell.region.min.to_array().map(|v| v as f32),
+        pixels_from: cell.pixels.from as u32,
         region_max: cell.region.max.to_array().map(|v| v as f32),
+        pixels_to: cell.pixels.to as u32,
         texel_scale,
         texel_offset,
         ..Default::default()
@@ -88,7 +90,7 @@ pub(crate) fn texel_placement(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_pager::Slot;
+    use brickyard_pager::{Pixels, Slot};
     use brickyard_volume::{BrickId, BrickIndex, Extent, Level, VoxelBox};
 
     #[test]
@@ -98,7 +100,7 @@ mod tests {
         let id = |level, x, y, z| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, y, z) };
         let brick = id(1, 4, 2, 1);
         let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);
-        let cell = DrawCell { cell: brick, region, brick, slot: Slot(17) };
+        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(17) };
         let instance = cell_instance(&cell, &pyramid, &atlas, 1);
         // Voxel (5, 0, 31) of the brick, level 1: its centre in level-0 voxels.
         let voxel = [4 * 32 + 5, 2 * 32, 32 + 31].map(|v| (v as f32 + 0.5) * 2.0);

@@ -301,7 +301,7 @@ impl GpuRenderer {
         Ok(Passes { renderer: self, frame, pyramid, start, lists: 0, cells: 0 })
     }
 
-    /// For each cell of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
+    /// For each entry of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
     /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
     /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
     pub fn visibility(&self) -> Option<&[f32]> {

@@ -68,14 +68,17 @@ impl Tree {
     pub(crate) fn new(pyramid: &Pyramid, draw: &DrawList, visibility: &Visibility<'_>, slots: &Slots<'_>) -> Self {
         let splits = splits(pyramid);
         let mut tree = Self { nodes: vec![LEAF; GROUP], bricks: Vec::with_capacity(draw.cells.len()) };
+        let range = |entry: &DrawCell| slots.ranges[entry.slot.0 as usize];
         // Front to back, so that bricks that rays meet one after the other are neighbours in memory.
-        for cell in draw.cells.iter().rev() {
-            let range = slots.ranges[cell.slot.0 as usize];
-            if visibility.any(range) {
-                let depth = splits.len() - cell.cell.level.index();
-                let leaf = tree.leaf(&splits[..depth], cell.cell.index.to_array());
-                tree.bricks.push(ray_brick(cell, pyramid, slots, visibility.all(range)));
-                tree.nodes[leaf] = LEAF | tree.bricks.len() as u32;
+        for entries in draw.cells.chunk_by(|a, b| a.cell == b.cell).rev() {
+            if entries.iter().any(|entry| visibility.any(range(entry))) {
+                let cell = entries[0].cell;
+                let depth = splits.len() - cell.level.index();
+                let leaf = tree.leaf(&splits[..depth], cell.index.to_array());
+                tree.nodes[leaf] = LEAF | (tree.bricks.len() + 1) as u32;
+                // Where one fades in, it is the first, and what it takes the place of follows.
+                let bricks = entries.iter().rev().map(|e| ray_brick(e, pyramid, slots, visibility.all(range(e))));
+                tree.bricks.extend(bricks);
             }
         }
         tree
@@ -133,7 +136,7 @@ fn ray_brick(cell: &DrawCell, pyramid: &Pyramid, slots: &Slots<'_>, is_all_seen:
         texel_offset,
         range: pack_range([low, high]),
         low: std::array::from_fn(|a| (index[a] as u64 * pyramid.edge() as u64 * factor[a] as u64) as f32),
-        spare: 0,
+        pixels_to: cell.pixels.to as u32,
     }
 }
 
@@ -145,7 +148,8 @@ pub(crate) fn pack_range([low, high]: [u16; 2]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{BrickId, BrickIndex, Extent, Level, TransferTable};
+    use brickyard_pager::Pixels;
+    use brickyard_volume::{BrickId, BrickIndex, Extent, Level, TransferTable, macrocells};
 
     fn table(alpha: impl Fn(usize) -> f32) -> OpaqueCodes {
         let entries = (0..256).map(|i| [1.0, 1.0, 1.0, alpha(i)]).collect();
@@ -178,7 +182,8 @@ mod tests {
         let mut push = |level: Level, index: BrickIndex| {
             let id = BrickId { time: 0, channel: 0, level, index };
             let slot = Slot(cells.len() as u32);
-            cells.push(DrawCell { cell: id, region: pyramid.brick_box_voxel(level, index), brick: id, slot });
+            let region = pyramid.brick_box_voxel(level, index);
+            cells.push(DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot });
         };
         for i in 0..grid.volume() as u32 {
             let index = BrickIndex::new(i % grid.x, i / grid.x % grid.y, i / grid.x / grid.y);
@@ -252,7 +257,7 @@ mod tests {
             .map(|(index, slot)| {
                 let brick = BrickId { time: 0, channel: 0, level: Level(0), index };
                 let region = pyramid.brick_box_voxel(brick.level, index);
-                DrawCell { cell: brick, region, brick, slot: Slot(slot) }
+                DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(slot) }
             })
             .collect();
         let list = DrawList { cells };
@@ -270,5 +275,33 @@ mod tests {
         assert_eq!(firsts(Mode::Mip, false), [0, 4, 8, 12, 16, 20, 28]);
         assert_eq!(firsts(Mode::Average, false), [NO_RANGES; 7]);
         assert_eq!(firsts(Mode::Average, true), [0, 4, 8, 12, 16, 20, 28]);
+    }
+
+    #[test]
+    fn the_leaf_of_a_brick_that_fades_in_names_it_and_what_it_takes_the_place_of_follows() {
+        let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 8);
+        let entry = |x, level, slot, from, to| {
+            let cell = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+            let index = pyramid.ancestor(Level(0), cell.index, Level(level));
+            let brick = BrickId { level: Level(level), index, ..cell };
+            let region = pyramid.brick_box_voxel(cell.level, cell.index);
+            DrawCell { cell, region, pixels: Pixels { from, to }, brick, slot: Slot(slot) }
+        };
+        // Far away the one fades in, nearer the other is whole.
+        let list = DrawList { cells: vec![entry(1, 1, 0, 20, 64), entry(1, 0, 1, 0, 20), entry(0, 0, 2, 0, 64)] };
+        let atlas = AtlasPlan::new(10, 1, 1 << 30, 2048, 3).unwrap();
+        let opaque = table(|_| 1.0);
+        // In a maximum projection a brick without values gets no leaf of its own, but keeps its place in a pair.
+        for (mode, of_ancestor) in [(Mode::Dvr, [0, 9]), (Mode::Mip, [0, 9]), (Mode::Mip, macrocells::NONE)] {
+            let ranges = [of_ancestor, [1, 2], [3, 4]];
+            let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 1, ranges: &ranges };
+            let visibility = Visibility { mode, has_invalid: false, opaque: &opaque, leaps: true };
+            let tree = Tree::new(&pyramid, &list, &visibility, &slots);
+            let number = |x| find(&tree, root_size(&pyramid), [x, 0, 0]).2;
+            assert_eq!((number(0), number(9)), (1, 2));
+            assert_eq!(tree.bricks.iter().map(|b| b.pixels_to).collect::<Vec<_>>(), [64, 20, 64]);
+            let expected = [[3, 4], [1, 2], of_ancestor].map(pack_range);
+            assert_eq!(tree.bricks.iter().map(|b| b.range).collect::<Vec<_>>(), expected);
+        }
     }
 }

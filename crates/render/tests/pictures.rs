@@ -3,6 +3,7 @@
 mod bricks;
 
 use bricks::{APRON, Bricks, MEMORY_BYTES};
+use brickyard_pager::{DrawCell, DrawList, Pixels};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -226,6 +227,43 @@ fn cells_that_are_not_there_show_nothing() {
             let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
             assert_close(&format!("{name}, {:?}", renderer.compositor()), &found, &expected, CONTRACT);
         }
+    }
+}
+
+/// The list in which cells with two entries have the one or the other alone.
+fn one_of_two(list: &DrawList, is_taken: impl Fn(&DrawCell) -> bool) -> DrawList {
+    let taken = list.cells.iter().filter(|entry| entry.pixels == Pixels::ALL || is_taken(entry));
+    DrawList { cells: taken.map(|entry| DrawCell { pixels: Pixels::ALL, ..*entry }).collect() }
+}
+
+/// Pixel by pixel, a brick that fades in is drawn as if it were there, or as if it were not.
+#[test]
+fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
+    let bricks = Bricks::new([45, 37, 52], 16, uneven(), u8_codes(), waves(255.0));
+    let transfer = tinted(0.0, 255.0);
+    for mut renderer in bricks.renderers() {
+        let mut telling = 0;
+        for (share, (name, rays)) in [1, 20, 32, 63].into_iter().cycle().zip(views(&bricks)) {
+            let (before, after) = (Pixels { from: share, ..Pixels::ALL }, Pixels { to: share, ..Pixels::ALL });
+            // Not all at once: there are no more entries than slots.
+            let fades = |id: BrickId| (id.index.x + 2 * id.index.y + id.index.z) % 4 == 1;
+            let entries = |id| if fades(id) { vec![(1, before), (0, after)] } else { vec![(0, Pixels::ALL)] };
+            let list = bricks.draw_fading(&mut renderer, &rays, &all_fine, &entries);
+            let lists = [one_of_two(&list, |e| e.cell == e.brick), one_of_two(&list, |e| e.cell != e.brick), list];
+            for mode in Mode::ALL {
+                let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));
+                let [fine, coarse, found] =
+                    lists.each_ref().map(|list| renderer.render(&frame, &bricks.pyramid, list).unwrap());
+                telling += (fine != coarse) as u32;
+                let size = fine.width;
+                let of =
+                    |i: usize| if after.hold(i as u32 % size, i as u32 / size) { fine.rgb[i] } else { coarse.rgb[i] };
+                let expected = Picture { rgb: (0..fine.rgb.len()).map(of).collect(), ..fine };
+                // The same sums in the same order.
+                assert_close(&format!("{name}, {mode:?}, {:?}", renderer.compositor()), &found, &expected, 0);
+            }
+        }
+        assert!(telling > 30, "{telling} of 45 pictures show what fades: the others prove nothing");
     }
 }
 

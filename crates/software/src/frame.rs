@@ -6,7 +6,7 @@ use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
 use crate::surface::{INSIDE, OUTSIDE};
-use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox, surface};
 use glam::{DVec3, Vec3};
@@ -22,7 +22,7 @@ pub(crate) struct Frame<'a> {
     /// The box that is shown, in level-0 voxels.
     pub(crate) shown_low: DVec3,
     pub(crate) shown_high: DVec3,
-    /// For each cell of the draw list the most light with which a ray has entered it so far, as the bits of an `f32`: their
+    /// For each entry of the draw list the most light with which a ray has entered it so far, as the bits of an `f32`: their
     /// order is that of the numbers. Empty in modes without occlusion.
     pub(crate) light: Box<[AtomicU32]>,
     /// Front to back; in modes where order does not matter, those first that will likely decide.
@@ -43,7 +43,7 @@ pub(crate) struct Frame<'a> {
     pub(crate) surface_color: Vec3,
 }
 
-/// One cell of the draw list.
+/// One entry of the draw list.
 pub(crate) struct Cell<'a> {
     /// Its place in the list.
     index: usize,
@@ -62,8 +62,9 @@ pub(crate) struct Cell<'a> {
     pub(crate) side: f32,
     /// In a maximum or minimum projection, the greatest or least code in each box of macro-cells.
     pub(crate) extremes: Box<[u16]>,
-    /// The pixels that may see the cell.
+    /// The pixels that may see the cell, and those among them that draw this entry, if not all.
     pub(crate) rect: PixelRect,
+    pub(crate) pixels: Option<Pixels>,
 }
 
 /// A brick in a slot.
@@ -263,6 +264,7 @@ impl<'a> Cell<'a> {
             side,
             extremes,
             rect,
+            pixels: (cell.pixels != Pixels::ALL).then_some(cell.pixels),
         })
     }
 }

@@ -159,7 +159,7 @@ impl SoftwareRenderer {
         Picture { width, height, rgb }
     }
 
-    /// For each cell of the list drawn last, in its order, the greatest transmittance with which a ray entered the cell: 1
+    /// For each entry of the list drawn last, in its order, the greatest transmittance with which a ray entered its cell: 1
     /// where nothing is in front, 0 where no ray came because the light had been used up, or the cell is out of view. `None`
     /// after projections, in which nothing hides anything, and before the first picture.
     pub fn visibility(&self) -> Option<&[f32]> {

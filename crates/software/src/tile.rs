@@ -100,7 +100,7 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
             for x in x0..x1 {
                 let i = place(tile, x, y);
                 let ray = &mut rays[i];
-                if ray.cursor >= ray.end {
+                if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
                     continue;
                 }
                 if B::coverage(cell, ray.sum) == Coverage::None {
@@ -390,7 +390,7 @@ fn longest(step: [f32; 3]) -> f32 {
 mod tests {
     use super::*;
     use crate::frame::Resident;
-    use brickyard_pager::{DrawCell, DrawList, Slot};
+    use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
@@ -437,8 +437,8 @@ mod tests {
         let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, apron as usize);
         let resident = Resident { codes, cells };
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
-        let cell =
-            DrawCell { cell: brick, region: pyramid.brick_box_voxel(brick.level, brick.index), brick, slot: Slot(0) };
+        let region = pyramid.brick_box_voxel(brick.level, brick.index);
+        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0) };
         let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, apron, |_| &resident);
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
         let picture = draw::<C, B, Portable, INVALID>(&frame, &tile);

@@ -7,6 +7,7 @@
 mod bricks;
 
 use bricks::{CutCell, Volume};
+use brickyard_pager::{DrawCell, DrawList, Pixels};
 use brickyard_volume::*;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -118,6 +119,51 @@ fn all_modes_match_the_oracle_from_everywhere() {
     ];
     for (eye, target) in views {
         agree(&volume, &mut View::new(eye, target), &transfer, &finest(&volume));
+    }
+}
+
+/// Pixel by pixel, a brick that fades in is drawn as if it were there, or as if it were not.
+#[test]
+fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
+    let volume = Volume::new(Extent::new(41, 37, 45), DVec3::ONE, 16, u8_codes(), |p| 255.0 * blobs(p));
+    let transfer = vivid((0.0, 255.0));
+    // Outside, and inside a brick.
+    for (share, (eye, target)) in
+        [20, 32].into_iter().zip([([-40.0, -25.0, 60.0], [20.0, 18.0, 22.0]), ([19.3, 21.1, 24.7], [40.0, 3.0, 11.0])])
+    {
+        for mode in Mode::ALL {
+            let frame = View { mode, ..View::new(eye, target) }.frame(&volume, &transfer);
+            let coarser = |own: CutCell| CutCell { drawn: Level(1), ..own };
+            let fades = |own: &CutCell| (own.index.x + 2 * own.index.y + own.index.z) % 3 == 1;
+            let with_ancestors = |own: CutCell| if fades(&own) { vec![coarser(own), own] } else { vec![own] };
+            let cells: Vec<CutCell> = finest(&volume)(&frame).into_iter().flat_map(with_ancestors).collect();
+            let (mut renderer, whole) = volume.load(&cells, &frame, 2);
+            // Where a cell has two entries: none in these pixels, or the rest of them.
+            let fading = |own: Pixels| {
+                let is_alone = |entry: &DrawCell| whole.cells.iter().filter(|e| e.cell == entry.cell).count() == 1;
+                let before = Pixels { from: own.to, ..Pixels::ALL };
+                let cells = whole.cells.iter().filter_map(|entry| {
+                    let pixels = match entry.cell == entry.brick {
+                        _ if is_alone(entry) => Pixels::ALL,
+                        true => own,
+                        false => before,
+                    };
+                    (pixels.from < pixels.to).then_some(DrawCell { pixels, ..*entry })
+                });
+                DrawList { cells: cells.collect() }
+            };
+            let after = Pixels { to: share, ..Pixels::ALL };
+            let [fine, coarse, found] = [Pixels::ALL, Pixels { to: 0, ..Pixels::ALL }, after]
+                .map(|own| renderer.render(&frame, &volume.pyramid, &fading(own)));
+            assert!(fine != coarse, "{mode:?}: this proves nothing");
+            let occludes = matches!(mode, Mode::Dvr | Mode::Isosurface);
+            assert_eq!(renderer.visibility().map(<[f32]>::len), occludes.then_some(cells.len()));
+            for (i, found) in found.rgb.iter().enumerate() {
+                let (x, y) = (i as u32 % fine.width, i as u32 / fine.width);
+                // The same sums in the same order.
+                assert_eq!(found, if after.hold(x, y) { &fine.rgb[i] } else { &coarse.rgb[i] }, "{mode:?} {x} {y}");
+            }
+        }
     }
 }
 

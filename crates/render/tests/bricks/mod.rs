@@ -1,6 +1,6 @@
 //! A volume cut into padded bricks in memory, with the same values as whole arrays for the oracle.
 
-use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_reference::{Array, ReferenceVolume, mean_levels};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
@@ -94,13 +94,27 @@ impl Bricks {
         stop: &dyn Fn(BrickId) -> bool,
         coarser: &dyn Fn(BrickId) -> u8,
     ) -> DrawList {
+        self.draw_fading(renderer, rays, stop, &|cell| [(coarser(cell), Pixels::ALL)].into())
+    }
+
+    /// The cells where `stop` says so, back to front, each drawn with the ancestors so many levels up that `entries` names, in
+    /// those pixels; their bricks uploaded.
+    pub(crate) fn draw_fading(
+        &self,
+        renderer: &mut GpuRenderer,
+        rays: &ViewRays,
+        stop: &dyn Fn(BrickId) -> bool,
+        entries: &dyn Fn(BrickId) -> Vec<(u8, Pixels)>,
+    ) -> DrawList {
         let mut cells = Vec::new();
         let top = self.pyramid.coarsest();
         self.visit(BrickId { time: 0, channel: 0, level: top, index: BrickIndex::default() }, rays, stop, &mut cells);
         let mut slots = BTreeMap::new();
         let mut list = DrawList::default();
-        for cell in cells {
-            let level = Level((cell.level.0 + coarser(cell)).min(top.0));
+        for (cell, (coarser, pixels)) in
+            cells.into_iter().flat_map(|cell| entries(cell).into_iter().map(move |e| (cell, e)))
+        {
+            let level = Level((cell.level.0 + coarser).min(top.0));
             let brick = BrickId { level, index: self.pyramid.ancestor(cell.level, cell.index, level), ..cell };
             let next = Slot(slots.len() as u32);
             let slot = *slots.entry(brick).or_insert_with(|| {
@@ -108,7 +122,7 @@ impl Bricks {
                 next
             });
             let region = self.pyramid.brick_box_voxel(cell.level, cell.index);
-            list.cells.push(DrawCell { cell, region, brick, slot });
+            list.cells.push(DrawCell { cell, region, pixels, brick, slot });
         }
         list
     }

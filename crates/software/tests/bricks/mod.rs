@@ -1,7 +1,7 @@
 //! A volume given by a function, cut into padded bricks on every level, and draw lists over it: what store and pager do,
 //! in memory.
 
-use brickyard_pager::{DrawCell, DrawList, Slot};
+use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_reference::{Array, ReferenceVolume};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
@@ -138,6 +138,7 @@ impl Volume {
             DrawCell {
                 cell: BrickId { level: c.level, index: c.index, ..brick },
                 region: self.pyramid.brick_box_voxel(c.level, c.index),
+                pixels: Pixels::ALL,
                 brick,
                 slot: Slot(bricks.binary_search(&brick).unwrap() as u32),
             }
