@@ -47,21 +47,26 @@ impl RaycastPlan {
         Self { edge, levels, leaps, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
     }
 
-    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its
-    /// mark, in the read-back and on the host too.
+    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its part of
+    /// the marks, in the read-back and on the host too.
     fn bytes_per_slot(&self) -> u64 {
-        let octree = self.nodes_bytes(1) - self.nodes_bytes(0) + self.bricks_bytes(1);
-        self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64 + 2 * octree + 3 * self.marks_bytes(1)
+        self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
-    /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root and its staging.
+    /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root.
     fn fixed_bytes(&self) -> u64 {
-        3 * self.opaque_bytes + 2 * self.nodes_bytes(0)
+        3 * self.opaque_bytes + self.list_bytes(0)
+    }
+
+    /// All that grows with the draw list.
+    fn list_bytes(&self, slots: u32) -> u64 {
+        2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + 3 * self.marks_bytes(slots)
     }
 
     /// No more slots than a binding can describe.
     fn max_slots(&self, max_binding_bytes: u64) -> u64 {
-        max_binding_bytes / self.ranges_bytes(1).max(self.nodes_bytes(1)).max(self.bricks_bytes(1))
+        let each = self.ranges_bytes(1).max(self.bricks_bytes(1) - self.bricks_bytes(0));
+        max_binding_bytes.saturating_sub(self.bricks_bytes(0)) / each
     }
 }
 
@@ -201,7 +206,7 @@ mod tests {
         let buffers = [raycast.nodes_bytes(slots), raycast.bricks_bytes(slots), raycast.ranges_bytes(slots)];
         let marks = 2 * raycast.marks_bytes(slots);
         assert!(buffers.iter().all(|&b| b <= 1 << 20), "{buffers:?}");
-        assert!(slots > 400, "{slots} slots of 512 macro-cells fill 1 MiB");
+        assert!(slots > 300, "{slots} slots of 64 entries fill 1 MiB");
         let accounted = raycast.fixed_bytes() + slots as u64 * plan.beside_bytes;
         assert!(buffers.iter().sum::<u64>() + marks + raycast.opaque_bytes <= accounted);
     }

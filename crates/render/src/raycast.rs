@@ -114,7 +114,7 @@ impl Raycast {
         let (nodes, bricks): (&[u8], &[u8]) = (bytemuck::cast_slice(&tree.nodes), bytemuck::cast_slice(&tree.bricks));
         if nodes.len() as u64 > self.nodes.size() || bricks.len() as u64 > self.bricks.size() {
             return Err(GpuError::Mismatch(format!(
-                "draw list of {} cells and {} octree nodes: this renderer was made for {} cells of {} levels",
+                "draw list of {} entries and {} octree nodes: this renderer was made for {} slots and {} levels",
                 tree.bricks.len(),
                 tree.nodes.len() / GROUP,
                 atlas.slots(),
@@ -139,7 +139,7 @@ impl Raycast {
     /// Queues the copy of the first `count` marks, and the end of all.
     pub(crate) fn take_marks(&self, encoder: &mut wgpu::CommandEncoder, count: usize, to: &Targets) {
         if count > 0 {
-            let bytes = self.plan.marks_bytes(count as u32);
+            let bytes = (count * size_of::<u32>()) as u64;
             encoder.copy_buffer_to_buffer(&self.marks, 0, &to.read_back, to.marks_offset(), bytes);
         }
         encoder.clear_buffer(&self.marks, 0, None);
@@ -147,19 +147,30 @@ impl Raycast {
 }
 
 impl RaycastPlan {
-    /// What the marks of a list of so many cells take.
-    pub(crate) fn marks_bytes(&self, cells: u32) -> u64 {
-        cells as u64 * size_of::<u32>() as u64
+    /// Groups of nodes for this many slots: at worst each cell that a cut wants has a way of its own down from the root.
+    fn groups(&self, slots: u32) -> u64 {
+        1 + slots as u64 * (self.levels as u64).saturating_sub(1)
     }
 
-    /// What the octree's nodes take: at worst each cell of the list has a way of its own down from the root.
-    pub(crate) fn nodes_bytes(&self, cells: u32) -> u64 {
-        (1 + cells as u64 * (self.levels as u64).saturating_sub(1)) * (GROUP * size_of::<u32>()) as u64
+    /// Entries that a draw list can have. A cut wants fewer cells than there are slots; but the siblings that its splits leave
+    /// over are drawn too when the camera has turned towards them and the next cut is not there yet.
+    fn entries(&self, slots: u32) -> u64 {
+        self.groups(slots) * GROUP as u64
+    }
+
+    /// What the list's marks take.
+    pub(crate) fn marks_bytes(&self, slots: u32) -> u64 {
+        self.entries(slots) * size_of::<u32>() as u64
+    }
+
+    /// What the octree's nodes take.
+    pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
+        self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
     /// What the list's bricks take.
-    pub(crate) fn bricks_bytes(&self, cells: u32) -> u64 {
-        (cells as usize * size_of::<RayBrick>()) as u64
+    pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
+        self.entries(slots) * size_of::<RayBrick>() as u64
     }
 
     /// What the macro-cells of this many slots take.

@@ -420,6 +420,26 @@ fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     assert_eq!(new(least_bytes), Ok(()));
 }
 
+/// A camera that turns faster than cuts are made sees what the last one left coarse: many cells, of few bricks.
+#[test]
+fn a_list_may_have_more_entries_than_there_are_slots() {
+    let bricks = Bricks::new([30, 30, 30], 8, Geometry::default(), u8_codes(), waves(255.0));
+    let rays = views(&bricks)[0].1;
+    let transfer = tinted(0.0, 255.0);
+    let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
+    for renderer in bricks.renderers() {
+        let levels = bricks.pyramid.levels().len() as u32;
+        let options = GpuOptions { compositor: renderer.compositor(), levels, max_slots: 8, ..Default::default() };
+        let mut few = GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64)).expect("a renderer");
+        let list = bricks.draw(&mut few, &rays, &all_fine, &|_| 1);
+        assert!(few.slots() == 8 && list.cells.len() == 64);
+        let found = few.render(&frame, &bricks.pyramid, &list).expect("a picture");
+        let expected = bricks.reference(&frame, &list, &transfer);
+        assert_close(&format!("{:?}", few.compositor()), &found, &expected, 1);
+        assert!(few.visibility().is_none_or(|seen| seen.len() == 64));
+    }
+}
+
 /// Until it fits there are half as many slots, again and again; what is left makes the same picture.
 #[test]
 fn refused_memory_ends_in_fewer_slots() {
@@ -429,7 +449,8 @@ fn refused_memory_ends_in_fewer_slots() {
     for mut ample in bricks.renderers() {
         let compositor = ample.compositor();
         let new = |refuse_above_bytes| {
-            let options = GpuOptions { compositor, max_slots: 2000, refuse_above_bytes, ..Default::default() };
+            let levels = bricks.pyramid.levels().len() as u32;
+            let options = GpuOptions { compositor, levels, max_slots: 2000, refuse_above_bytes, ..Default::default() };
             GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64))
         };
         // 2000 slots of 12^3 texels of 1 or 2 bytes; of 500 or 250 one texture takes less than a megabyte.
