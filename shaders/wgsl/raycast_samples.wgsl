@@ -35,33 +35,20 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         let has_cells = is_brick_seen && brick.first_range != NO_RANGES;
         var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
         loop {
-            // The next run: from where to where; behind the eye if there is none.
-            var enter = select(leave, walk.middle, is_brick_seen);
-            var end = select(-1.0, leave, is_brick_seen);
+            // The whole leaf if it is seen and has no cells to tell; else what is seen of it next.
+            var run = Run(select(leave, walk.middle, is_brick_seen), select(-1.0, leave, is_brick_seen), cells);
             if (has_cells) {
-                enter = leave;
-                end = -1.0;
-                var is_in_run = false;
-                var is_searching = true;
-                while (is_searching) {
-                    let is_seen = cells.enter < leave && sees(pixel, ranges[brick.first_range + cell_index(cells)]);
-                    enter = select(enter, cells.enter, is_seen && !is_in_run);
-                    end = select(end, cells.enter, is_in_run);
-                    is_searching = cells.enter < leave && (is_seen || !is_in_run);
-                    is_in_run = is_seen;
-                    if (is_searching) {
-                        cells = next_cell(ray, cells, brick.texel_scale);
-                    }
-                }
+                run = next_run(ray, pixel, brick, cells, leave);
+                cells = run.cells;
             }
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
-            if (enter > walk.middle || leave <= walk.middle) {
-                walk = walk_past(walk, enter, stretch);
+            if (run.enter > walk.middle || leave <= walk.middle) {
+                walk = walk_past(walk, run.enter, stretch);
             }
             let base = walk.middle;
             let texel = (ray.origin + ray.direction * base) * brick.texel_scale + brick.texel_offset;
             let along = ray.direction * brick.texel_scale;
-            while (walk.middle < min(end, leave) && !is_zone_left(walk) && !is_final(pixel)) {
+            while (walk.middle < min(run.end, leave) && !is_zone_left(walk) && !is_final(pixel)) {
                 let value = sample_atlas(texel + along * (walk.middle - base));
                 if (value >= 0.0) {
                     pixel = accumulate(pixel, value, walk.end - walk.start);

@@ -4,22 +4,13 @@
 //! everything is inlined and free of closures.
 
 use crate::frame::{Cell, Frame};
-use crate::macrocells::{Mask, Reach};
+use crate::macrocells::{Coverage, Reach};
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, LANES, PACKETS, Packet, Unit};
 use crate::steps::StepTable;
 use crate::tile::{March, Stretch};
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
-
-/// How much of a brick can be seen.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Coverage {
-    None,
-    /// To be asked cell by cell.
-    Some,
-    All,
-}
 
 /// A mode.
 pub(crate) trait Blend {
@@ -35,10 +26,10 @@ pub(crate) trait Blend {
     /// Whether what is in front takes light from what is behind; the sum's last component then is the light left.
     const OCCLUDES: bool = false;
 
-    /// How much of a brick can change the sum.
+    /// How much of a brick can change the sum: what its mask says, where that does not depend on the sum.
     #[inline(always)]
-    fn coverage(_: &Cell<'_>, _: Vec4) -> Coverage {
-        Coverage::All
+    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
+        cell.mask.coverage()
     }
 
     /// In which boxes of macro-cells samples can change the sum: a bit for each.
@@ -46,8 +37,9 @@ pub(crate) trait Blend {
     /// # Safety
     /// The brick has these boxes.
     #[inline(always)]
-    unsafe fn sees(_: &Cell<'_>, _: &[i32; LANES], _: Vec4) -> u64 {
-        u64::MAX
+    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
+        // SAFETY: the caller's promise.
+        unsafe { cell.mask.seen(boxes) }
     }
 
     /// Takes the segments `from..to` of a stretch, or fewer if nothing behind those can be seen.
@@ -114,21 +106,6 @@ impl Blend for Dvr {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
-
-    #[inline(always)]
-    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
-        match cell.mask {
-            Mask::None => Coverage::None,
-            Mask::Some(_) => Coverage::Some,
-            Mask::All => Coverage::All,
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
-        // SAFETY: the caller's promise.
-        unsafe { cell.mask.seen(boxes) }
-    }
 
     #[inline(always)]
     fn take<C: Code, U: Unit, const INVALID: bool>(

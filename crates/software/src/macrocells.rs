@@ -45,6 +45,15 @@ pub(crate) fn over_boxes<T: Copy>(
     from.into()
 }
 
+/// How much of a brick can be seen.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Coverage {
+    None,
+    /// To be asked cell by cell.
+    Some,
+    All,
+}
+
 /// Which macro-cells of a brick can be seen.
 pub(crate) enum Mask {
     None,
@@ -54,6 +63,16 @@ pub(crate) enum Mask {
 }
 
 impl Mask {
+    /// How much of the brick can be seen.
+    #[inline(always)]
+    pub(crate) fn coverage(&self) -> Coverage {
+        match self {
+            Self::None => Coverage::None,
+            Self::Some(_) => Coverage::Some,
+            Self::All => Coverage::All,
+        }
+    }
+
     /// Which of these boxes can be seen, a bit for each.
     ///
     /// # Safety

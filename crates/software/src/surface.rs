@@ -6,9 +6,9 @@
 //! Blocks of macro-cells that are on one side are leapt over: the side that the ray was on before is the one that it is on
 //! behind them. (Where voxels may have no value it is not: then the ray finds its side anew.)
 
-use crate::blend::{Blend, Coverage};
+use crate::blend::Blend;
 use crate::frame::{Cell, Frame};
-use crate::macrocells::{Mask, Reach};
+use crate::macrocells::{Coverage, Mask, Reach};
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, LANES, Packet, Unit};
 use crate::tile::{March, Stretch};
@@ -40,16 +40,8 @@ impl Blend for Isosurface {
         match cell.mask {
             // On the other side than the brick before: the surface is where they meet.
             Mask::None if sum.x * cell.side < 0.0 => Coverage::All,
-            Mask::None => Coverage::None,
-            Mask::Some(_) => Coverage::Some,
-            Mask::All => Coverage::All,
+            _ => cell.mask.coverage(),
         }
-    }
-
-    #[inline(always)]
-    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], _: Vec4) -> u64 {
-        // SAFETY: the caller's promise.
-        unsafe { cell.mask.seen(boxes) }
     }
 
     #[inline(always)]

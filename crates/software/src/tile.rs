@@ -1,8 +1,8 @@
 //! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
 
-use crate::blend::{Average, Blend, Coverage, Dvr, MinIp, Mip, Sum};
+use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum};
 use crate::frame::{Cell, Frame, PixelRect};
-use crate::macrocells::{Blocks, Reach, block_length};
+use crate::macrocells::{Blocks, Coverage, Reach, block_length};
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
