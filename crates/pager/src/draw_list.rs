@@ -58,7 +58,8 @@ pub struct DrawCell {
     pub slot: Slot,
 }
 
-/// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty. A cell in which a brick fades in
+/// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty; none before the volume's
+/// coarsest bricks have come. A cell in which a brick fades in
 /// has two entries, one after the other: what gives way, then the brick. Between them they have every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
@@ -67,9 +68,9 @@ pub struct DrawList {
 }
 
 impl DrawList {
-    /// What a view sees of a cut, given what stands for its nodes. Cells for which nothing is resident (before the first
-    /// brick of a volume has arrived, or where a whole line of ancestors cannot be read) are left out. `fading` says of a brick
-    /// what it takes the place of, given how many more entries than cells there are so far.
+    /// What a view sees of a cut, given what stands for its nodes. Cells for which nothing is resident (a whole line of
+    /// ancestors cannot be read) are left out. `fading` says of a brick what it takes the place of, given how many more entries than
+    /// cells there are so far.
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,

@@ -46,7 +46,8 @@ pub struct Status {
     pub settled: bool,
     /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`].
     pub awaits_feedback: bool,
-    /// Whether every cell is drawn with something. False only before a volume's first brick has arrived, or with `error`.
+    /// Whether every cell is drawn with something. False only before a volume's coarsest bricks have arrived, when nothing is
+    /// drawn, or with `error`.
     pub covered: bool,
     /// Share of the screen area of all cells that is drawn with the cells' own bricks, 0 to 1.
     pub completeness: f64,

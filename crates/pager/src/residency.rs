@@ -136,11 +136,20 @@ impl Residency {
         }
         // Renderers have room for as many entries as there are slots.
         let room = self.slots.count().saturating_sub(sight.cells.len());
-        let draw = DrawList::new(pyramid, cut, sight, &stand_ins, |brick, pairs| self.fading(brick, pairs < room));
+        let draw = match self.has_roots(roots) {
+            true => DrawList::new(pyramid, cut, sight, &stand_ins, |brick, pairs| self.fading(brick, pairs < room)),
+            false => DrawList::default(),
+        };
         let resident = sight.cells.iter().map(|&cell| stand_ins.is_resident(cell)).collect();
         let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead()) && !draw.is_fading();
         requests.retain(|(_, id)| !self.staged.contains_key(id));
         Step { uploads, draw, resident, requests, stale, settled }
+    }
+
+    /// Whether everything can be drawn with something. A finer brick may come before a root, from another worker, but a picture
+    /// with holes is none.
+    fn has_roots(&self, roots: &[BrickId]) -> bool {
+        roots.iter().all(|&root| self.is_resident(root) || self.failed.contains_key(&root))
     }
 
     fn stand_ins(&self, cut: &Cut, sight: &Sight) -> StandIns {
