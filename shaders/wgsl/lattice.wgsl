@@ -18,7 +18,7 @@ struct Walk {
 }
 
 fn zone_start(zone: u32) -> u32 {
-    return select(NEVER, frame.zone_starts[(zone >> 2u) & 3u][zone & 3u], zone < ZONES);
+    return select(NEVER, frame_settings.zone_starts[(zone >> 2u) & 3u][zone & 3u], zone < ZONES);
 }
 
 // The segment from a tick, in the zone of that tick, which is `first_zone` or a later one; `stretch` is the ray's.

@@ -1,6 +1,7 @@
 // Adds up the samples of a cell.
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
+    frame = frame_settings;
     let ray = pixel_ray(in.position.xy);
     let whole = clip(ray, frame.shown_low, frame.shown_high);
     let t_in = max(whole.x, 0.0);

@@ -4,6 +4,7 @@
 // apron goes: what two cells would see each just beyond the plane where they meet, one of them sees.
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
+    frame = frame_settings;
     let ray = pixel_ray(in.position.xy);
     let whole = clip(ray, frame.shown_low, frame.shown_high);
     let stretch = vec2f(max(whole.x, 0.0), whole.y);

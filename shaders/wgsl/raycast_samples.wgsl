@@ -3,6 +3,7 @@
 // the heads of loops, or one `if` deep: a `break` two deep made all of this three times slower on lavapipe (Mesa 22.3).
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    frame = frame_settings;
     let ray = pixel_ray(position.xy);
     let threshold = dither(position.xy);
     let whole = clip(ray, frame.shown_low, frame.shown_high);

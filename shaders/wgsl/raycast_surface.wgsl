@@ -2,6 +2,7 @@
 // on goes with it from brick to brick, also over what is leapt over.
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    frame = frame_settings;
     let ray = pixel_ray(position.xy);
     let threshold = dither(position.xy);
     let whole = clip(ray, frame.shown_low, frame.shown_high);

@@ -3,6 +3,7 @@
 
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    frame = frame_settings;
     let sums = textureLoad(gathered, vec2i(position.xy), 0).xy;
     let color = classify(sums.x / max(sums.y, 1e-30)).color;
     return vec4f(select(frame.background, color, sums.y > 0.0), 1.0);

@@ -30,6 +30,7 @@ struct Proxy {
 // Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
 @vertex
 fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) -> Proxy {
+    frame = frame_settings;
     let cell = cells[instance];
     let bits = vec3u(0x287au, 0x02afu, 0x31e3u) >> vec3u(i);
     let corner = select(cell.region_min, cell.region_max, (bits & vec3u(1u)) == vec3u(1u));
