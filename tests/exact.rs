@@ -43,7 +43,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
         gpu_memory_bytes,
         host_memory_bytes,
         threads: 2,
-        mode: Mode::Isosurface,
+        bricks: Scene { mode: Mode::Isosurface, ..Scene::default() }.needs(),
         max_size_px: SIZE,
         leaps: true,
         live: false,

@@ -55,8 +55,8 @@ pub struct FrameUniform {
     pub size_px: [f32; 2],
     /// Index of the transfer table's last place.
     pub last_place: f32,
-    /// Padding.
-    pub spare_2: f32,
+    /// Depth over a code, in which running integrals of the transfer function are counted.
+    pub sum_unit: f32,
     /// Level-0 voxels along the octree's root; at least the extent.
     pub root_size: [f32; 3],
     /// Macro-cells along a brick's edge.
@@ -67,12 +67,14 @@ pub struct FrameUniform {
     pub slot_edge: f32,
     /// High corner of what is shown.
     pub shown_high: [f32; 3],
-    /// Padding.
-    pub spare_4: f32,
+    /// How many lights there are; with none, one is at the eye.
+    pub lights: u32,
     /// Colour of the surface, if the mode has one.
     pub surface_color: [f32; 3],
     /// Normalised code from which on a place is inside of it.
     pub threshold: f32,
+    /// Where the lights are: voxels from the volume's corner times the spacing.
+    pub light_places: [[f32; 4]; 4],
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
 }

@@ -32,6 +32,86 @@ impl Gather {
     }
 }
 
+/// What [`Gather::Composite`] takes for the field along a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Curve {
+    /// The value in the middle.
+    Middle,
+    /// A line between the ends.
+    Line,
+    /// A cubic curve.
+    Cubic,
+    /// The field, in more parts where the ends differ more.
+    Field,
+}
+
+/// How colours become lit ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Light {
+    /// Not at all.
+    Unlit,
+    /// By Phong's reflection.
+    Phong,
+    /// By Blinn's.
+    BlinnPhong,
+    /// From cool to warm.
+    Tone,
+}
+
+/// How segments become media.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Medium {
+    /// What is taken for the field.
+    pub curve: Curve,
+    /// Virtual samples of a segment.
+    pub parts: u32,
+    /// Whether they are pre-integrated.
+    pub is_pre_integrated: bool,
+    /// How colours become lit ones.
+    pub light: Light,
+    /// Whether gradients are the Sobel operator's.
+    pub is_sobel: bool,
+}
+
+impl Medium {
+    /// One sample in the middle, unlit: what has shaders of its own.
+    pub const PLAIN: Self =
+        Self { curve: Curve::Middle, parts: 1, is_pre_integrated: false, light: Light::Unlit, is_sobel: false };
+
+    fn constants(&self) -> String {
+        format!(
+            "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
+             const LIGHTING: u32 = {}u;\nconst IS_SOBEL: bool = {};",
+            self.curve as u32, self.parts, self.is_pre_integrated, self.light as u32, self.is_sobel
+        )
+    }
+}
+
+/// A march: everything that is decided when a pipeline is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Variant {
+    /// How samples become a pixel.
+    pub gather: Gather,
+    /// Whether code 0 is no value, and left out of what is filtered.
+    pub has_invalid: bool,
+    /// Whether the field is the tricubic spline of its voxels.
+    pub is_cubic: bool,
+    /// How segments become media; [`Medium::PLAIN`] of all but [`Gather::Composite`].
+    pub medium: Medium,
+}
+
+impl Variant {
+    /// What looks at samples of the gathering one by one.
+    const fn has_samples(&self) -> bool {
+        !matches!(self.gather, Gather::Isosurface) && self.is_plain()
+    }
+
+    const fn is_plain(&self) -> bool {
+        let Medium { curve, light, .. } = self.medium;
+        matches!((curve, light), (Curve::Middle, Light::Unlit))
+    }
+}
+
 /// Steps of a brick's mark: a transmittance of 1.
 pub const MARK_STEPS: u32 = 255;
 
@@ -39,53 +119,66 @@ const FRAME: &str = include_str!("../wgsl/frame.wgsl");
 const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
 const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 
-/// The sorted compositor's march: entry points `proxy` and `march`. With `has_invalid`, code 0 is no value and is left
-/// out of interpolation.
-pub fn sorted(gather: Gather, has_invalid: bool) -> String {
-    let march = match gather {
-        Gather::Composite | Gather::Project | Gather::Average => include_str!("../wgsl/march_samples.wgsl"),
+/// The sorted compositor's march: entry points `proxy` and `march`.
+pub fn sorted(variant: &Variant) -> String {
+    let march = match variant.gather {
+        _ if variant.has_samples() => include_str!("../wgsl/march_samples.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/march_surface.wgsl"),
+        _ => include_str!("../wgsl/march_medium.wgsl"),
     };
-    [&marching(gather, has_invalid), include_str!("../wgsl/sorted.wgsl"), march].join("\n")
+    [&marching(variant), include_str!("../wgsl/sorted.wgsl"), march].join("\n")
 }
 
-/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. `has_invalid` as for [`sorted`]. With `marks`,
-/// composites and surfaces say how bricks were entered (binding 9, a [`MARK_STEPS`]th a step).
-pub fn raycast(gather: Gather, has_invalid: bool, marks: bool) -> String {
-    let sees = match gather {
+/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. With `marks`, composites and surfaces say how bricks
+/// were entered (binding 9, a [`MARK_STEPS`]th a step).
+pub fn raycast(variant: &Variant, marks: bool) -> String {
+    let sees = match variant.gather {
         Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
         Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
         Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/sees_surface.wgsl"),
     };
     let (tree, macrocells) = (include_str!("../wgsl/tree.wgsl"), include_str!("../wgsl/macrocells.wgsl"));
-    let mark = match gather.occludes() && marks {
+    let mark = match variant.gather.occludes() && marks {
         true => include_str!("../wgsl/mark.wgsl"),
         false => include_str!("../wgsl/mark_none.wgsl"),
     };
-    let raycast = match gather {
-        Gather::Composite | Gather::Project | Gather::Average => include_str!("../wgsl/raycast_samples.wgsl"),
+    let raycast = match variant.gather {
+        _ if variant.has_samples() => include_str!("../wgsl/raycast_samples.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/raycast_surface.wgsl"),
+        _ => include_str!("../wgsl/raycast_medium.wgsl"),
     };
     let parts = [tree, macrocells, sees, mark, FULLSCREEN, include_str!("../wgsl/raycast.wgsl"), raycast];
-    [marching(gather, has_invalid), parts.join("\n")].join("\n")
+    [marching(variant), parts.join("\n")].join("\n")
 }
 
 /// What all marches share: the ray, its pixel's threshold, its lattice, a sample's value, and what samples add up to.
-fn marching(gather: Gather, has_invalid: bool) -> String {
-    let sample = match has_invalid {
-        false => include_str!("../wgsl/sample.wgsl"),
-        true => include_str!("../wgsl/sample_valid.wgsl"),
+fn marching(variant: &Variant) -> String {
+    let sample = match (variant.is_cubic, variant.has_invalid) {
+        (false, false) => include_str!("../wgsl/sample.wgsl"),
+        (false, true) => include_str!("../wgsl/sample_valid.wgsl"),
+        (true, false) => include_str!("../wgsl/sample_cubic.wgsl"),
+        (true, true) => include_str!("../wgsl/sample_cubic_valid.wgsl"),
     };
-    let accumulate = match gather {
-        Gather::Composite => include_str!("../wgsl/composite.wgsl"),
+    let accumulate = match variant.gather {
+        Gather::Composite if variant.is_plain() => include_str!("../wgsl/composite.wgsl"),
+        Gather::Composite => include_str!("../wgsl/medium.wgsl"),
         Gather::Project => include_str!("../wgsl/project.wgsl"),
         Gather::Average => include_str!("../wgsl/average.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
     };
     let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
     let dither = include_str!("../wgsl/dither.wgsl");
-    [FRAME, ray, dither, lattice, sample, CLASSIFY, accumulate].join("\n")
+    let mut parts = vec![FRAME, ray, dither, lattice, sample, CLASSIFY];
+    let constants = variant.medium.constants();
+    if !variant.has_samples() {
+        parts.extend([include_str!("../wgsl/field.wgsl"), include_str!("../wgsl/lighting.wgsl")]);
+    }
+    if !variant.is_plain() {
+        parts.push(&constants);
+    }
+    parts.push(accumulate);
+    parts.join("\n")
 }
 
 /// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
@@ -101,21 +194,37 @@ pub fn resolve(gather: Gather) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::surface;
+    use brickyard_volume::{integrals, lighting, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
+
+    /// Every way in which segments become media.
+    fn media() -> Vec<Medium> {
+        let mut all = Vec::new();
+        for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
+            for light in [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone] {
+                for (is_pre_integrated, is_sobel) in [(false, false), (true, false), (false, true)] {
+                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, is_sobel });
+                }
+            }
+        }
+        all
+    }
 
     /// Every shader there is, with a name for messages.
     fn variants() -> Vec<(String, String)> {
         let mut all = Vec::new();
         for gather in Gather::ALL {
-            for has_invalid in [false, true] {
-                all.push((format!("sorted {gather:?} invalid {has_invalid}"), sorted(gather, has_invalid)));
-                for marks in [false, true] {
-                    let name = format!("raycast {gather:?} invalid {has_invalid} marks {marks}");
-                    all.push((name, raycast(gather, has_invalid, marks)));
+            let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
+            for medium in media {
+                for (has_invalid, is_cubic) in [(false, false), (true, false), (false, true), (true, true)] {
+                    let variant = Variant { gather, has_invalid, is_cubic, medium };
+                    all.push((format!("sorted {variant:?}"), sorted(&variant)));
+                    all.push((format!("raycast {variant:?}"), raycast(&variant, true)));
                 }
             }
+            let plain = Variant { gather, has_invalid: false, is_cubic: false, medium: Medium::PLAIN };
+            all.push((format!("raycast {gather:?} without marks"), raycast(&plain, false)));
             all.push((format!("resolve {gather:?}"), resolve(gather)));
         }
         all
@@ -159,8 +268,8 @@ mod tests {
             let module = parse(&name, &source);
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
-                size_px last_place spare_2 root_size macro_cells shown_low slot_edge shown_high spare_4 surface_color
-                threshold zone_starts);
+                size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
+                threshold light_places zone_starts);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
@@ -176,22 +285,34 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let module = parse("raycast", &raycast(Gather::Isosurface, false, true));
+        let variant = |gather, medium| Variant { gather, has_invalid: false, is_cubic: false, medium };
+        let surface = variant(Gather::Isosurface, Medium::PLAIN);
+        let lit = variant(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [
             ("PARTS", naga::Literal::U32(surface::PARTS as u32)),
             ("ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
-            ("AMBIENT", single(surface::AMBIENT)),
-            ("DIFFUSE", single(surface::DIFFUSE)),
-            ("SPECULAR", single(surface::SPECULAR)),
-            ("SPECULAR_POWER", single(surface::SPECULAR_POWER as f64)),
+            ("AMBIENT", single(lighting::AMBIENT)),
+            ("DIFFUSE", single(lighting::DIFFUSE)),
+            ("SPECULAR", single(lighting::SPECULAR)),
+            ("SPECULAR_POWER", single(lighting::SPECULAR_POWER as f64)),
             ("FLAT_CODES", single(surface::FLAT_CODES)),
             ("LEAF", naga::Literal::U32(LEAF)),
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),
             ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
         ];
-        for (name, value) in expected {
+        let surface = parse("a surface", &raycast(&surface, true));
+        let expected = expected.map(|(name, value)| (&surface, name, value));
+        let lit = parse("a lit composite", &raycast(&lit, true));
+        let of_media = [
+            ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
+            ("ADAPTIVE_SHARE", single(sampling::ADAPTIVE_SHARE)),
+            ("CLOSE_CODES", single(integrals::CLOSE_CODES)),
+            ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
+        ];
+        let of_media = of_media.map(|(name, value)| (&lit, name, value));
+        for (module, name, value) in expected.into_iter().chain(of_media) {
             let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
             let found = &module.global_expressions[constant.init];
             assert!(matches!(found, naga::Expression::Literal(v) if *v == value), "{name}: {found:?}");

@@ -1,5 +1,6 @@
 // The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
-// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth.
+// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Behind the last place are running
+// integrals: for each code, of three channels and of depth, the low and the high word.
 @group(0) @binding(4) var<storage, read> table: array<vec2u>;
 
 struct Medium {
@@ -10,7 +11,11 @@ struct Medium {
 }
 
 fn classify(value: f32) -> Medium {
-    let place = table[u32(clamp(value, 0.0, 1.0) * frame.last_place + 0.5)];
+    return medium_at(u32(clamp(value, 0.0, 1.0) * frame.last_place + 0.5));
+}
+
+fn medium_at(index: u32) -> Medium {
+    let place = table[index];
     let color = vec3f(vec3u(place.x, place.x >> 11u, place.x >> 22u) & vec3u(2047u, 2047u, 1023u));
     return Medium(color * vec3f(1.0 / 2047.0, 1.0 / 2047.0, 1.0 / 1023.0), bitcast<f32>(place.y));
 }

@@ -24,15 +24,16 @@ struct Frame {
     tree_depth: u32,
     size_px: vec2f,
     last_place: f32,
-    spare_2: f32,
+    sum_unit: f32,
     root_size: vec3f,
     macro_cells: u32,
     shown_low: vec3f,
     slot_edge: f32,
     shown_high: vec3f,
-    spare_4: f32,
+    lights: u32,
     surface_color: vec3f,
     threshold: f32,
+    light_places: array<vec4f, 4>,
     zone_starts: array<vec4u, 4>,
 }
 

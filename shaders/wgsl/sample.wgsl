@@ -3,6 +3,8 @@
 @group(0) @binding(3) var atlas_sampler: sampler;
 
 const HAS_INVALID: bool = false;
+// Texels between a sample and the edge of what it may touch.
+const MARGIN: f32 = 0.5;
 
 fn sample_atlas(point: vec3f) -> f32 {
     return textureSampleLevel(atlas, atlas_sampler, point * frame.texel, 0.0).x;

@@ -4,6 +4,7 @@
 @group(0) @binding(3) var atlas_sampler: sampler;
 
 const HAS_INVALID: bool = true;
+const MARGIN: f32 = 0.5;
 
 fn sample_atlas(point: vec3f) -> f32 {
     let corner = floor(point - 0.5);

@@ -2,11 +2,6 @@
 // CPU twin, the volume crate's `surface`.
 const PARTS: u32 = 8u;
 const ROUNDS: u32 = 2u;
-const AMBIENT: f32 = 0.1;
-const DIFFUSE: f32 = 0.7;
-const SPECULAR: f32 = 0.2;
-const SPECULAR_POWER: f32 = 10.0;
-const FLAT_CODES: f32 = 0.015625;
 
 struct Pixel {
     // 1 before the surface, then 0.
@@ -25,32 +20,6 @@ fn pixel_start() -> Pixel {
 
 fn is_final(pixel: Pixel) -> bool {
     return pixel.transmittance == 0.0;
-}
-
-// A ray's way through a brick in the atlas: texel = origin + along * t.
-struct Field {
-    origin: vec3f,
-    along: vec3f,
-    // Texels per level-0 voxel.
-    scale: vec3f,
-    // Where its slot can be sampled without touching another, in texels, and on the ray.
-    low: vec3f,
-    high: vec3f,
-    reach: vec2f,
-}
-
-// Through the brick whose core holds `point`, with texel = voxel * scale + offset.
-fn field_about(point: vec3f, scale: vec3f, offset: vec3f, ray: Ray) -> Field {
-    let slot = floor((point * scale + offset) / frame.slot_edge) * frame.slot_edge;
-    let low = slot + 0.5;
-    let high = slot + frame.slot_edge - 0.5;
-    let reach = clip(ray, (low - offset) / scale, (high - offset) / scale);
-    return Field(ray.origin * scale + offset, ray.direction * scale, scale, low, high, reach);
-}
-
-// Negative where there is no value.
-fn value_at(field: Field, t: f32) -> f32 {
-    return sample_atlas(field.origin + field.along * t);
 }
 
 fn side_of(value: f32) -> f32 {
@@ -128,15 +97,4 @@ fn lit(field: Field, ray: Ray, t: f32) -> vec3f {
     let gradient = normalize(differences * field.scale / frame.spacing);
     let cosine = min(abs(dot(gradient, ray.direction * frame.spacing)), 1.0);
     return (AMBIENT + DIFFUSE * cosine) * frame.surface_color + SPECULAR * pow(cosine, SPECULAR_POWER);
-}
-
-// World length over which the ray moves a voxel along the axis along which it is fastest.
-fn voxel_length(ray: Ray, scale: vec3f) -> f32 {
-    let along = abs(ray.direction * scale);
-    return 1.0 / max(max(along.x, along.y), along.z);
-}
-
-// How far a segment of so many ticks may reach out of the brick that owns it, less half a voxel: as far as ranges of codes hold.
-fn overhang(ray: Ray, scale: vec3f, stride: u32) -> f32 {
-    return max(0.5 * (f32(stride) * frame.step - voxel_length(ray, scale)), 0.0);
 }

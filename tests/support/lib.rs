@@ -8,7 +8,7 @@ use brickyard::render::GpuError;
 use brickyard::session::{Session, SessionError, SessionOptions};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
-use brickyard::volume::{Extent, Geometry, Mode, Picture, Scene, Voxel, VoxelBox, VoxelType};
+use brickyard::volume::{Extent, Geometry, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -122,7 +122,19 @@ pub fn session(store: &Arc<Store>, backend: Way, size_px: (u32, u32)) -> Option<
 /// # Panics
 /// If the session cannot be made although there is an adapter.
 pub fn session_for(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)) -> Option<Session> {
-    open_session(store, SessionOptions { mode, ..options(way, size_px, 256 << 20, 256 << 20) })
+    open_session(store, SessionOptions { bricks: needs(mode), ..options(way, size_px, 256 << 20, 256 << 20) })
+}
+
+/// The same for a scene.
+///
+/// # Panics
+/// If the session cannot be made although there is an adapter.
+pub fn session_for_scene(store: &Arc<Store>, scene: &Scene, way: Way, size_px: (u32, u32)) -> Option<Session> {
+    open_session(store, SessionOptions { bricks: scene.needs(), ..options(way, size_px, 256 << 20, 256 << 20) })
+}
+
+fn needs(mode: Mode) -> Needs {
+    Scene { mode, ..Scene::default() }.needs()
 }
 
 /// The same, leaping over nothing.
@@ -130,7 +142,10 @@ pub fn session_for(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)
 /// # Panics
 /// If the session cannot be made although there is an adapter.
 pub fn session_without_leaps(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)) -> Option<Session> {
-    open_session(store, SessionOptions { mode, leaps: false, ..options(way, size_px, 256 << 20, 256 << 20) })
+    open_session(
+        store,
+        SessionOptions { bricks: needs(mode), leaps: false, ..options(way, size_px, 256 << 20, 256 << 20) },
+    )
 }
 
 /// Opens a session under budgets.
@@ -153,7 +168,7 @@ fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u64, 
         compositor,
         gpu_memory_bytes: gpu_bytes,
         host_memory_bytes: host_bytes,
-        mode: Mode::Dvr,
+        bricks: needs(Mode::Dvr),
         threads: 2,
         max_size_px,
         leaps: true,

@@ -11,7 +11,9 @@
 
 use brickyard_benches::{markdown, median, time};
 use brickyard_pager::{BrickError, BrickSource, Cut, View, cut_capacity};
-use brickyard_volume::{BrickId, Camera, Extent, Geometry, LevelPolicy, Occupancy, OccupancyBins, Pyramid, VoxelType};
+use brickyard_volume::{
+    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Pyramid, VoxelType,
+};
 use clap::Parser;
 use serde_json::json;
 
@@ -95,6 +97,7 @@ fn main() {
         View {
             rays,
             opaque: Some(Occupancy::ALL),
+            filter: Filter::Trilinear,
             level: LevelPolicy::Auto,
             pixel_error,
             time: 0,

@@ -12,7 +12,7 @@ use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_pager::Slot;
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{SlotEncoding, VoxelType};
+use brickyard_volume::{Filter, Needs, SlotEncoding, VoxelType};
 use clap::Parser;
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ struct Arguments {
 }
 
 const EDGE: u32 = 64;
-const APRON: u32 = 1;
+const NEEDS: Needs = Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false };
 const PICTURE_PX: (u32, u32) = (512, 512);
 const MEMORY_BYTES: u64 = 256 << 20;
 
@@ -43,7 +43,7 @@ impl Slots {
         let cpu = SoftwareRenderer::new(SoftwareOptions {
             encoding,
             edge: EDGE,
-            apron: APRON,
+            needs: NEEDS,
             memory_bytes: MEMORY_BYTES,
             max_picture_px: PICTURE_PX.into(),
             threads: 1,
@@ -52,7 +52,7 @@ impl Slots {
         let mut all = vec![("cpu".into(), Self::Cpu(cpu.map_err(|error| error.to_string())?))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
-            match GpuRenderer::new(&options, encoding, EDGE, APRON, MEMORY_BYTES, PICTURE_PX) {
+            match GpuRenderer::new(&options, encoding, EDGE, NEEDS, MEMORY_BYTES, PICTURE_PX) {
                 Ok(gpu) => all.push((format!("gpu, {}", compositor.name()), Self::Gpu(Box::new(gpu)))),
                 Err(GpuError::NoAdapter { .. }) => eprintln!("no graphics adapter: the GPU backend is left out"),
                 Err(error) => return Err(error.to_string()),
@@ -84,7 +84,7 @@ fn noise(code_bytes: usize) -> Vec<Arc<[u8]>> {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 56) as u8
     };
-    let bytes = ((EDGE + 2 * APRON) as usize).pow(3) * code_bytes;
+    let bytes = ((EDGE + 2 * NEEDS.apron) as usize).pow(3) * code_bytes;
     (0..8).map(|_| (0..bytes).map(|_| next()).collect()).collect()
 }
 

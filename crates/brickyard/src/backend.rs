@@ -4,7 +4,7 @@ use crate::session::SessionOptions;
 use brickyard_pager::{BrickSource, DrawList, Upload};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
+use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding};
 
 /// Which backend to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,8 +37,8 @@ pub struct BackendNeeds {
     pub encoding: SlotEncoding,
     /// Voxels along a brick's core edge.
     pub edge: u32,
-    /// Voxels copied from neighbours on each side.
-    pub apron: u32,
+    /// What the pictures need of bricks.
+    pub bricks: Needs,
     /// How samples are gathered.
     pub compositor: CompositorChoice,
     /// Levels of the pyramid.
@@ -64,7 +64,7 @@ impl BackendNeeds {
         Self {
             encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
             edge: pyramid.edge(),
-            apron: options.mode.apron(),
+            bricks: options.bricks,
             compositor: options.compositor,
             levels: pyramid.levels().len() as u32,
             gpu_memory_bytes: options.gpu_memory_bytes,
@@ -119,7 +119,7 @@ impl Backend {
             let renderer = SoftwareRenderer::new(SoftwareOptions {
                 encoding: needs.encoding,
                 edge: needs.edge,
-                apron: needs.apron,
+                needs: needs.bricks,
                 memory_bytes: needs.gpu_memory_bytes,
                 max_picture_px: needs.max_size_px.into(),
                 threads: needs.threads,
@@ -140,7 +140,7 @@ impl Backend {
                 &options,
                 needs.encoding,
                 needs.edge,
-                needs.apron,
+                needs.bricks,
                 needs.gpu_memory_bytes,
                 needs.max_size_px,
             )?;

@@ -76,7 +76,7 @@ impl ExactRenderer {
         };
         let config = PagerConfig {
             slots: renderer.slots(),
-            apron: needs.apron,
+            apron: needs.bricks.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
             planning: Planning::Inline,

@@ -112,7 +112,8 @@ const MIN_SHARE: f64 = MIN_SCALE * MIN_SCALE / MAX_STEP;
 mod tests {
     use super::*;
     use brickyard_volume::{
-        Camera, Geometry, Lattice, Mode, Projection, SlotEncoding, TransferFunction, TransferTable, VoxelType,
+        Camera, Geometry, Lattice, Lighting, Mode, Projection, Sampling, SlotEncoding, TransferFunction, TransferTable,
+        VoxelType,
     };
     use glam::DVec3;
 
@@ -180,6 +181,8 @@ mod tests {
             table: TransferTable::new(&transfer, &encoding),
             mode: Mode::Dvr,
             isovalue: 0.0,
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             background: [0.0; 3],
             clip: None,
         };

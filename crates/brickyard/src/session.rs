@@ -6,9 +6,10 @@ use brickyard_pager::{
     BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
 };
 use brickyard_volume::camera::CameraError;
+use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::{
-    Camera, Extent, FrameSettings, Lattice, LevelPolicy, Mode, Picture, Scene, SlotEncoding, TransferFunction,
-    TransferTable, surface,
+    Camera, Extent, FrameSettings, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs, Picture, Scene,
+    SlotEncoding, TransferFunction, TransferTable, surface,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -31,9 +32,8 @@ pub struct SessionOptions {
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
-    /// The mode of the scenes to come: [`Mode::Isosurface`] needs more voxels around a brick. Other scenes with no greater needs
-    /// may be shown too.
-    pub mode: Mode,
+    /// What the scenes to come need of bricks: [`Scene::needs`] says it. Scenes with no greater needs may be shown.
+    pub bricks: Needs,
     /// Decode workers, and threads of the CPU backend.
     pub threads: usize,
     /// The largest picture to be rendered, pixels.
@@ -89,8 +89,8 @@ pub struct ResolvedScene {
 /// One volume, its pager and a backend.
 pub struct Session {
     source: Arc<dyn BrickSource>,
-    /// Voxels around its bricks.
-    apron: u32,
+    /// What its bricks have.
+    bricks: Needs,
     leaps: bool,
     default_window: (f64, f64),
     pager: Pager,
@@ -124,7 +124,7 @@ impl Session {
         let (backend, backend_line) = Backend::new(options.backend, &needs)?;
         let config = PagerConfig {
             slots: backend.slots(),
-            apron: needs.apron,
+            apron: needs.bricks.apron,
             host_bytes: options.host_memory_bytes,
             workers: options.threads as u32,
             planning: if options.live { Planning::Thread } else { Planning::Inline },
@@ -135,10 +135,10 @@ impl Session {
         let pager = Pager::new(source.clone(), config)?;
         let clock = options.live.then(Instant::now);
         let (draw, shown, losses_in_a_row, losses) = Default::default();
-        let apron = needs.apron;
+        let bricks = needs.bricks;
         Ok(Self {
             source,
-            apron,
+            bricks,
             leaps: options.leaps,
             default_window,
             pager,
@@ -157,9 +157,10 @@ impl Session {
     /// # Errors
     /// If the camera, level, time step, channel or isovalue is impossible, or the session was made for another mode.
     pub fn resolve(&self, scene: &Scene, (width, height): (u32, u32)) -> Result<ResolvedScene, SessionError> {
-        if scene.mode.apron() > self.apron {
-            let problem = format!("the session's bricks have too few voxels around them for {:?}", scene.mode);
-            return Err(SessionError::Scene(problem + ": make it with SessionOptions::mode set to that"));
+        let needs = scene.needs();
+        if !self.bricks.satisfy(&needs) {
+            let problem = format!("the session's bricks have {:?}, and the scene needs {needs:?}", self.bricks);
+            return Err(SessionError::Scene(problem + ": make it with SessionOptions::bricks set to that"));
         }
         let mut resolved = resolve(&*self.source, self.default_window, scene, (width, height))?;
         resolved.view.opaque = resolved.view.opaque.filter(|_| self.leaps);
@@ -314,6 +315,7 @@ pub fn resolve(
         view: View {
             rays,
             opaque,
+            filter: scene.sampling.filter,
             level: scene.level,
             pixel_error: scene.pixel_error,
             time: scene.time,
@@ -329,6 +331,8 @@ pub fn resolve(
             table,
             mode: scene.mode,
             isovalue,
+            sampling: scene.sampling,
+            lighting: scene.lighting.clone(),
             background,
             clip: scene.clip,
         },
@@ -341,6 +345,7 @@ pub fn resolve(
 fn appearance(table: &TransferTable, scene: &Scene) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);
+    scene.sampling.hash(&mut hasher);
     scene.isovalue.map(f64::to_bits).hash(&mut hasher);
     table.unit_distance.to_bits().hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
@@ -362,6 +367,7 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
             return Err(SessionError::Scene(format!("the {name} is {value}: expected a positive number")));
         }
     }
+    check_look(scene)?;
     match (scene.mode, scene.isovalue) {
         (Mode::Isosurface, Some(value)) if value.is_finite() => {}
         (Mode::Isosurface, Some(value)) => {
@@ -388,6 +394,29 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;
     }
     Ok(())
+}
+
+/// Checks method and lighting.
+fn check_look(scene: &Scene) -> Result<(), SessionError> {
+    let Lighting { model, lights, .. } = &scene.lighting;
+    let is_dvr = scene.mode == Mode::Dvr;
+    let problem = if scene.sampling.method != Method::Udvr && !is_dvr {
+        format!(
+            "the sampling method {:?} is for direct volume rendering: leave it out, or use --mode dvr",
+            scene.sampling.method
+        )
+    } else if *model != LightingModel::None && !is_dvr {
+        format!("the lighting {model:?} is for direct volume rendering: leave it out, or use --mode dvr")
+    } else if lights.len() > MAX_LIGHTS {
+        format!("{} lights: expected at most {MAX_LIGHTS}", lights.len())
+    } else if let Some(light) = lights.iter().find(|light| !light.is_finite()) {
+        format!("a light stands at {light}: expected finite numbers")
+    } else if *model == LightingModel::None && !lights.is_empty() {
+        "a light without lighting: leave it out, or add --lighting blinn-phong".to_string()
+    } else {
+        return Ok(());
+    };
+    Err(SessionError::Scene(problem))
 }
 
 fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {

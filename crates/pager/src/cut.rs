@@ -10,7 +10,7 @@
 use crate::source::BrickSource;
 use crate::split;
 use crate::visibility::OPEN;
-use brickyard_volume::{BrickId, BrickIndex, Level, LevelPolicy, Occupancy, ViewRays};
+use brickyard_volume::{BrickId, BrickIndex, Filter, Level, LevelPolicy, Occupancy, ViewRays};
 use glam::DVec3;
 
 /// What is to be shown: everything besides the data that decides a cut.
@@ -20,6 +20,8 @@ pub struct View {
     pub rays: ViewRays,
     /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
+    /// How the field is made of voxels: a brick is empty only if all that its samples are made of is.
+    pub filter: Filter,
     /// Level choice.
     pub level: LevelPolicy,
     /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
@@ -42,7 +44,20 @@ impl View {
 
     /// Whether a brick is not empty.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId) -> bool {
-        self.opaque.is_none_or(|mask| source.occupancy(id).meets(mask))
+        let Some(mask) = self.opaque else { return true };
+        source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
+    }
+
+    /// Whether one of the bricks around a brick is not empty. A brick's own occupancy holds for the voxel next to it; wider
+    /// filters take in another one.
+    fn shows_neighbour(&self, source: &dyn BrickSource, id: BrickId, mask: Occupancy) -> bool {
+        let (index, count) = (id.index.to_array(), source.pyramid().level(id.level).bricks.to_array());
+        (0..27).any(|i| {
+            // One more than the offset along each axis.
+            let at: [u32; 3] = std::array::from_fn(|a| index[a] + i / 3u32.pow(a as u32) % 3);
+            let is_there = (0..3).all(|a| (1..=count[a]).contains(&at[a]));
+            is_there && source.occupancy(BrickId { index: BrickIndex::from_array(at.map(|v| v - 1)), ..id }).meets(mask)
+        })
     }
 
     pub(crate) fn id(&self, level: Level, index: BrickIndex) -> BrickId {

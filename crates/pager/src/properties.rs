@@ -13,7 +13,8 @@ use crate::source::{BrickError, BrickSource};
 use crate::split::KEEP;
 use crate::test_source::TestSource;
 use brickyard_volume::{
-    BrickId, BrickIndex, Camera, Extent, Level, LevelPolicy, Occupancy, Projection, Pyramid, Ray, VoxelBox, VoxelType,
+    BrickId, BrickIndex, Camera, Extent, Filter, Level, LevelPolicy, Occupancy, Projection, Pyramid, Ray, VoxelBox,
+    VoxelType,
 };
 use glam::DVec3;
 use proptest::prelude::*;
@@ -139,6 +140,7 @@ impl Shot {
         View {
             rays,
             opaque,
+            filter: Filter::Trilinear,
             level: self.level,
             pixel_error: self.pixel_error,
             time: 0,

@@ -3,7 +3,8 @@
 use crate::cut::View;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
-    Apron, BrickId, Camera, Extent, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid, VoxelType,
+    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid,
+    VoxelType,
 };
 use glam::DVec3;
 use std::collections::HashSet;
@@ -72,6 +73,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
     View {
         rays,
         opaque: None,
+        filter: Filter::Trilinear,
         level: LevelPolicy::Auto,
         pixel_error: 1.0,
         time: 0,

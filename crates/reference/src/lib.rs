@@ -4,11 +4,12 @@
 //! tested against it. A volume is a list of levels held whole in memory; which level a place is drawn at is the caller's
 //! function, so pictures of mixed levels have an oracle too. Costs about a microsecond a sample.
 
+mod medium;
 mod surface;
 
 use brickyard_volume::{
-    Extent, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, Segment, TransferFunction, Voxel, VoxelType,
-    with_voxel_type,
+    Extent, Filter, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, Segment, TransferFunction, Voxel, VoxelType,
+    sampling, with_voxel_type,
 };
 use glam::DVec3;
 
@@ -57,17 +58,26 @@ impl Array {
         self.values[self.extent.linear(inside) as usize]
     }
 
-    /// Trilinear value at a point of voxel space (level-0 voxels). Invalid corners are left out; where they hold more than
+    /// Filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; where they hold more than
     /// half the weight there is no value.
-    pub fn sample(&self, point: DVec3) -> Option<f64> {
+    pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {
         let p: [f64; 3] = std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5);
         let base = p.map(|v| v.floor());
-        let t: [f64; 3] = std::array::from_fn(|a| p[a] - base[a]);
+        // From one voxel below the place to two above it.
+        let weights: [[f64; 4]; 3] = std::array::from_fn(|a| match p[a] - base[a] {
+            t if filter == Filter::Tricubic => sampling::b_spline(t),
+            t => [0.0, 1.0 - t, t, 0.0],
+        });
         let (mut sum, mut weight) = (0.0, 0.0);
-        for corner in 0..8 {
-            let bit: [i64; 3] = std::array::from_fn(|a| corner >> a & 1);
-            let w: f64 = (0..3).map(|a| if bit[a] == 1 { t[a] } else { 1.0 - t[a] }).product();
-            let value = self.voxel(std::array::from_fn(|a| base[a] as i64 + bit[a]));
+        // Of those, the two or four with a weight.
+        let (first, count) = match filter {
+            Filter::Trilinear => (1, 2),
+            Filter::Tricubic => (0, 4),
+        };
+        for voxel in 0..count * count * count {
+            let at = [voxel % count, voxel / count % count, voxel / (count * count)].map(|i| i + first);
+            let w: f64 = (0..3).map(|a| weights[a][at[a]]).product();
+            let value = self.voxel(std::array::from_fn(|a| base[a] as i64 + at[a] as i64 - 1));
             if value.is_finite() {
                 sum += w * value;
                 weight += w;
@@ -109,10 +119,12 @@ pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> 
     if frame.mode == Mode::Isosurface {
         return surface::color(frame, volume, ray).unwrap_or(background);
     }
+    if frame.mode == Mode::Dvr {
+        return medium::color(frame, volume, ray, DVec3::from_array(background)).to_array();
+    }
     let samples = samples_along(frame, volume, ray);
     let values = || samples.iter().map(|s| s.value);
     let value = match frame.mode {
-        Mode::Dvr => return composite(&samples, volume.transfer, background),
         Mode::Mip => values().reduce(f64::max),
         Mode::MinIp => values().reduce(f64::min),
         Mode::Average => {
@@ -120,7 +132,7 @@ pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> 
             let sum: f64 = samples.iter().map(|s| s.value * s.length).sum();
             (length > 0.0).then(|| sum / length)
         }
-        Mode::Isosurface => None,
+        Mode::Dvr | Mode::Isosurface => None,
     };
     value.map_or(background, |v| volume.transfer.rgb(v))
 }
@@ -135,7 +147,7 @@ fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray)
     let path = Path::new(frame, ray);
     let sample = |s: Segment| {
         let point = path.at(s.middle());
-        let value = volume.levels[(volume.level_at)(point)].sample(point)?;
+        let value = volume.levels[(volume.level_at)(point)].sample(point, frame.sampling.filter)?;
         Some(Sample { value, length: s.length() })
     };
     path.segments(frame, volume).filter_map(sample).collect()
@@ -182,20 +194,6 @@ fn clip(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> Option<
     (t_in < t_out).then_some((t_in, t_out))
 }
 
-fn composite(samples: &[Sample], transfer: &TransferFunction, background: [f64; 3]) -> [f64; 3] {
-    let mut color = [0.0; 3];
-    let mut transmittance = 1.0;
-    for s in samples {
-        let alpha = 1.0 - (1.0 - transfer.alpha(s.value)).powf(s.length / transfer.unit_distance);
-        let rgb = transfer.rgb(s.value);
-        for k in 0..3 {
-            color[k] += transmittance * alpha * rgb[k];
-        }
-        transmittance *= 1.0 - alpha;
-    }
-    std::array::from_fn(|k| color[k] + transmittance * background[k])
-}
-
 /// The level function of a view that shows one level everywhere.
 pub fn one_level(level: usize) -> impl Fn(DVec3) -> usize {
     move |_| level
@@ -232,7 +230,7 @@ pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use brickyard_volume::{Camera, Geometry, Lattice, Projection, SlotEncoding, TransferTable};
+    use brickyard_volume::{Camera, Geometry, Lattice, Lighting, Projection, Sampling, SlotEncoding, TransferTable};
 
     pub(crate) fn settings(
         mode: Mode,
@@ -250,6 +248,8 @@ pub(crate) mod tests {
             table: TransferTable::new(transfer, &encoding),
             mode,
             isovalue: 0.0,
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             background: [0.25, 0.0, 1.0],
             clip: None,
         }
@@ -311,9 +311,9 @@ pub(crate) mod tests {
     #[test]
     fn invalid_voxels_are_transparent() {
         let array = cube(4, |[x, ..]| if x == 1 { f64::NAN } else { 10.0 * x as f64 });
-        assert_eq!(array.sample(DVec3::new(1.5, 2.0, 2.0)), None);
-        assert_eq!(array.sample(DVec3::new(0.9, 2.0, 2.0)), Some(0.0));
-        assert_eq!(array.sample(DVec3::new(2.25, 2.0, 2.0)), Some(20.0));
+        assert_eq!(array.sample(DVec3::new(1.5, 2.0, 2.0), Filter::Trilinear), None);
+        assert_eq!(array.sample(DVec3::new(0.9, 2.0, 2.0), Filter::Trilinear), Some(0.0));
+        assert_eq!(array.sample(DVec3::new(2.25, 2.0, 2.0), Filter::Trilinear), Some(20.0));
     }
 
     #[test]

@@ -20,7 +20,7 @@ pub(crate) fn hit<'a>(frame: &FrameSettings, volume: &ReferenceVolume<'a>, path:
     let mut before = None;
     for (i, segment) in path.segments(frame, volume).enumerate() {
         let level = &volume.levels[(volume.level_at)(path.at(segment.middle()))];
-        let field = |t: f64| level.sample(path.at(t));
+        let field = |t: f64| level.sample(path.at(t), frame.sampling.filter);
         if i == 0 {
             before = field(segment.start).map(is_inside);
         }
@@ -59,7 +59,7 @@ fn locate(mut a: f64, mut b: f64, is_inside: bool, isovalue: f64, field: impl Fn
 /// without a value is as good as the surface.
 fn gradient(level: &Array, point: DVec3, frame: &FrameSettings) -> Option<DVec3> {
     let voxel = DVec3::from_array(level.factor.map(f64::from));
-    let value = |point| level.sample(point).unwrap_or(frame.isovalue);
+    let value = |point| level.sample(point, frame.sampling.filter).unwrap_or(frame.isovalue);
     let along = |a: usize| value(point + DVec3::AXES[a] * voxel) - value(point - DVec3::AXES[a] * voxel);
     let differences = DVec3::new(along(0), along(1), along(2));
     let is_flat = differences.length() < FLAT_CODES * frame.encoding.code_width();
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
     use crate::tests::{camera, cube, settings};
     use crate::{one_level, pixel};
-    use brickyard_volume::surface::{AMBIENT, DIFFUSE, SPECULAR};
+    use brickyard_volume::lighting::{AMBIENT, DIFFUSE, SPECULAR};
     use brickyard_volume::{Geometry, Mode, TransferFunction};
 
     fn transfer() -> TransferFunction {

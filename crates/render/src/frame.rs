@@ -5,12 +5,18 @@ use crate::table;
 use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
+use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::{FrameSettings, Mode, Pyramid};
 use glam::DVec3;
 
 /// The uniform of a frame of a volume in this atlas.
-pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &AtlasPlan) -> FrameUniform {
+pub(crate) fn frame_uniform(
+    frame: &FrameSettings,
+    pyramid: &Pyramid,
+    atlas: &AtlasPlan,
+    sum_unit: f32,
+) -> FrameUniform {
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
@@ -45,17 +51,27 @@ pub(crate) fn frame_uniform(frame: &FrameSettings, pyramid: &Pyramid, atlas: &At
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
         last_place: table::last_place(frame.encoding.format) as f32,
+        sum_unit,
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
         shown_low: single(shown_low),
         slot_edge: atlas.slot_edge as f32,
         shown_high: single(shown_high),
-        spare_4: 0.0,
+        lights: frame.lighting.lights.len() as u32,
         surface_color: [r, g, b],
         threshold: threshold as f32,
+        light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
-        ..Default::default()
     }
+}
+
+/// Where the lights are, in the shaders' space times the spacing.
+fn light_places(frame: &FrameSettings) -> [[f32; 4]; MAX_LIGHTS] {
+    let mut places = [[0.0; 4]; MAX_LIGHTS];
+    for (place, &light) in places.iter_mut().zip(&frame.lighting.lights) {
+        *place = (frame.geometry.voxel_from_world(light) * frame.geometry.spacing).extend(0.0).as_vec4().to_array();
+    }
+    places
 }
 
 /// A cell drawn from its brick's slot.

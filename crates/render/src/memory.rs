@@ -75,6 +75,8 @@ impl RaycastPlan {
 pub(crate) struct MemoryNeeds {
     pub(crate) formats: GpuFormats,
     pub(crate) codes: SlotFormat,
+    /// Whether running integrals are among the tables.
+    pub(crate) has_integrals: bool,
     pub(crate) slot_edge: u32,
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
@@ -105,7 +107,7 @@ impl MemoryPlan {
         let pixels = width_px as u64 * height_px as u64;
         let gather = target_bytes(needs.formats.composite).max(target_bytes(needs.formats.project));
         let picture = pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES;
-        let table = table::bytes(needs.codes);
+        let table = table::bytes(needs.codes, needs.has_integrals);
         let (compositor, beside_bytes, most) = match needs.raycast {
             None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
@@ -152,6 +154,7 @@ mod tests {
                 project: TextureFormat::Rg32Float,
             },
             codes: SlotFormat::U8,
+            has_integrals: false,
             slot_edge: 66,
             budget_bytes,
             max_size_px: (512, 512),

@@ -4,12 +4,12 @@
 use crate::error::GpuError;
 use crate::gathering::{Gathering, attachment, entry};
 use crate::memory::TIMESTAMP_BYTES;
-use crate::pipelines::{Pipelines, gather_of};
+use crate::pipelines::Pipelines;
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March};
 use crate::targets::{Found, Targets};
 use brickyard_pager::{DrawList, Slot};
-use brickyard_shaders::MARK_STEPS;
+use brickyard_shaders::{MARK_STEPS, Variant};
 use brickyard_volume::{FrameSettings, Picture, Pyramid};
 use std::time::Instant;
 use wgpu::BindingResource;
@@ -19,6 +19,7 @@ use wgpu::BindingResource;
 pub struct Passes<'a> {
     pub(crate) renderer: &'a mut GpuRenderer,
     pub(crate) frame: &'a FrameSettings,
+    pub(crate) variant: Variant,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) start: Instant,
     /// Lists drawn so far, and the cells of the last.
@@ -54,7 +55,7 @@ impl Passes<'_> {
             size_px: (targets.width_px, targets.height_px),
         };
         let is_first = self.lists == 0;
-        let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.apron));
+        let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.needs.apron));
         match &renderer.march {
             March::Sorted(sorted) => sorted.draw(gpu, &gathering, self.pyramid, draw, bricks, is_first),
             March::Raycast(raycast) if is_first => {
@@ -99,7 +100,7 @@ impl Passes<'_> {
 
     /// What the picture is drawn into, and with what; both made before.
     fn target(&self) -> Result<(&Targets, &Pipelines), GpuError> {
-        match (&self.renderer.targets, &self.renderer.pipelines[gather_of(self.frame.mode) as usize]) {
+        match (&self.renderer.targets, &self.renderer.pipelines.get(&self.variant)) {
             (Some(targets), Some(pipelines)) => Ok((targets, pipelines)),
             _ => Err(GpuError::Refused("no target".to_string())),
         }
@@ -107,7 +108,7 @@ impl Passes<'_> {
 
     /// The compositor, if it marks bricks in this frame.
     fn marked(&self) -> Option<&Raycast> {
-        let marks = gather_of(self.frame.mode).occludes() && self.renderer.gpu.report.feedback;
+        let marks = self.variant.gather.occludes() && self.renderer.gpu.report.feedback;
         match &self.renderer.march {
             March::Raycast(raycast) if marks => Some(raycast),
             _ => None,

@@ -3,8 +3,8 @@
 
 use crate::adapter::{Gpu, GpuFormats};
 use crate::renderer::Compositor;
-use brickyard_shaders::{Gather, raycast, resolve, sorted};
-use brickyard_volume::Mode;
+use brickyard_shaders::{Curve, Gather, Light, Medium, Variant, raycast, resolve, sorted};
+use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
 };
@@ -20,6 +20,32 @@ pub(crate) fn gather_of(mode: Mode) -> Gather {
         Mode::Average => Gather::Average,
         Mode::Isosurface => Gather::Isosurface,
     }
+}
+
+/// The march that a frame needs.
+pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
+    let (gather, method) = (gather_of(frame.mode), frame.sampling.method);
+    let curve = match method.curve() {
+        sampling::Curve::Middle => Curve::Middle,
+        sampling::Curve::Line => Curve::Line,
+        sampling::Curve::Cubic => Curve::Cubic,
+        sampling::Curve::Field => Curve::Field,
+    };
+    let light = match frame.lighting.model {
+        LightingModel::None => Light::Unlit,
+        LightingModel::Phong => Light::Phong,
+        LightingModel::BlinnPhong => Light::BlinnPhong,
+        LightingModel::Tone => Light::Tone,
+    };
+    // Without light a gradient is asked for by nothing: no variant of its own for each.
+    let is_sobel = light != Light::Unlit && frame.lighting.gradient == Gradient::Sobel;
+    let parts = method.parts(0.0) as u32;
+    let medium = match gather {
+        Gather::Composite => Medium { curve, parts, is_pre_integrated: method.is_pre_integrated(), light, is_sobel },
+        Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
+    };
+    let is_cubic = frame.sampling.filter == Filter::Tricubic;
+    Variant { gather, has_invalid: frame.encoding.has_invalid, is_cubic, medium }
 }
 
 /// The format that a gathering needs.
@@ -106,7 +132,8 @@ fn blend(gather: Gather) -> wgpu::BlendState {
 }
 
 impl Pipelines {
-    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, compositor: Compositor, gather: Gather, has_invalid: bool) -> Self {
+    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, compositor: Compositor, variant: &Variant) -> Self {
+        let gather = variant.gather;
         let format = gather_format(gather, &gpu.report.formats);
         let boxes = wgpu::PrimitiveState {
             topology: wgpu::PrimitiveTopology::TriangleStrip,
@@ -118,10 +145,10 @@ impl Pipelines {
             Compositor::Sorted => {
                 let target =
                     wgpu::ColorTargetState { format, blend: Some(blend(gather)), write_mask: wgpu::ColorWrites::ALL };
-                pipeline(gpu, &sorted(gather, has_invalid), &layouts.march, ["proxy", "march"], boxes, target)
+                pipeline(gpu, &sorted(variant), &layouts.march, ["proxy", "march"], boxes, target)
             }
             Compositor::Raycast => {
-                let source = raycast(gather, has_invalid, gpu.report.feedback);
+                let source = raycast(variant, gpu.report.feedback);
                 pipeline(gpu, &source, &layouts.march, ["fullscreen", "raycast"], full, format.into())
             }
         };

@@ -17,7 +17,7 @@ use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::RayBrick;
 use brickyard_volume::macrocells::{self, per_axis};
-use brickyard_volume::{FrameSettings, MacroCells, OpaqueCodes, Pyramid, SlotEncoding, TransferTable};
+use brickyard_volume::{FrameSettings, MacroCells, Needs, OpaqueCodes, Pyramid, SlotEncoding, TransferTable};
 use wgpu::BufferUsages;
 
 /// Pixels drawn per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
@@ -76,10 +76,10 @@ impl Raycast {
     }
 
     /// Takes note of what a brick that goes into a slot holds.
-    pub(crate) fn upload(&mut self, gpu: &Gpu, Slot(slot): Slot, codes: &[u8], encoding: &SlotEncoding, apron: u32) {
+    pub(crate) fn upload(&mut self, gpu: &Gpu, Slot(slot): Slot, codes: &[u8], encoding: &SlotEncoding, needs: Needs) {
         let edge = self.plan.edge as usize;
         let cells = match self.plan.leaps {
-            true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, apron as usize),
+            true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, needs),
             false => MacroCells::of_anything(encoding.format, edge),
         };
         let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();

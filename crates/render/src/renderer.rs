@@ -11,15 +11,16 @@ use crate::frame::frame_uniform;
 use crate::gathering::SharedBuffers;
 use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
 use crate::passes::Passes;
-use crate::pipelines::{Layouts, Pipelines, gather_of};
+use crate::pipelines::{Layouts, Pipelines, variant_of};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
 use crate::table;
 use crate::targets::Targets;
 use crate::upload::Uploader;
 use brickyard_pager::{DrawList, Slot};
-use brickyard_shaders::Gather;
-use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding, TransferTable};
+use brickyard_shaders::{Gather, Variant};
+use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, TransferTable};
+use std::collections::HashMap;
 use std::time::Instant;
 
 /// How the samples of a frame are gathered. Both take the same samples and make the same picture.
@@ -79,13 +80,15 @@ pub struct GpuRenderer {
     pub(crate) shared: SharedBuffers,
     pub(crate) layouts: Layouts,
     pub(crate) march: March,
-    /// By [`Gather`], made at first use.
-    pub(crate) pipelines: [Option<Pipelines>; Gather::ALL.len()],
+    /// Made at first use.
+    pub(crate) pipelines: HashMap<Variant, Pipelines>,
     pub(crate) targets: Option<Targets>,
     /// Room for marks in the targets.
     marks_bytes: u64,
     /// What the table buffer holds.
     table: Option<TransferTable>,
+    /// See [`table::Words`].
+    sum_unit: f32,
     /// How the last frame's cells were entered.
     pub(crate) entered: Option<Vec<f32>>,
     pub(crate) last_frame_ms: f64,
@@ -97,7 +100,7 @@ pub(crate) struct Recipe {
     options: GpuOptions,
     encoding: SlotEncoding,
     edge: u32,
-    pub(crate) apron: u32,
+    pub(crate) needs: Needs,
     budget_bytes: u64,
     max_size_px: (u32, u32),
 }
@@ -116,7 +119,8 @@ impl Recipe {
         MemoryPlan::new(&MemoryNeeds {
             formats: gpu.report.formats,
             codes: self.encoding.format,
-            slot_edge: self.edge + 2 * self.apron,
+            has_integrals: self.needs.is_pre_integrated,
+            slot_edge: self.edge + 2 * self.needs.apron,
             budget_bytes: self.budget_bytes,
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
@@ -135,7 +139,7 @@ pub(crate) enum March {
 }
 
 impl GpuRenderer {
-    /// A renderer for bricks of `edge`^3 voxels with `apron` voxels around them and pictures up to `max_size_px` (width,
+    /// A renderer for bricks of `edge`^3 voxels and what pictures need around them, and pictures up to `max_size_px` (width,
     /// height), that allocates at most `gpu_memory_bytes`.
     ///
     /// The device may have less than the budget. Where it refuses an allocation there are half as many slots, again and
@@ -147,12 +151,12 @@ impl GpuRenderer {
         options: &GpuOptions,
         encoding: SlotEncoding,
         edge: u32,
-        apron: u32,
+        needs: Needs,
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
         let budget_bytes = gpu_memory_bytes;
-        Self::make(Recipe { options: *options, encoding, edge, apron, budget_bytes, max_size_px })
+        Self::make(Recipe { options: *options, encoding, edge, needs, budget_bytes, max_size_px })
     }
 
     fn make(recipe: Recipe) -> Result<Self, GpuError> {
@@ -176,7 +180,7 @@ impl GpuRenderer {
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
         let codes = recipe.encoding.format;
         let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes))?;
-        let shared = SharedBuffers::new(&gpu, table::bytes(codes))?;
+        let shared = SharedBuffers::new(&gpu, table::bytes(codes, recipe.needs.is_pre_integrated))?;
         let layouts = Layouts::new(&gpu, recipe.options.compositor);
         let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
@@ -199,6 +203,7 @@ impl GpuRenderer {
             targets,
             marks_bytes,
             table: None,
+            sum_unit: 0.0,
             entered: None,
             last_frame_ms: 0.0,
             gpu,
@@ -269,7 +274,7 @@ impl GpuRenderer {
     pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         self.uploader.check(&self.atlas, slot, codes)?;
         if let March::Raycast(raycast) = &mut self.march {
-            raycast.upload(&self.gpu, slot, codes, &self.recipe.encoding, self.recipe.apron);
+            raycast.upload(&self.gpu, slot, codes, &self.recipe.encoding, self.recipe.needs);
         }
         self.uploader.upload(&self.gpu, &self.atlas, slot, codes)
     }
@@ -293,12 +298,12 @@ impl GpuRenderer {
         let start = Instant::now();
         self.gpu.check()?;
         self.check(frame, pyramid)?;
-        let gather = gather_of(frame.mode);
-        self.prepare(gather, frame)?;
-        let uniform = frame_uniform(frame, pyramid, &self.atlas.plan);
+        let variant = variant_of(frame);
+        self.prepare(&variant, frame)?;
+        let uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         self.entered = None;
-        Ok(Passes { renderer: self, frame, pyramid, start, lists: 0, cells: 0 })
+        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0 })
     }
 
     /// For each entry of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
@@ -319,10 +324,9 @@ impl GpuRenderer {
                 self.recipe.edge
             )));
         }
-        if frame.mode.apron() > self.recipe.apron {
-            let (needed, apron) = (frame.mode.apron(), self.recipe.apron);
-            let mode = frame.mode;
-            return Err(GpuError::Mismatch(format!("{mode:?} of bricks with an apron of {apron}: expected {needed}")));
+        let (asked, given) = (frame.needs(), self.recipe.needs);
+        if !given.satisfy(&asked) {
+            return Err(GpuError::Mismatch(format!("a frame of {asked:?}: this renderer's bricks have {given:?}")));
         }
         let entries = self.recipe.encoding.format.max_code() as usize + 1;
         if frame.table.entries.len() != entries {
@@ -333,10 +337,9 @@ impl GpuRenderer {
     }
 
     /// Pipelines, targets and table for this frame.
-    fn prepare(&mut self, gather: Gather, frame: &FrameSettings) -> Result<(), GpuError> {
-        let (gpu, layouts, compositor) = (&self.gpu, &self.layouts, self.compositor());
-        self.pipelines[gather as usize]
-            .get_or_insert_with(|| Pipelines::new(gpu, layouts, compositor, gather, self.recipe.encoding.has_invalid));
+    fn prepare(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<(), GpuError> {
+        let (gpu, layouts, compositor, gather) = (&self.gpu, &self.layouts, self.compositor(), variant.gather);
+        self.pipelines.entry(*variant).or_insert_with(|| Pipelines::new(gpu, layouts, compositor, variant));
         let (width, height) = (frame.rays.width, frame.rays.height);
         if !matches!(&self.targets, Some(t) if (t.gather, t.width_px, t.height_px) == (gather, width, height)) {
             // The old ones go first: both together would pass the budget.
@@ -344,8 +347,9 @@ impl GpuRenderer {
             self.targets = Some(Targets::new(gpu, gather, (width, height), self.marks_bytes)?);
         }
         if self.table.as_ref() != Some(&frame.table) {
-            let places = table::places(&frame.table, frame.encoding.format);
-            self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&places));
+            let words = table::words(&frame.table, frame.encoding.format, self.recipe.needs.is_pre_integrated);
+            self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&words.words));
+            self.sum_unit = words.sum_unit;
             if let March::Raycast(raycast) = &mut self.march {
                 raycast.set_table(&self.gpu, &frame.table);
             }

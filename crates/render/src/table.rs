@@ -2,7 +2,7 @@
 //! one entry per code and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
 //! the depth that an exponential takes.
 
-use brickyard_volume::{SlotFormat, TransferTable};
+use brickyard_volume::{Integrals, SlotFormat, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
@@ -25,13 +25,43 @@ pub(crate) fn last_place(codes: SlotFormat) -> u32 {
     codes.max_code() * places_per_code(codes)
 }
 
-/// Bytes of all places.
-pub(crate) fn bytes(codes: SlotFormat) -> u64 {
-    (last_place(codes) as u64 + 1) * PLACE_BYTES
+/// Channels of running integrals: three of colour, and depth.
+const CHANNELS: u64 = 4;
+
+/// Bytes of all places, and of the running integrals behind them.
+pub(crate) fn bytes(codes: SlotFormat, has_integrals: bool) -> u64 {
+    let sums = if has_integrals { (codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
+    (last_place(codes) as u64 + 1 + sums) * PLACE_BYTES
+}
+
+/// All that the buffer holds.
+#[derive(Debug)]
+pub(crate) struct Words {
+    /// Places, then, if wanted, for each code the low and the high word of each integral.
+    pub(crate) words: Vec<[u32; 2]>,
+    /// Depth over a code that a one in the low word of an integral stands for.
+    pub(crate) sum_unit: f32,
+}
+
+/// A table's words.
+pub(crate) fn words(table: &TransferTable, codes: SlotFormat, has_integrals: bool) -> Words {
+    if !has_integrals {
+        return Words { words: places(table, codes), sum_unit: 0.0 };
+    }
+    let integrals = Integrals::new(table);
+    let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
+    // Differences of 64 bits are exact, wherever along the table they are taken.
+    let unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
+    let mut words = places(table, codes);
+    for sum in integrals.sums().iter().flatten() {
+        let count = (sum / unit as f64) as u64;
+        words.push([count as u32, (count >> 32) as u32]);
+    }
+    Words { words, sum_unit: unit }
 }
 
 /// A table's places.
-pub(crate) fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
+fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
     let last = last_place(codes);
     let place = |i: u32| {
         let [r, g, b, alpha] = table.lookup(i as f32 / last as f32);
@@ -58,7 +88,11 @@ mod tests {
             let table =
                 TransferTable { entries: entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), unit_distance: 1.0 };
             let places = places(&table, codes);
-            assert_eq!((places.len() as u32 - 1, places.len() as u64 * 8), (last_place(codes), bytes(codes)));
+            assert_eq!(places.len() as u32 - 1, last_place(codes));
+            for has_integrals in [false, true] {
+                let words = words(&table, codes, has_integrals).words;
+                assert_eq!(words.len() as u64 * 8, bytes(codes, has_integrals));
+            }
             for (i, [color, depth]) in places.iter().enumerate() {
                 let [r, g, b, alpha] = table.lookup(i as f32 / last_place(codes) as f32);
                 let unpacked = [color & 2047, color >> 11 & 2047, color >> 22].map(|c| c as f32);

@@ -2,7 +2,7 @@
 
 mod bricks;
 
-use bricks::{APRON, Bricks, MEMORY_BYTES};
+use bricks::{Bricks, MEMORY_BYTES, NEEDS};
 use brickyard_pager::{DrawCell, DrawList, Pixels};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
@@ -415,7 +415,7 @@ fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     assert_eq!(render(&mut renderer, &frame(8, 8)), Ok(()), "the renderer still works");
 
     let options = GpuOptions { compositor: renderer.compositor(), ..Default::default() };
-    let new = |bytes| GpuRenderer::new(&options, u8_codes(), 64, APRON, bytes, (512, 512)).map(|_| ());
+    let new = |bytes| GpuRenderer::new(&options, u8_codes(), 64, NEEDS, bytes, (512, 512)).map(|_| ());
     let Err(GpuError::Budget { least_bytes, .. }) = new(1 << 20) else { panic!("1 MiB is not enough") };
     assert_eq!(new(least_bytes), Ok(()));
 }
@@ -430,7 +430,7 @@ fn a_list_may_have_more_entries_than_there_are_slots() {
     for renderer in bricks.renderers() {
         let levels = bricks.pyramid.levels().len() as u32;
         let options = GpuOptions { compositor: renderer.compositor(), levels, max_slots: 8, ..Default::default() };
-        let mut few = GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64)).expect("a renderer");
+        let mut few = GpuRenderer::new(&options, u8_codes(), 8, NEEDS, MEMORY_BYTES, (64, 64)).expect("a renderer");
         let list = bricks.draw(&mut few, &rays, &all_fine, &|_| 1);
         assert!(few.slots() == 8 && list.cells.len() == 64);
         let found = few.render(&frame, &bricks.pyramid, &list).expect("a picture");
@@ -451,7 +451,7 @@ fn refused_memory_ends_in_fewer_slots() {
         let new = |refuse_above_bytes| {
             let levels = bricks.pyramid.levels().len() as u32;
             let options = GpuOptions { compositor, levels, max_slots: 2000, refuse_above_bytes, ..Default::default() };
-            GpuRenderer::new(&options, u8_codes(), 8, APRON, MEMORY_BYTES, (64, 64))
+            GpuRenderer::new(&options, u8_codes(), 8, NEEDS, MEMORY_BYTES, (64, 64))
         };
         // 2000 slots of 12^3 texels of 1 or 2 bytes; of 500 or 250 one texture takes less than a megabyte.
         let whole = new(u64::MAX).unwrap();

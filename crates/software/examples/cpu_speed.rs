@@ -73,6 +73,8 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         table: TransferTable::new(&transfer, &volume.encoding),
         mode,
         isovalue: value(0.4),
+        sampling: Sampling::default(),
+        lighting: Lighting::default(),
         background: [0.0; 3],
         clip: None,
     }

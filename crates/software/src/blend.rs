@@ -67,11 +67,11 @@ pub(crate) trait Sum: Blend {
 /// Emission and absorption: the sum is premultiplied colour and transmittance.
 pub(crate) struct Dvr;
 
-impl Dvr {
-    /// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
-    /// step of an 8-bit picture.
-    const FAINTEST: f32 = 1.0 / 4096.0;
+/// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
+/// step of an 8-bit picture.
+pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
+impl Dvr {
     #[inline(always)]
     fn add_whole_steps(table: &StepTable<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
         let packets = chunk.packets.min(PACKETS);
@@ -94,7 +94,7 @@ impl Dvr {
                 far += b * (light * a.wwww());
                 light *= a.wwww() * b.wwww();
             }
-            if light.x < Self::FAINTEST {
+            if light.x < FAINTEST {
                 break;
             }
         }
@@ -120,7 +120,7 @@ impl Blend for Dvr {
 
     #[inline(always)]
     fn is_final<C: Code>(sum: Vec4) -> bool {
-        sum.w < Self::FAINTEST
+        sum.w < FAINTEST
     }
 
     fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
@@ -173,7 +173,7 @@ impl Sum for Dvr {
 }
 
 /// The transfer table, for quick look-up.
-struct Entries<'a> {
+pub(crate) struct Entries<'a> {
     entries: &'a [[f32; 4]],
     /// The greatest position: short of the last entry, so that there is one to its right.
     limit: f32,
@@ -181,7 +181,7 @@ struct Entries<'a> {
 
 impl<'a> Entries<'a> {
     #[inline(always)]
-    fn of(frame: &Frame<'a>) -> Self {
+    pub(crate) fn of(frame: &Frame<'a>) -> Self {
         let entries = &frame.settings.table.entries[..];
         assert!(entries.len() >= 2 && entries.len() <= 1 << 24);
         Self { entries, limit: ((entries.len() - 1) as i32 as f32).next_down() }
@@ -199,7 +199,7 @@ impl<'a> Entries<'a> {
 
     /// [`brickyard_volume::TransferTable::lookup`] at a position in entries.
     #[inline(always)]
-    fn lookup(&self, position: f32) -> Vec4 {
+    pub(crate) fn lookup(&self, position: f32) -> Vec4 {
         // Written so that NaN, too, ends up inside.
         let position = if position > 0.0 { position } else { 0.0 };
         let position = if position < self.limit { position } else { self.limit };

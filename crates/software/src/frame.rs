@@ -8,7 +8,7 @@ use crate::steps::StepTables;
 use crate::surface::{INSIDE, OUTSIDE};
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
-use brickyard_volume::{FrameSettings, Geometry, Mode, Pyramid, ViewRays, VoxelBox, surface};
+use brickyard_volume::{FrameSettings, Geometry, Integrals, Mode, Pyramid, ViewRays, VoxelBox, surface};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -34,6 +34,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) positions_per_code: f32,
     /// Unit distances of a world unit.
     pub(crate) per_unit: f64,
+    /// The transfer function's running integrals, if the method wants them.
+    pub(crate) integrals: Option<Integrals>,
     /// What whole steps do, in a composite picture.
     pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
@@ -118,6 +120,7 @@ impl<'a> Frame<'a> {
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
+            integrals: settings.sampling.method.is_pre_integrated().then(|| Integrals::new(&settings.table)),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
             ticks,
             shown_low,

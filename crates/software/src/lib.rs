@@ -10,14 +10,17 @@
 //! 5. `sample` and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time).
 //!
-//! For surfaces `surface` stands where `blend` stands for sums: it finds where a run's samples change sides.
+//! For surfaces `surface` stands where `blend` stands for sums: it finds where a run's samples change sides. For all methods but the plain
+//! one, and where there is lighting, `medium` does; `cubic` filters where `sample` does not.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
 mod blend;
+mod cubic;
 mod frame;
 mod macrocells;
+mod medium;
 mod ray;
 mod renderer;
 mod sample;

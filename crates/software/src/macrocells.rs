@@ -110,6 +110,8 @@ pub(crate) enum Reach {
     Middles,
     /// All.
     Ends,
+    /// All, and a cell takes those of others, too, that reach into it.
+    Beyond,
 }
 
 /// Segments of a block, which are so long along each axis (in voxels): at least one, and whole packets if more than one.
@@ -125,7 +127,7 @@ pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
     let length = match reach {
         _ if steps >= MOST => MOST as i32,
         Reach::Middles => steps as i32 + 1,
-        Reach::Ends => (steps as i32).max(1),
+        Reach::Ends | Reach::Beyond => (steps as i32).max(1),
     };
     if length > LANES as i32 { length & -(LANES as i32) } else { length }
 }
@@ -156,7 +158,7 @@ impl Blocks {
             stride[a] = step[a] * (length as f32 * CELLS);
             half[a] = match reach {
                 Reach::Middles => between.abs() * CELLS,
-                Reach::Ends => 0.5 * stride[a].abs(),
+                Reach::Ends | Reach::Beyond => 0.5 * stride[a].abs(),
             };
         }
         let cells = per_axis(edge as usize) as f32;
@@ -190,8 +192,8 @@ impl Blocks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::SlotFormat;
     use brickyard_volume::macrocells::NONE;
+    use brickyard_volume::{Filter, Needs, SlotFormat};
     use proptest::prelude::*;
 
     proptest! {
@@ -205,7 +207,7 @@ mod tests {
             let reach = if by_ends { Reach::Ends } else { Reach::Middles };
             let (edge, apron, padded) = (17, 1, 19);
             let codes = &codes[..padded * padded * padded];
-            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, apron);
+            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, Needs { apron, filter: Filter::Trilinear, is_pre_integrated: false });
             let join = |[a, b]: [u16; 2], [c, d]: [u16; 2]| [a.min(c), b.max(d)];
             let ranges = over_boxes(cells.ranges().iter().copied(), edge, join);
             let mut step: [f32; 3] = std::array::from_fn(|a| (far[a] - origin[a]) / count as f32);
@@ -213,7 +215,7 @@ mod tests {
                 step[axis] = 0.0;
             }
             let length = block_length(step, reach);
-            let blocks = Blocks::new(origin, step, length, reach, edge as u32, apron as u32);
+            let blocks = Blocks::new(origin, step, length, reach, edge as u32, apron);
             // Where a segment is looked at, from its middle.
             let offsets: &[f32] = if by_ends && step.iter().all(|s| s.abs() <= 8.0) { &[-0.5, 0.0, 0.5] } else { &[0.0] };
             for (i, offset) in (0..count).flat_map(|i| offsets.iter().map(move |&offset| (i, offset))) {
@@ -265,7 +267,15 @@ mod tests {
     #[test]
     fn masks_tell_all_and_none_apart() {
         let mut codes = vec![0; 10 * 10 * 10 * 2];
-        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, 1);
+        let cells = |codes: &[u8]| {
+            MacroCells::new(
+                codes,
+                SlotFormat::U16,
+                true,
+                8,
+                Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false },
+            )
+        };
         assert!(matches!(Mask::new(&cells(&codes), 8, |range| range != NONE), Mask::None));
         codes[777 * 2 + 1] = 3;
         assert!(matches!(Mask::new(&cells(&codes), 8, |[low, _]| low == 768), Mask::All));

@@ -158,8 +158,8 @@ impl Ray {
         (0.5 * (start + end), end - start)
     }
 
-    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last. Where ends count a
-    /// cell also takes those of others of which more than half a voxel is in it.
+    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last. With
+    /// [`Reach::Beyond`] a cell also takes those of others of which more than half a voxel is in it.
     #[inline(always)]
     pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>, reach: Reach) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.
@@ -175,7 +175,7 @@ impl Ray {
         if near >= far {
             return None;
         }
-        if reach == Reach::Ends {
+        if reach == Reach::Beyond {
             let overhang = self.overhang(ticks, cell, far);
             (near, far) = (near - overhang, far + overhang);
         }

@@ -7,7 +7,7 @@ use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::macrocells::{self, MacroCells};
-use brickyard_volume::{FrameSettings, Picture, Pyramid, SlotEncoding};
+use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -19,8 +19,8 @@ pub struct SoftwareOptions {
     pub encoding: SlotEncoding,
     /// Voxels along a brick's core edge, as in the pyramid.
     pub edge: u32,
-    /// Voxels around the core, copied from the neighbours; at least 1.
-    pub apron: u32,
+    /// What the pictures need of bricks: an apron of at least 1 among it.
+    pub needs: Needs,
     /// The most that slots and everything else of the renderer may take.
     pub memory_bytes: u64,
     /// Width and height of the largest picture.
@@ -82,8 +82,8 @@ impl SoftwareRenderer {
     /// # Panics
     /// If there is no apron: bricks would show their seams.
     pub fn new(options: SoftwareOptions) -> Result<Self, SoftwareError> {
-        let SoftwareOptions { edge, apron, memory_bytes, threads, .. } = options;
-        assert!(apron >= 1, "trilinear samples need an apron");
+        let SoftwareOptions { edge, needs, memory_bytes, threads, .. } = options;
+        assert!(needs.apron >= needs.filter.taps(), "samples need an apron");
         if !(1..=Self::MAX_EDGE).contains(&edge) {
             return Err(SoftwareError::Edge { edge });
         }
@@ -117,9 +117,9 @@ impl SoftwareRenderer {
     /// If there is no such slot or the length is not a padded brick's.
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
-        let SoftwareOptions { encoding, edge, apron, leaps, .. } = self.options;
+        let SoftwareOptions { encoding, edge, needs, leaps, .. } = self.options;
         let cells = match leaps {
-            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, apron as usize),
+            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, needs),
             false => MacroCells::of_anything(encoding.format, edge as usize),
         };
         self.slots[slot.0 as usize] = Some(Resident { codes, cells });
@@ -131,18 +131,18 @@ impl SoftwareRenderer {
     /// # Panics
     /// If the list names a slot that was never uploaded, or settings, pyramid and options do not belong together.
     pub fn render(&mut self, settings: &FrameSettings, pyramid: &Pyramid, list: &DrawList) -> Picture {
-        let SoftwareOptions { encoding, edge, apron, max_picture_px, .. } = self.options;
+        let SoftwareOptions { encoding, edge, needs, max_picture_px, .. } = self.options;
         let (width, height) = (settings.rays.width, settings.rays.height);
         assert!(width <= max_picture_px[0] && height <= max_picture_px[1], "the picture is larger than was agreed");
         assert_eq!(edge, pyramid.edge(), "other bricks");
         assert_eq!(encoding, settings.encoding, "other codes");
-        assert!(apron >= settings.mode.apron(), "{:?} needs a wider apron", settings.mode);
+        assert!(needs.satisfy(&settings.needs()), "{:?} of bricks for {needs:?}", settings.needs());
         let brick = |slot: Slot| {
             self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
         };
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
         let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
-            let frame = Frame::new(settings, pyramid, list, apron, brick);
+            let frame = Frame::new(settings, pyramid, list, needs.apron, brick);
             let draw = tile::for_frame(&frame);
             (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
         });
@@ -168,7 +168,7 @@ impl SoftwareRenderer {
 }
 
 fn slot_bytes(options: &SoftwareOptions) -> u64 {
-    (options.edge as u64 + 2 * options.apron as u64).pow(3) * options.encoding.format.bytes() as u64
+    (options.edge as u64 + 2 * options.needs.apron as u64).pow(3) * options.encoding.format.bytes() as u64
 }
 
 /// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or
@@ -193,14 +193,14 @@ fn fixed_bytes(options: &SoftwareOptions) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::VoxelType;
+    use brickyard_volume::{Filter, VoxelType};
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
         let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
         SoftwareOptions {
             encoding,
             edge: 32,
-            apron: 1,
+            needs: Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false },
             memory_bytes,
             max_picture_px: [640, 481],
             threads: 2,

@@ -181,6 +181,18 @@ impl<'a> Brick<'a> {
         Self { codes, padded: n, limit: (padded as f32 - 1.0).next_down() }
     }
 
+    /// Voxels along its edge.
+    #[inline(always)]
+    pub(crate) fn padded(&self) -> usize {
+        self.padded
+    }
+
+    /// Its codes.
+    #[inline(always)]
+    pub(crate) fn codes(&self) -> &'a [u8] {
+        self.codes
+    }
+
     /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
     /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
     #[inline(always)]
@@ -205,7 +217,7 @@ impl<'a> Brick<'a> {
         for p in 0..packets {
             let (voxel, fraction, weight) = (&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]);
             // SAFETY: every coordinate's whole part is at most padded - 2.
-            chunk.code[p] = unsafe { self.codes::<C, U, INVALID>(voxel, fraction, weight) };
+            chunk.code[p] = unsafe { self.interpolated::<C, U, INVALID>(voxel, fraction, weight) };
         }
     }
 
@@ -225,7 +237,7 @@ impl<'a> Brick<'a> {
             }
         }
         // SAFETY: every coordinate's whole part is at most padded - 2.
-        unsafe { self.codes::<C, U, INVALID>(&voxel, &fraction, weight) }
+        unsafe { self.interpolated::<C, U, INVALID>(&voxel, &fraction, weight) }
     }
 
     /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
@@ -244,7 +256,7 @@ impl<'a> Brick<'a> {
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis.
     #[inline(always)]
-    unsafe fn codes<C: Code, U: Unit, const INVALID: bool>(
+    unsafe fn interpolated<C: Code, U: Unit, const INVALID: bool>(
         &self,
         voxel: &[i32; LANES],
         fraction: &[Packet; 3],
@@ -260,7 +272,7 @@ impl<'a> Brick<'a> {
         }
     }
 
-    /// [`Brick::codes`] for valid 8-bit ones.
+    /// [`Brick::interpolated`] for valid 8-bit ones.
     ///
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis, in a brick of 8-bit codes.
@@ -294,7 +306,7 @@ impl<'a> Brick<'a> {
         code
     }
 
-    /// [`Brick::codes`] for all others.
+    /// [`Brick::interpolated`] for all others.
     ///
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis.

@@ -33,7 +33,7 @@ impl Blend for Isosurface {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
-    const REACH: Reach = Reach::Ends;
+    const REACH: Reach = Reach::Beyond;
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
@@ -87,7 +87,12 @@ impl Blend for Isosurface {
                 let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
                 chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
             }
-            march.brick.sample::<C, U, INVALID>(stretch.origin, stretch.step, chunk);
+            march.brick.filtered::<C, U, INVALID>(
+                march.frame.settings.sampling.filter,
+                stretch.origin,
+                stretch.step,
+                chunk,
+            );
             for p in 0..chunk.packets.min(TOGETHER) {
                 let lanes = left - (p * LANES) as i32;
                 let Some(i) = crossing(march.frame.threshold, &mut ray.sum.x, &chunk.code[p], &chunk.weight[p], lanes)
@@ -200,7 +205,7 @@ impl Line<'_> {
             points[a] = [at; LANES];
             (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
         }
-        let mut code = brick.sample_points::<C, U, INVALID>(&points, &mut weight);
+        let mut code = brick.filtered_points::<C, U, INVALID>(frame.settings.sampling.filter, &points, &mut weight);
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {
@@ -226,7 +231,11 @@ impl Line<'_> {
                 points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
             }
         }
-        let code = self.march.brick.sample_points::<C, U, INVALID>(&points, &mut weight);
+        let code = self.march.brick.filtered_points::<C, U, INVALID>(
+            self.march.frame.settings.sampling.filter,
+            &points,
+            &mut weight,
+        );
         (code, weight)
     }
 }

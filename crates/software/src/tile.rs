@@ -3,13 +3,15 @@
 use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum};
 use crate::frame::{Cell, Frame, PixelRect};
 use crate::macrocells::{Blocks, Coverage, Reach, block_length};
+use crate::medium::Medium;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS, Portable, Unit};
 use crate::surface::Isosurface;
 use brickyard_volume::macrocells::CELL_EDGE;
-use brickyard_volume::{Mode, Picture, SlotFormat};
+use brickyard_volume::sampling::Curve;
+use brickyard_volume::{Filter, FrameSettings, LightingModel, Method, Mode, Picture, Sampling, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
@@ -42,9 +44,14 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
 
 /// The function for this frame on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
-    fn with_code<C: Code, const INVALID: bool>(mode: Mode) -> DrawTile {
-        match mode {
-            Mode::Dvr => for_machine::<C, Dvr, INVALID>(),
+    fn with_code<C: Code, const INVALID: bool>(settings: &FrameSettings) -> DrawTile {
+        let Sampling { method, filter } = settings.sampling;
+        let is_lit = settings.lighting.model != LightingModel::None;
+        let is_plain = method == Method::Udvr && filter == Filter::Trilinear && !is_lit;
+        match settings.mode {
+            Mode::Dvr if is_plain => for_machine::<C, Dvr, INVALID>(),
+            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
+            Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Mip => for_machine::<C, Mip, INVALID>(),
             Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
             Mode::Average => for_machine::<C, Average, INVALID>(),
@@ -53,10 +60,10 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
     }
     let settings = frame.settings;
     match (settings.encoding.format, settings.encoding.has_invalid) {
-        (SlotFormat::U8, false) => with_code::<Code8, false>(settings.mode),
-        (SlotFormat::U8, true) => with_code::<Code8, true>(settings.mode),
-        (SlotFormat::U16, false) => with_code::<Code16, false>(settings.mode),
-        (SlotFormat::U16, true) => with_code::<Code16, true>(settings.mode),
+        (SlotFormat::U8, false) => with_code::<Code8, false>(settings),
+        (SlotFormat::U8, true) => with_code::<Code8, true>(settings),
+        (SlotFormat::U16, false) => with_code::<Code16, false>(settings),
+        (SlotFormat::U16, true) => with_code::<Code16, true>(settings),
     }
 }
 
@@ -296,7 +303,7 @@ impl Stretch {
             seen |= unsafe { B::sees(cell, boxes, sum) } << first;
             first += LANES as i32;
         }
-        if B::REACH == Reach::Ends {
+        if B::REACH != Reach::Middles {
             seen |= self.uncovered();
         }
         self.seen = seen;
@@ -369,7 +376,8 @@ impl Stretch {
                     chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
                 }
             }
-            brick.sample::<C, U, INVALID>(self.origin, self.step, chunk);
+            let filter = frame.settings.sampling.filter;
+            brick.filtered::<C, U, INVALID>(filter, self.origin, self.step, chunk);
             sum = B::add::<C>(frame, sum, chunk);
             if B::is_final::<C>(sum) {
                 break;
@@ -422,6 +430,8 @@ mod tests {
             table: TransferTable::new(&transfer, &encoding),
             mode,
             isovalue: 0.4 * encoding.high,
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             background: [0.1, 0.2, 0.3],
             clip: None,
         };
@@ -432,9 +442,10 @@ mod tests {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
-        let (apron, padded) = (mode.apron(), 16 + 2 * mode.apron() as usize);
+        let needs = settings.needs();
+        let (apron, padded) = (needs.apron, 16 + 2 * needs.apron as usize);
         let codes: std::sync::Arc<[u8]> = (0..padded.pow(3) * C::BYTES).map(noise).collect();
-        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, apron as usize);
+        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
         let resident = Resident { codes, cells };
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);

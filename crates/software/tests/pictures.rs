@@ -65,6 +65,8 @@ impl View {
             table: TransferTable::new(transfer, &volume.encoding),
             mode: self.mode,
             isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &volume.encoding),
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             background: [0.1, 0.2, 0.35],
             clip: None,
         }

@@ -35,6 +35,8 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         table: TransferTable::new(&transfer, &encoding),
         mode,
         isovalue: 150.0,
+        sampling: Sampling::default(),
+        lighting: Lighting::default(),
         background: [0.0; 3],
         clip: None,
     };

@@ -6,6 +6,7 @@
 //! side: rounding in a traversal never hides a sample.
 
 use crate::code::SlotFormat;
+use crate::sampling::Needs;
 use crate::transfer::TransferTable;
 
 /// Voxels along a macro-cell's edge: smaller ones leap over more, but a ray crosses more of them.
@@ -39,17 +40,18 @@ pub const fn bytes(edge: usize) -> usize {
 
 impl MacroCells {
     /// Those of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
-    pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, apron: usize) -> Self {
+    pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
-            SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, apron),
-            SlotFormat::U16 => Self::of::<u16>(codes.as_chunks().0, has_invalid, edge, apron),
+            SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
+            SlotFormat::U16 => Self::of::<u16>(codes.as_chunks().0, has_invalid, edge, needs),
         }
     }
 
-    fn of<C: Code>(codes: &[C::Bytes], has_invalid: bool, edge: usize, apron: usize) -> Self {
+    fn of<C: Code>(codes: &[C::Bytes], has_invalid: bool, edge: usize, Needs { apron, filter, .. }: Needs) -> Self {
+        let (apron, taps) = (apron as usize, filter.taps() as usize);
         let (padded, cells) = (edge + 2 * apron, per_axis(edge));
-        // The voxels that samples of cell `i` touch along an axis: the core's, and one more on each side.
-        let reach = |i: usize| i * CELL_EDGE + apron - 1..((i + 1) * CELL_EDGE + apron + 1).min(padded);
+        // The voxels that samples of cell `i` touch along an axis: the core's, and one or two more on each side.
+        let reach = |i: usize| i * CELL_EDGE + apron - taps..((i + 1) * CELL_EDGE + apron + taps).min(padded);
         let mut rows = RowRanges::<C>::new(padded);
         // Joined along y in every slice, then along z, both by whole rows; along x at the end.
         let mut slices = vec![[C::MAX, C::ZERO]; padded * cells * padded];
@@ -212,15 +214,18 @@ impl OpaqueCodes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::Filter;
+
+    const NEEDS: Needs = Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false };
 
     #[test]
     fn ranges_hold_the_valid_codes() {
         let mut codes = vec![0; 10 * 10 * 10 * 2];
-        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, 1);
+        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, NEEDS);
         assert_eq!(cells(&codes).whole(), NONE);
         codes[777 * 2 + 1] = 3;
         assert_eq!(cells(&codes).whole(), [768, 768]);
-        assert_eq!(MacroCells::new(&codes, SlotFormat::U16, false, 8, 1).ranges(), [[0, 768]]);
+        assert_eq!(MacroCells::new(&codes, SlotFormat::U16, false, 8, NEEDS).ranges(), [[0, 768]]);
     }
 
     #[test]

@@ -4,6 +4,8 @@ use crate::camera::ViewRays;
 use crate::code::SlotEncoding;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
+use crate::lighting::Lighting;
+use crate::sampling::{Needs, Sampling};
 use crate::scene::Mode;
 use crate::space::Extent;
 use crate::transfer::TransferTable;
@@ -26,6 +28,10 @@ pub struct FrameSettings {
     pub mode: Mode,
     /// The value at which [`Mode::Isosurface`] has its surface; of no meaning in other modes.
     pub isovalue: f64,
+    /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
+    pub sampling: Sampling,
+    /// How [`Mode::Dvr`] is lit.
+    pub lighting: Lighting,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
     /// Corners of the world box outside of which nothing is shown.
@@ -33,6 +39,11 @@ pub struct FrameSettings {
 }
 
 impl FrameSettings {
+    /// What the picture needs bricks to have.
+    pub fn needs(&self) -> Needs {
+        Needs::new(self.mode, self.sampling, &self.lighting)
+    }
+
     /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is.
     pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
         let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));

@@ -1,6 +1,8 @@
 //! The scene: everything besides the data that decides a picture, as one JSON document.
 
 use crate::camera::Camera;
+use crate::lighting::Lighting;
+use crate::sampling::{Needs, Sampling};
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -26,15 +28,6 @@ pub enum Mode {
 impl Mode {
     /// All modes.
     pub const ALL: [Mode; 5] = [Self::Dvr, Self::Mip, Self::MinIp, Self::Average, Self::Isosurface];
-
-    /// Voxels of its neighbours that a brick needs around it: one for trilinear samples of its own, two where samples reach
-    /// out, as those of gradients do.
-    pub const fn apron(self) -> u32 {
-        match self {
-            Self::Dvr | Self::Mip | Self::MinIp | Self::Average => 1,
-            Self::Isosurface => 2,
-        }
-    }
 }
 
 /// Which level a view wants.
@@ -60,6 +53,10 @@ pub struct Scene {
     pub isovalue: Option<f64>,
     /// The transfer function; `None` is a gray ramp over the store's default window.
     pub transfer: Option<TransferFunction>,
+    /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
+    pub sampling: Sampling,
+    /// How [`Mode::Dvr`] is lit.
+    pub lighting: Lighting,
     /// Sampling step in units of the finest voxel size.
     pub step: f64,
     /// Colour behind the volume, display-referred.
@@ -83,6 +80,8 @@ impl Default for Scene {
             mode: Mode::Dvr,
             isovalue: None,
             transfer: None,
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             step: 1.0,
             background: [0.0; 3],
             level: LevelPolicy::Auto,
@@ -94,10 +93,19 @@ impl Default for Scene {
     }
 }
 
+impl Scene {
+    /// What the picture needs bricks to have.
+    pub fn needs(&self) -> Needs {
+        Needs::new(self.mode, self.sampling, &self.lighting)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::camera::Projection;
+    use crate::lighting::LightingModel;
+    use crate::sampling::{Filter, Method};
 
     #[test]
     fn scenes_round_trip_through_json() {
@@ -111,6 +119,8 @@ mod tests {
             mode: Mode::Isosurface,
             isovalue: Some(-7.5),
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
+            sampling: Sampling { method: Method::Plvs, filter: Filter::Tricubic },
+            lighting: Lighting { model: LightingModel::Tone, lights: vec![DVec3::X], ..Lighting::default() },
             step: 0.5,
             background: [0.25, 0.5, 1.0],
             level: LevelPolicy::Locked(3),

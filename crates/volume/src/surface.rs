@@ -12,25 +12,13 @@
 //! before that last step, and the line is far better.
 
 use crate::code::SlotEncoding;
+use crate::lighting::{AMBIENT, DIFFUSE, SPECULAR, SPECULAR_POWER};
 
 /// Parts that a stretch is searched in, each of [`ROUNDS`] times.
 pub const PARTS: usize = 8;
 
 /// How often the part with the crossing is searched again.
 pub const ROUNDS: usize = 2;
-
-/// Light that comes from everywhere: what a surface shows of its colour however it is turned. This and the rest are VTK's
-/// defaults.
-pub const AMBIENT: f64 = 0.1;
-
-/// What it shows besides when it faces the light.
-pub const DIFFUSE: f64 = 0.7;
-
-/// What it reflects of the white light when it faces it.
-pub const SPECULAR: f64 = 0.2;
-
-/// How fast the reflection fades as it turns away: the power of the cosine.
-pub const SPECULAR_POWER: i32 = 10;
 
 /// Differences of codes across two voxels, along all axes together, below which a field has no gradient: what rounding leaves
 /// of a flat one.

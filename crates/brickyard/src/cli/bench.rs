@@ -134,7 +134,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         },
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
-        mode: scene.mode,
+        bricks: scene.needs(),
         threads: threads(arguments.threads),
         max_size_px: arguments.size,
         leaps: !arguments.no_leaps,

@@ -124,7 +124,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
-        mode: scene.mode,
+        bricks: scene.needs(),
         threads: processors(),
         max_size_px: SIZE,
         leaps: true,

@@ -17,7 +17,7 @@ use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, r
 use brickyard::software::SoftwareError;
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
-use brickyard::volume::{Camera, Mode, Picture, Scene};
+use brickyard::volume::{Camera, Needs, Picture, Scene};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -128,7 +128,7 @@ fn run_streaming(
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let options = arguments.session_options(compositor, scenes[0].mode);
+    let options = arguments.session_options(compositor, scenes[0].needs());
     let window = store.default_window(scenes[0].channel);
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
     stats.adapter = session.backend_line().to_string();
@@ -161,7 +161,7 @@ fn run_exact(
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let options = arguments.session_options(compositor, scenes[0].mode);
+    let options = arguments.session_options(compositor, scenes[0].needs());
     let mut exact = ExactRenderer::new(store.clone(), &options).map_err(exact_failure)?;
     (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
     stats.compositor = exact.renderer().compositor().name();
@@ -183,13 +183,13 @@ fn run_exact(
 }
 
 impl RenderArguments {
-    fn session_options(&self, compositor: CompositorChoice, mode: Mode) -> SessionOptions {
+    fn session_options(&self, compositor: CompositorChoice, bricks: Needs) -> SessionOptions {
         SessionOptions {
             backend: self.backend.into(),
             compositor,
             gpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
-            mode,
+            bricks,
             threads: threads(self.threads),
             max_size_px: self.size,
             leaps: true,

@@ -5,7 +5,9 @@ use super::values;
 use brickyard::pager::BrickSource;
 use brickyard::session::preset_unit_distance;
 use brickyard::store::Store;
-use brickyard::volume::{Camera, Extent, LevelPolicy, Mode, Projection, Scene, TransferFunction};
+use brickyard::volume::{
+    Camera, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, TransferFunction,
+};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -40,6 +42,21 @@ pub(crate) struct SceneArguments {
     /// Transfer function: a JSON file, or gray, viridis, fire, ct-skin, ct-bone
     #[arg(long, value_name = "FILE|PRESET")]
     transfer: Option<String>,
+    /// How `--mode dvr` samples and classifies a step of a ray
+    #[arg(long, value_enum)]
+    method: Option<MethodArgument>,
+    /// How the field is made of voxels
+    #[arg(long, value_enum)]
+    filter: Option<FilterArgument>,
+    /// How `--mode dvr` is lit
+    #[arg(long, value_enum)]
+    lighting: Option<LightingArgument>,
+    /// How the gradients that `--lighting` needs are found
+    #[arg(long, value_enum)]
+    gradient: Option<GradientArgument>,
+    /// Where a light stands, world units; up to four times [default: one at the eye]
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    light: Vec<DVec3>,
     /// Sampling step in units of the finest voxel size [default: 1]
     #[arg(long, value_parser = values::positive)]
     step: Option<f64>,
@@ -90,6 +107,99 @@ impl From<ModeArgument> for Mode {
     }
 }
 
+/// [`Method`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum MethodArgument {
+    /// One sample in the middle
+    Udvr,
+    /// Pre-integrated between the ends
+    Pdvr,
+    /// Three virtual samples on a line between the ends
+    Lvs,
+    /// Three virtual samples on a cubic curve
+    Cvs,
+    /// One to eight samples, as the ends differ
+    Asm,
+    /// As lvs, pre-integrated
+    Plvs,
+    /// As cvs, pre-integrated
+    Pcvs,
+}
+
+impl From<MethodArgument> for Method {
+    fn from(method: MethodArgument) -> Self {
+        match method {
+            MethodArgument::Udvr => Self::Udvr,
+            MethodArgument::Pdvr => Self::Pdvr,
+            MethodArgument::Lvs => Self::Lvs,
+            MethodArgument::Cvs => Self::Cvs,
+            MethodArgument::Asm => Self::Asm,
+            MethodArgument::Plvs => Self::Plvs,
+            MethodArgument::Pcvs => Self::Pcvs,
+        }
+    }
+}
+
+/// [`Filter`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FilterArgument {
+    /// Linear between 8 voxels
+    Trilinear,
+    /// Cubic B-spline of 64 voxels: smooth, and blurs
+    Tricubic,
+}
+
+impl From<FilterArgument> for Filter {
+    fn from(filter: FilterArgument) -> Self {
+        match filter {
+            FilterArgument::Trilinear => Self::Trilinear,
+            FilterArgument::Tricubic => Self::Tricubic,
+        }
+    }
+}
+
+/// [`LightingModel`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum LightingArgument {
+    /// Colours as they are
+    None,
+    /// Phong's reflection
+    Phong,
+    /// Blinn's
+    BlinnPhong,
+    /// From cool to warm as a place turns to the light
+    Tone,
+}
+
+impl From<LightingArgument> for LightingModel {
+    fn from(model: LightingArgument) -> Self {
+        match model {
+            LightingArgument::None => Self::None,
+            LightingArgument::Phong => Self::Phong,
+            LightingArgument::BlinnPhong => Self::BlinnPhong,
+            LightingArgument::Tone => Self::Tone,
+        }
+    }
+}
+
+/// [`Gradient`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum GradientArgument {
+    /// Differences of two samples along each axis
+    Central,
+    /// The 3D Sobel operator on 26 samples
+    Sobel,
+}
+
+impl From<GradientArgument> for Gradient {
+    fn from(gradient: GradientArgument) -> Self {
+        match gradient {
+            GradientArgument::Central => Self::Central,
+            GradientArgument::Sobel => Self::Sobel,
+        }
+    }
+}
+
 fn level(text: &str) -> Result<LevelPolicy, String> {
     match text {
         "auto" => Ok(LevelPolicy::Auto),
@@ -120,6 +230,13 @@ impl SceneArguments {
         }
         scene.camera = self.camera(scene.camera, store);
         scene.mode = self.mode.map_or(scene.mode, Mode::from);
+        scene.sampling.method = self.method.map_or(scene.sampling.method, Method::from);
+        scene.sampling.filter = self.filter.map_or(scene.sampling.filter, Filter::from);
+        scene.lighting.model = self.lighting.map_or(scene.lighting.model, LightingModel::from);
+        scene.lighting.gradient = self.gradient.map_or(scene.lighting.gradient, Gradient::from);
+        if !self.light.is_empty() {
+            scene.lighting.lights = self.light.clone();
+        }
         // Another mode's flag takes the file's isovalue away with its mode; one that is given must suit.
         let of_file = scene.isovalue.filter(|_| self.mode.is_none() || scene.mode == Mode::Isosurface);
         scene.isovalue = self.isovalue.or(of_file);

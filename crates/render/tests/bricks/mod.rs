@@ -7,7 +7,7 @@ use brickyard_volume::*;
 use std::collections::BTreeMap;
 
 /// Enough for every mode.
-pub(crate) const APRON: u32 = 2;
+pub(crate) const NEEDS: Needs = Needs { apron: 2, filter: Filter::Trilinear, is_pre_integrated: false };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
@@ -17,6 +17,8 @@ pub(crate) struct Bricks {
     pub(crate) encoding: SlotEncoding,
     pub(crate) levels: Vec<Array>,
     codes: Vec<Vec<u16>>,
+    /// What they have.
+    pub(crate) needs: Needs,
 }
 
 impl Bricks {
@@ -45,15 +47,15 @@ impl Bricks {
             }
             codes.push(level_codes);
         }
-        Self { pyramid, geometry, encoding, levels, codes }
+        Self { pyramid, geometry, encoding, levels, codes, needs: NEEDS }
     }
 
     fn padded(&self, id: BrickId) -> Vec<u8> {
-        let (edge, level) = (self.pyramid.edge(), id.level.index());
+        let (edge, apron, level) = (self.pyramid.edge(), self.needs.apron, id.level.index());
         let (n, index) = (self.levels[level].extent.to_array(), id.index.to_array());
-        let at = |a: usize, i: u32| ((index[a] * edge + i) as i64 - APRON as i64).clamp(0, n[a] as i64 - 1) as u32;
+        let at = |a: usize, i: u32| ((index[a] * edge + i) as i64 - apron as i64).clamp(0, n[a] as i64 - 1) as u32;
         let mut bytes = Vec::new();
-        let padded = edge + 2 * APRON;
+        let padded = edge + 2 * apron;
         for z in 0..padded {
             for y in 0..padded {
                 for x in 0..padded {
@@ -75,7 +77,7 @@ impl Bricks {
     fn renderer(&self, compositor: Compositor) -> Option<GpuRenderer> {
         let (max_slots, levels) = (self.pyramid.brick_count() as u32, self.pyramid.levels().len() as u32);
         let options = GpuOptions { compositor, levels, max_slots, ..Default::default() };
-        let made = GpuRenderer::new(&options, self.encoding, self.pyramid.edge(), APRON, MEMORY_BYTES, (512, 512));
+        let made = GpuRenderer::new(&options, self.encoding, self.pyramid.edge(), self.needs, MEMORY_BYTES, (512, 512));
         match made {
             Ok(renderer) => Some(renderer),
             Err(GpuError::NoAdapter { .. }) => {
@@ -167,6 +169,8 @@ impl Bricks {
             table: TransferTable::new(transfer, &self.encoding),
             mode,
             isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &self.encoding),
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
             background: [0.2, 0.1, 0.4],
             clip: None,
         }

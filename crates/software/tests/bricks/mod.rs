@@ -116,14 +116,14 @@ impl Volume {
 
     /// A renderer that holds the bricks of the cut for a frame, and its draw list.
     pub(crate) fn load(&self, cut: &[CutCell], frame: &FrameSettings, threads: usize) -> (SoftwareRenderer, DrawList) {
-        let (rays, apron) = (&frame.rays, frame.mode.apron());
+        let (rays, apron) = (&frame.rays, frame.needs().apron);
         let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
         bricks.sort();
         bricks.dedup();
         let mut renderer = SoftwareRenderer::new(SoftwareOptions {
             encoding: self.encoding,
             edge: self.pyramid.edge(),
-            apron,
+            needs: frame.needs(),
             memory_bytes: 1 << 30,
             max_picture_px: [rays.width, rays.height],
             threads,

@@ -1,0 +1,146 @@
+//! Every sampling method, filter and lighting against the oracle, by both compositors: what they all have in common with a plain
+//! picture is in `pictures.rs`.
+
+mod bricks;
+
+use bricks::Bricks;
+use brickyard_volume::*;
+use glam::DVec3;
+
+/// The project's contract. Slots hold exactly the oracle's values; what is left is f32 against f64.
+const CONTRACT: u8 = 1;
+
+/// Smooth, without symmetry, between 0 and 1.
+fn waves([x, y, z]: [u32; 3]) -> f64 {
+    let (x, y, z) = (x as f64, y as f64, z as f64);
+    0.5 + 0.5 * (0.21 * x + 0.05 * y).sin() * (0.17 * y - 0.1 * z).cos() * (0.13 * z + 0.4).sin()
+}
+
+/// Points lie on codes: the oracle has no table.
+fn tinted(encoding: &SlotEncoding) -> TransferFunction {
+    let at = |code: u32| encoding.low + code as f64 / 255.0 * (encoding.high - encoding.low);
+    TransferFunction {
+        color: vec![[at(0), 0.0, 0.2, 1.0], [at(127), 1.0, 0.3, 0.1], [at(255), 0.9, 1.0, 0.5]],
+        opacity: vec![[at(90), 0.0], [at(150), 0.05], [at(200), 0.4]],
+        unit_distance: 1.5,
+    }
+}
+
+fn bricks(
+    extent: [u32; 3],
+    edge: u32,
+    encoding: SlotEncoding,
+    needs: Needs,
+    value: impl Fn([u32; 3]) -> f64,
+) -> Bricks {
+    let geometry = Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), unit: None };
+    let scaled = |voxel| encoding.low + (encoding.high - encoding.low) * value(voxel);
+    let mut bricks = Bricks::new(extent, edge, geometry, encoding, scaled);
+    bricks.needs = needs;
+    bricks
+}
+
+fn frame(bricks: &Bricks, sampling: Sampling, lighting: Lighting) -> FrameSettings {
+    let (low, high) = bricks.geometry.world_box(bricks.pyramid.levels()[0].extent);
+    let centre = (low + high) * 0.5;
+    let eye = centre + DVec3::new(-50.0, -40.0, 45.0);
+    let projection = Projection::Perspective { fov_y_deg: 40.0 };
+    let rays = Camera { eye, target: centre, up: DVec3::Z, projection }.rays(22, 18).unwrap();
+    let plain = bricks.settings(rays, Mode::Dvr, &tinted(&bricks.encoding), Lattice::uniform(0.7, 0));
+    FrameSettings { sampling, lighting, ..plain }
+}
+
+fn lightings() -> Vec<Lighting> {
+    let light = DVec3::new(-30.0, 10.0, 40.0);
+    let lit = |model, gradient, lights: &[DVec3]| Lighting { model, gradient, lights: lights.to_vec() };
+    vec![
+        Lighting::default(),
+        lit(LightingModel::BlinnPhong, Gradient::Central, &[]),
+        lit(LightingModel::Phong, Gradient::Sobel, &[light]),
+        lit(LightingModel::Tone, Gradient::Central, &[light, DVec3::new(90.0, 10.0, 40.0)]),
+    ]
+}
+
+/// One picture of all bricks by both compositors, against the oracle: all pixels but so many.
+fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
+    let transfer = tinted(&bricks.encoding);
+    let mut expected = vec![None; frames.len()];
+    for mut renderer in bricks.renderers() {
+        for (frame, expected) in frames.iter().zip(&mut expected) {
+            let list = bricks.draw(&mut renderer, &frame.rays, &|_| false, &|_| 0);
+            let found = renderer.render(frame, &bricks.pyramid, &list).unwrap();
+            let expected = expected.get_or_insert_with(|| bricks.reference(frame, &list, &transfer));
+            let difference = found.difference(expected);
+            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > CONTRACT);
+            let count = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+            let what = format!("{:?} {:?} {:?}", renderer.compositor(), frame.sampling, frame.lighting);
+            assert!(count <= off, "{what}: {count} pixels, {difference:?}");
+            let colors: std::collections::BTreeSet<_> = found.rgb.iter().collect();
+            assert!(colors.len() > 60, "{what}: a flat picture proves nothing");
+        }
+    }
+}
+
+/// The bricks that these frames need at most, with the frames.
+fn all_frames(filter: Filter, make: impl Fn(Needs) -> Bricks, lightings: &[Lighting]) -> (Bricks, Vec<FrameSettings>) {
+    let bricks = make(Needs { apron: 4, filter, is_pre_integrated: true });
+    let methods = Method::ALL.iter().map(|&method| Sampling { method, filter });
+    let looks = methods.flat_map(|sampling| lightings.iter().map(move |lighting| (sampling, lighting.clone())));
+    let frames = looks.map(|(sampling, lighting)| frame(&bricks, sampling, lighting)).collect();
+    (bricks, frames)
+}
+
+#[test]
+fn every_method_and_lighting_matches_the_oracle() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let make = |needs| bricks([35, 29, 37], 16, encoding, needs, waves);
+    let (bricks, frames) = all_frames(Filter::Trilinear, make, &lightings());
+    agree(&bricks, &frames, 0);
+}
+
+#[test]
+fn every_method_matches_the_oracle_with_splines() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let make = |needs| bricks([35, 29, 37], 16, encoding, needs, waves);
+    let (bricks, mut frames) = all_frames(Filter::Tricubic, make, &lightings()[..2]);
+    for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
+        frames.push(FrameSettings { mode, ..frames[0].clone() });
+    }
+    agree(&bricks, &frames, 0);
+}
+
+#[test]
+fn every_method_matches_the_oracle_with_invalid_voxels_in_wide_codes() {
+    let encoding = SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true);
+    let value = |voxel: [u32; 3]| {
+        let [x, y, z] = voxel.map(|v| v as f64 - 17.0);
+        if x * x + y * y + z * z < 40.0 { f64::NAN } else { waves(voxel) }
+    };
+    for filter in Filter::ALL {
+        let make = |needs| bricks([35, 29, 37], 16, encoding, needs, value);
+        let (bricks, frames) = all_frames(filter, make, &lightings()[..2]);
+        // A place has a value if half of the weight is valid: where it is just half, rounding decides.
+        agree(&bricks, &frames, 1);
+    }
+}
+
+/// The same rays through bricks of other sizes, with what their own needs ask for and no more.
+#[test]
+fn bricks_of_other_sizes_show_the_same() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    for (method, filter) in [
+        (Method::Pcvs, Filter::Trilinear),
+        (Method::Cvs, Filter::Tricubic),
+        (Method::Asm, Filter::Trilinear),
+        (Method::Plvs, Filter::Tricubic),
+    ] {
+        let sampling = Sampling { method, filter };
+        for lighting in [Lighting::default(), lightings().swap_remove(2)] {
+            for edge in [8, 64] {
+                let needs = Needs::new(Mode::Dvr, sampling, &lighting);
+                let bricks = bricks([35, 29, 37], edge, encoding, needs, waves);
+                agree(&bricks, &[frame(&bricks, sampling, lighting.clone())], 0);
+            }
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Tricubic B-spline samples of a padded brick: 64 voxels each, in rows of four. As in `sample`, codes stay codes, and invalid ones
+//! are left out of the sum and of the weight.
+
+use crate::sample::{Brick, Chunk, Code, LANES, PACKETS, Packet, Unit};
+use brickyard_volume::Filter;
+use glam::Vec4;
+
+impl Brick<'_> {
+    /// [`Brick::sample`] through a filter.
+    #[inline(always)]
+    pub(crate) fn filtered<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        filter: Filter,
+        origin: [f32; 3],
+        step: [f32; 3],
+        chunk: &mut Chunk,
+    ) {
+        if filter == Filter::Trilinear {
+            return self.sample::<C, U, INVALID>(origin, step, chunk);
+        }
+        for p in 0..chunk.packets.min(PACKETS) {
+            let mut points = [[0.0; LANES]; 3];
+            for a in 0..3 {
+                for i in 0..LANES {
+                    points[a][i] = origin[a] + chunk.along[p][i] * step[a];
+                }
+            }
+            chunk.code[p] = self.cubic_points::<C, INVALID>(&points, &mut chunk.weight[p]);
+        }
+    }
+
+    /// [`Brick::sample_points`] through a filter.
+    #[inline(always)]
+    pub(crate) fn filtered_points<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        filter: Filter,
+        points: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        match filter {
+            Filter::Trilinear => self.sample_points::<C, U, INVALID>(points, weight),
+            Filter::Tricubic => self.cubic_points::<C, INVALID>(points, weight),
+        }
+    }
+
+    #[inline(never)]
+    fn cubic_points<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        let mut code = [0.0; LANES];
+        for i in 0..LANES {
+            let (sum, valid) = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);
+            code[i] = if INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
+            if INVALID && valid < 0.5 {
+                weight[i] = 0.0;
+            }
+        }
+        code
+    }
+
+    /// The weighted sum of the 64 codes around a place, and what of the weight is valid.
+    #[inline(always)]
+    fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> (f32, f32) {
+        let n = self.padded();
+        let split = |v: f32| {
+            // One voxel to the left and two to the right are inside of the brick.
+            let v = v.clamp(1.0, ((n - 2) as f32).next_down());
+            (v as usize, v.fract())
+        };
+        let [(x, tx), (y, ty), (z, tz)] = point.map(split);
+        let (wx, wy, wz) = (weights(tx), weights(ty).to_array(), weights(tz).to_array());
+        let (mut sum, mut valid) = (Vec4::ZERO, Vec4::ZERO);
+        for k in 0..4 {
+            for j in 0..4 {
+                let row = ((z + k - 1) * n + y + j - 1) * n + x - 1;
+                let codes = self.row::<C>(row);
+                let weight = wx * (wy[j] * wz[k]);
+                sum += codes * weight;
+                if INVALID {
+                    valid += Vec4::select(codes.cmpgt(Vec4::ZERO), weight, Vec4::ZERO);
+                }
+            }
+        }
+        (sum.element_sum(), valid.element_sum())
+    }
+
+    /// Four neighbouring codes.
+    #[inline(always)]
+    fn row<C: Code>(&self, first: usize) -> Vec4 {
+        let codes = self.codes();
+        let at = first * C::BYTES;
+        let code = |i: usize| match C::BYTES {
+            1 => codes[at + i] as f32,
+            _ => u16::from_le_bytes([codes[at + 2 * i], codes[at + 2 * i + 1]]) as f32,
+        };
+        Vec4::new(code(0), code(1), code(2), code(3))
+    }
+}
+
+/// [`brickyard_volume::sampling::b_spline`].
+#[inline(always)]
+fn weights(t: f32) -> Vec4 {
+    let s = 1.0 - t;
+    let (t2, s2) = (t * t, s * s);
+    Vec4::new(s2 * s, 4.0 - 6.0 * t2 + 3.0 * t2 * t, 4.0 - 6.0 * s2 + 3.0 * s2 * s, t2 * t) * (1.0 / 6.0)
+}

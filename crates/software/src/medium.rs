@@ -1,0 +1,392 @@
+//! Direct volume rendering by every method but the plain one: segments become media as
+//! [`brickyard_volume::sampling`] says, lit as [`brickyard_volume::lighting`] says.
+//!
+//! A stretch goes through in rows of as many segments as one packet of places allows: all that a row's curves pass through is
+//! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
+//! operator), and taken only of what has opacity.
+
+use crate::blend::{Blend, Entries};
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Coverage, Reach};
+use crate::ray::Ray;
+use crate::sample::{Chunk, Code, LANES, Packet, Unit};
+use crate::tile::{March, Stretch};
+use brickyard_volume::lighting::SMOOTH;
+use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
+use brickyard_volume::surface::FLAT_CODES;
+use brickyard_volume::{Gradient, LightingModel, Medium as Mean};
+use glam::{DVec3, Vec3, Vec4};
+use std::ops::Range;
+
+/// Emission and absorption: the sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end to end.
+pub(crate) struct Medium<const ENDS: bool>;
+
+impl<const ENDS: bool> Blend for Medium<ENDS> {
+    const START: Vec4 = Vec4::W;
+    const FRONT_TO_BACK: bool = true;
+    const OCCLUDES: bool = true;
+    const REACH: Reach = if ENDS { Reach::Ends } else { Reach::Middles };
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
+        cell.mask.coverage()
+    }
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        _: &mut Chunk,
+        segments: Range<i32>,
+    ) {
+        let path = Path::new(march, stretch, ray);
+        let curve = march.frame.settings.sampling.method.curve();
+        let mut next = segments.start;
+        while next < segments.end && !Self::is_final::<C>(ray.sum) {
+            next = match curve {
+                Curve::Middle => path.take_middles::<C, U, INVALID>(ray, next..segments.end),
+                Curve::Line => path.take_curves::<C, U, INVALID>(ray, next..segments.end, 0),
+                Curve::Cubic => path.take_curves::<C, U, INVALID>(ray, next..segments.end, 1),
+                Curve::Field => path.take_field::<C, U, INVALID>(ray, next..segments.end),
+            };
+        }
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(sum: Vec4) -> bool {
+        sum.w < crate::blend::FAINTEST
+    }
+
+    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+        let background = frame.settings.background;
+        std::array::from_fn(|k| sum[k] + sum.w * background[k])
+    }
+}
+
+/// A ray's way along a stretch of a brick; places along it are counted in segments from the middle of the first.
+struct Path<'a> {
+    march: &'a March<'a>,
+    stretch: &'a Stretch,
+    /// Where the brick can be sampled.
+    low: f32,
+    high: f32,
+    /// The ends of the ray's first and last segments, where they are the stretch's; else past all.
+    first_start: f32,
+    last_end: f32,
+    /// Unit distances of a whole segment.
+    length: f64,
+    /// World units per voxel of the brick's level.
+    voxel: DVec3,
+    /// The ray in the world.
+    eye: DVec3,
+    direction: DVec3,
+    is_lit: bool,
+}
+
+/// A row of values along the ray.
+struct Row {
+    along: Packet,
+    code: Packet,
+    weight: Packet,
+}
+
+impl<'a> Path<'a> {
+    #[inline(always)]
+    fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
+        let March { frame, cell, .. } = march;
+        let geometry = &frame.settings.geometry;
+        let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
+        let ticks = &frame.ticks;
+        let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
+        if stretch.start == ray.first {
+            first_start = stretch.along(ray.ends(ticks, stretch.start).0);
+        }
+        if stretch.end == ray.end {
+            let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
+            last_end = stretch.along(ray.ends(ticks, tick).1);
+        }
+        let direction = DVec3::from_array(ray.direction) * geometry.spacing;
+        Self {
+            march,
+            stretch,
+            low,
+            high,
+            first_start,
+            last_end,
+            length: stretch.length * frame.per_unit,
+            voxel: geometry.spacing / DVec3::from_array(cell.scale),
+            eye: geometry.world_from_voxel(DVec3::from_array(ray.origin)),
+            direction,
+            is_lit: frame.settings.lighting.model != LightingModel::None,
+        }
+    }
+
+    /// Where a segment begins and ends.
+    #[inline(always)]
+    fn ends(&self, segment: i32) -> [f32; 2] {
+        [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
+    }
+
+    /// Segments from `first` on that are whole, at most `most`; or 1 if the first is not.
+    #[inline(always)]
+    fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
+        let is_cut = |segment: i32| {
+            let [a, b] = self.ends(segment);
+            a > segment as f32 - 0.5 || b < segment as f32 + 0.5
+        };
+        let mut count = (segments.end - segments.start).min(most);
+        if is_cut(segments.start) {
+            return 1;
+        }
+        if is_cut(segments.start + count - 1) {
+            count -= 1;
+        }
+        count
+    }
+
+    #[inline(always)]
+    fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Row {
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for i in 0..LANES {
+            let along = along[i].max(self.low).min(self.high);
+            for a in 0..3 {
+                points[a][i] = self.stretch.origin[a] + along * self.stretch.step[a];
+            }
+        }
+        let code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        Row { along, code, weight }
+    }
+
+    #[inline(always)]
+    fn filtered<C: Code, U: Unit, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        let filter = self.march.frame.settings.sampling.filter;
+        self.march.brick.filtered_points::<C, U, INVALID>(filter, points, weight)
+    }
+
+    /// One sample in the middle of each segment. Returns the first segment not taken.
+    #[inline(always)]
+    fn take_middles<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, segments: Range<i32>) -> i32 {
+        let count = (segments.end - segments.start).min(LANES as i32);
+        let mut along = [0.0; LANES];
+        for i in 0..LANES {
+            let [a, b] = self.ends(segments.start + i as i32);
+            along[i] = 0.5 * (a + b);
+        }
+        let row = self.sample::<C, U, INVALID>(along);
+        for i in 0..count as usize {
+            if row.weight[i] > 0.0 {
+                let [a, b] = self.ends(segments.start + i as i32);
+                self.add_sampled::<C, U, INVALID>(ray, along[i], row.code[i], b - a);
+            }
+        }
+        segments.start + count
+    }
+
+    /// Real samples, more of them where a segment's ends differ more.
+    #[inline(always)]
+    fn take_field<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, segments: Range<i32>) -> i32 {
+        let count = self.whole(&segments, LANES as i32 - 1);
+        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, 0));
+        for i in 0..count as usize {
+            let [Some(from), Some(to)] = known([i, i + 1].map(|i| (row.weight[i] > 0.0).then_some(row.code[i]))) else {
+                continue;
+            };
+            let difference = (to - from).abs() as f64 / C::MAX as f64;
+            let parts = self.march.frame.settings.sampling.method.parts(difference);
+            let [a, b] = self.ends(segments.start + i as i32);
+            let part = (b - a) / parts as f32;
+            let mut along = [a; LANES];
+            for k in 0..parts.min(LANES) {
+                along[k] = a + (k as f32 + 0.5) * part;
+            }
+            let samples = self.sample::<C, U, INVALID>(along);
+            for k in 0..parts.min(LANES) {
+                if samples.weight[k] > 0.0 {
+                    self.add_sampled::<C, U, INVALID>(ray, along[k], samples.code[k], part);
+                }
+            }
+        }
+        segments.start + count
+    }
+
+    /// The places of a row of segments' ends, and so many more on each side.
+    #[inline(always)]
+    fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
+        let mut along = [0.0; LANES];
+        let [a, b] = self.ends(first);
+        for i in 0..LANES {
+            along[i] = match count {
+                // A segment of its own length.
+                1 => a + (i as i32 - beyond) as f32 * (b - a),
+                _ => (first + i as i32 - beyond) as f32 - 0.5,
+            };
+        }
+        along
+    }
+
+    /// Virtual samples, or the mean medium, along curves through the ends, and `beyond` of them on each side.
+    #[inline(always)]
+    fn take_curves<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        ray: &mut Ray,
+        segments: Range<i32>,
+        beyond: usize,
+    ) -> i32 {
+        let method = self.march.frame.settings.sampling.method;
+        let count = self.whole(&segments, (LANES - 1 - 2 * beyond) as i32);
+        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, beyond as i32));
+        let mut gradients = [None; LANES];
+        let parts = method.parts(0.0);
+        for i in 0..count as usize {
+            let at = |i: usize| (row.weight[i] > 0.0).then_some(row.code[i] as f64);
+            let near = i + beyond;
+            let [Some(from), Some(to)] = known([at(near), at(near + 1)]) else { continue };
+            let values = match beyond {
+                0 => [from, from, to, to],
+                _ => [at(near - 1).unwrap_or(from), from, to, at(near + 2).unwrap_or(to)],
+            };
+            let value = |s: f64| if beyond > 0 { cubic(values, s) } else { from + s * (to - from) };
+            let [a, b] = self.ends(segments.start + i as i32);
+            for k in 0..parts {
+                let [start, end] = [k, k + 1].map(|k| k as f64 / parts as f64);
+                let middle = 0.5 * (start + end);
+                let medium = match &self.march.frame.integrals {
+                    Some(integrals) => Shown::mean(integrals.between(value(start), value(end))),
+                    None => self.at::<C>(value(middle) as f32),
+                };
+                let Some(medium) = medium else { continue };
+                let along = a + (b - a) * middle as f32;
+                let mut color = medium.color;
+                if self.is_lit {
+                    for i in near - beyond..=near + 1 + beyond {
+                        let known = at(i).unwrap_or(values[i + 1 - near]);
+                        gradients[i]
+                            .get_or_insert_with(|| self.differences::<C, U, INVALID>(row.along[i], known as f32));
+                    }
+                    let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
+                    let differences = match beyond {
+                        0 => gradient(near).lerp(gradient(near + 1), middle as f32),
+                        _ => {
+                            let around = [near - 1, near, near + 1, near + 2].map(gradient);
+                            let along = |k: usize| catmull_rom(around.map(|g| g[k] as f64), middle) as f32;
+                            Vec3::new(along(0), along(1), along(2))
+                        }
+                    };
+                    color = self.lit(along, color, differences);
+                }
+                self.add(ray, color, medium.depth, (b - a) / parts as f32);
+            }
+        }
+        segments.start + count
+    }
+
+    /// A real sample, and so much of a segment that it stands for.
+    #[inline(always)]
+    fn add_sampled<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, along: f32, code: f32, share: f32) {
+        let Some(Shown { mut color, depth }) = self.at::<C>(code) else { return };
+        if self.is_lit {
+            color = self.lit(along, color, self.differences::<C, U, INVALID>(along, code));
+        }
+        self.add(ray, color, depth, share);
+    }
+
+    /// What is shown at a code, if anything.
+    #[inline(always)]
+    fn at<C: Code>(&self, code: f32) -> Option<Shown> {
+        let frame = self.march.frame;
+        let entry = Entries::of(frame).lookup(code * frame.positions_per_code);
+        (entry.w > 0.0).then(|| Shown { color: entry.truncate(), depth: -(1.0 - entry.w as f64).log2() })
+    }
+
+    #[inline(always)]
+    fn add(&self, ray: &mut Ray, color: Vec3, depth: f64, share: f32) {
+        let left = (-depth * share.max(0.0) as f64 * self.length).exp2() as f32;
+        let light = ray.sum.w;
+        ray.sum = (ray.sum.truncate() + color * (light * (1.0 - left))).extend(light * left);
+    }
+
+    fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
+        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
+        let normal = (!is_flat).then(|| (differences.as_dvec3() / self.voxel).normalize());
+        let place = self.eye + self.direction * (self.stretch.middle + along as f64 * self.stretch.length);
+        self.march.frame.settings.lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
+    }
+
+    /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.
+    #[inline(always)]
+    fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
+        let along = along.max(self.low).min(self.high);
+        let centre: [f32; 3] = std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a]);
+        let mut differences = Vec3::ZERO;
+        match self.march.frame.settings.lighting.gradient {
+            Gradient::Central => {
+                let offsets = std::array::from_fn(|i| match i {
+                    0..6 => std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 }),
+                    _ => [0.0; 3],
+                });
+                let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
+                differences = Vec3::new(codes[0] - codes[1], codes[2] - codes[3], codes[4] - codes[5]);
+            }
+            Gradient::Sobel => {
+                // The 27 places about the centre, the centre itself among them, in four packets.
+                for first in (0..27).step_by(LANES) {
+                    let offsets: [[f32; 3]; LANES] = std::array::from_fn(|i| offset_of((first + i).min(26)));
+                    let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
+                    for (i, offset) in offsets.iter().enumerate().take(27 - first) {
+                        let smooth: [f32; 3] = std::array::from_fn(|a| SMOOTH[(offset[a] + 1.0) as usize] as f32);
+                        differences.x += offset[0] * smooth[1] * smooth[2] * codes[i];
+                        differences.y += offset[1] * smooth[0] * smooth[2] * codes[i];
+                        differences.z += offset[2] * smooth[0] * smooth[1] * codes[i];
+                    }
+                }
+            }
+        }
+        differences
+    }
+
+    /// Codes at offsets in voxels from a slot coordinate.
+    #[inline(always)]
+    fn around<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        centre: [f32; 3],
+        offsets: &[[f32; 3]; LANES],
+        middle: f32,
+    ) -> Packet {
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for a in 0..3 {
+            for i in 0..LANES {
+                points[a][i] = centre[a] + offsets[i][a];
+            }
+        }
+        let mut code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        for i in 0..LANES {
+            code[i] = if weight[i] > 0.0 { code[i] } else { middle };
+        }
+        code
+    }
+}
+
+/// The `i`-th of the 27 places about a voxel.
+#[inline(always)]
+fn offset_of(i: usize) -> [f32; 3] {
+    [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 - 1.0)
+}
+
+/// Where only one of two has a value, it stands for the other.
+#[inline(always)]
+fn known<T: Copy>([a, b]: [Option<T>; 2]) -> [Option<T>; 2] {
+    [a.or(b), b.or(a)]
+}
+
+/// A medium that is seen.
+struct Shown {
+    color: Vec3,
+    depth: f64,
+}
+
+impl Shown {
+    fn mean(Mean { rgb, depth }: Mean) -> Option<Self> {
+        (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
+    }
+}

@@ -1,0 +1,122 @@
+//! Every sampling method, filter and lighting against the oracle, through bricks of several sizes: what they all have in common
+//! with a plain picture is in `pictures.rs`.
+
+mod bricks;
+
+use bricks::Volume;
+use brickyard_volume::*;
+use glam::DVec3;
+
+/// In 1/255: rounding of sums.
+const TOLERANCE: u8 = 1;
+
+fn transfer((low, high): (f64, f64)) -> TransferFunction {
+    let at = |code: u32| low + code as f64 / 255.0 * (high - low);
+    TransferFunction {
+        color: vec![[at(25), 0.9, 0.1, 0.2], [at(127), 0.1, 1.0, 0.3], [at(230), 0.2, 0.3, 1.0]],
+        opacity: vec![[at(76), 0.0], [at(127), 0.08], [at(178), 0.02], [at(190), 0.3], [at(255), 0.9]],
+        unit_distance: 1.5,
+    }
+}
+
+fn blobs(p: DVec3) -> f64 {
+    let wave = (p.x * 0.31).sin() + (p.y * 0.23 + 1.0).sin() + (p.z * 0.37 + p.x * 0.1).cos();
+    (wave / 6.0 + 0.5).clamp(0.0, 1.0)
+}
+
+fn frame(volume: &Volume, sampling: Sampling, lighting: Lighting, step: f64) -> FrameSettings {
+    let projection = Projection::Perspective { fov_y_deg: 45.0 };
+    let eye = DVec3::new(-40.0, -25.0, 60.0);
+    let camera = Camera { eye, target: DVec3::new(20.0, 18.0, 22.0), up: DVec3::Z, projection };
+    let (low, high) = (volume.encoding.low, volume.encoding.high);
+    FrameSettings {
+        rays: camera.rays(24, 20).unwrap(),
+        lattice: Lattice::uniform(step, 0),
+        geometry: Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), ..Geometry::default() },
+        encoding: volume.encoding,
+        table: TransferTable::new(&transfer((low, high)), &volume.encoding),
+        mode: Mode::Dvr,
+        isovalue: 0.0,
+        sampling,
+        lighting,
+        background: [0.1, 0.2, 0.35],
+        clip: None,
+    }
+}
+
+fn lightings() -> Vec<Lighting> {
+    let mut all = vec![Lighting::default()];
+    for gradient in Gradient::ALL {
+        all.push(Lighting { model: LightingModel::BlinnPhong, gradient, lights: Vec::new() });
+        all.push(Lighting { model: LightingModel::Phong, gradient, lights: vec![DVec3::new(-30.0, 10.0, 40.0)] });
+    }
+    let lights = vec![DVec3::new(90.0, 10.0, 40.0), DVec3::new(0.0, -50.0, -20.0)];
+    all.push(Lighting { model: LightingModel::Tone, gradient: Gradient::Central, lights });
+    all
+}
+
+/// Draws with the oracle and through bricks, and compares.
+fn agree(volume: &Volume, frame: &FrameSettings, expected: &mut Option<Picture>, what: &str) {
+    let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
+    let transfer = transfer((volume.encoding.low, volume.encoding.high));
+    let expected = expected.get_or_insert_with(|| volume.reference(frame, &cut, &transfer));
+    let found = volume.render(frame, &cut, 2);
+    let difference = found.difference(expected);
+    assert!(difference.max <= TOLERANCE, "{what}: {difference:?}");
+    let colors: std::collections::BTreeSet<_> = found.rgb.iter().collect();
+    assert!(colors.len() > 60, "{what}: a flat picture proves nothing");
+}
+
+fn volumes(encoding: SlotEncoding, value: impl Fn(DVec3) -> f64) -> [Volume; 3] {
+    [8, 16, 64].map(|edge| Volume::new(Extent::new(41, 37, 45), DVec3::ONE, edge, encoding, &value))
+}
+
+#[test]
+fn every_method_filter_and_lighting_matches_the_oracle_in_bricks_of_any_size() {
+    let volumes = volumes(SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false), |p| 255.0 * blobs(p));
+    for method in Method::ALL {
+        for filter in Filter::ALL {
+            for lighting in lightings() {
+                let sampling = Sampling { method, filter };
+                let frame = frame(&volumes[0], sampling, lighting, 0.8);
+                let mut expected = None;
+                for volume in &volumes {
+                    let what = format!("{sampling:?} {:?} in {}", frame.lighting, volume.pyramid.edge());
+                    agree(volume, &frame, &mut expected, &what);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn invalid_voxels_and_wide_codes_match_the_oracle() {
+    let mut encoding = SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true);
+    encoding.has_invalid = true;
+    let hole = |p: DVec3| (p - DVec3::new(20.0, 15.0, 22.0)).length() < 7.0;
+    let volumes = volumes(encoding, |p| if hole(p) { f64::NAN } else { -1.0 + 4.0 * blobs(p) });
+    let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
+    for method in Method::ALL {
+        for (filter, lighting) in [(Filter::Trilinear, Lighting::default()), (Filter::Tricubic, lit.clone())] {
+            let sampling = Sampling { method, filter };
+            let frame = frame(&volumes[0], sampling, lighting, 0.8);
+            let mut expected = None;
+            for volume in &volumes[..2] {
+                agree(volume, &frame, &mut expected, &format!("{sampling:?} in {}", volume.pyramid.edge()));
+            }
+        }
+    }
+}
+
+#[test]
+fn other_modes_are_filtered_alike() {
+    let volumes = volumes(SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false), |p| 255.0 * blobs(p));
+    for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
+        let sampling = Sampling { filter: Filter::Tricubic, ..Sampling::default() };
+        let frame = FrameSettings { mode, ..frame(&volumes[0], sampling, Lighting::default(), 0.8) };
+        let mut expected = None;
+        for volume in &volumes {
+            agree(volume, &frame, &mut expected, &format!("{mode:?} in {}", volume.pyramid.edge()));
+        }
+    }
+}

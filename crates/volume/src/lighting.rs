@@ -1,0 +1,178 @@
+//! Lighting: what a place of the field shows of its colour under its gradient as a normal.
+//!
+//! Both sides of a surface are lit: a normal is turned to the eye. Colours are as they are written, without gamma.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// How colours become lit ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightingModel {
+    /// Colours as they are.
+    #[default]
+    None,
+    /// Phong's: the reflection falls with the angle between the mirrored light and the eye.
+    Phong,
+    /// Blinn's: with the angle between the normal and the half-way vector of light and eye.
+    BlinnPhong,
+    /// From warm where a place faces the light to cool where it is turned away (Gooch et al., A Non-Photorealistic Lighting Model
+    /// for Automatic Technical Illustration, 1998).
+    Tone,
+}
+
+impl LightingModel {
+    /// All models.
+    pub const ALL: [LightingModel; 4] = [Self::None, Self::Phong, Self::BlinnPhong, Self::Tone];
+}
+
+/// How the field's gradient is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Gradient {
+    /// Differences of the filtered field a voxel to each side: 6 samples.
+    #[default]
+    Central,
+    /// The 3D Sobel operator on the filtered field's 26 neighbours: such differences, smoothed across.
+    Sobel,
+}
+
+impl Gradient {
+    /// Both.
+    pub const ALL: [Gradient; 2] = [Self::Central, Self::Sobel];
+
+    /// How far they reach, in voxels.
+    pub const REACH: f64 = 1.0;
+}
+
+/// Weights of the Sobel operator across the axis of its difference; they add up to 1.
+pub const SMOOTH: [f64; 3] = [0.25, 0.5, 0.25];
+
+/// Light that comes from everywhere: what is shown of a colour however a place is turned. This and the rest are VTK's defaults.
+pub const AMBIENT: f64 = 0.1;
+
+/// What is shown besides by what faces a light.
+pub const DIFFUSE: f64 = 0.7;
+
+/// What it reflects of the white light.
+pub const SPECULAR: f64 = 0.2;
+
+/// How fast the reflection fades as it turns away: the power of the cosine.
+pub const SPECULAR_POWER: i32 = 10;
+
+/// Lights at most.
+pub const MAX_LIGHTS: usize = 4;
+
+/// What is added to a colour where it is coolest and warmest, and how much of it is kept.
+pub const COOL: [f64; 3] = [0.0, 0.0, 0.4];
+/// See [`COOL`].
+pub const WARM: [f64; 3] = [0.3, 0.3, 0.0];
+/// See [`COOL`].
+pub const TONE_KEPT: [f64; 2] = [0.3, 0.7];
+
+/// The lighting of a picture.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Lighting {
+    /// How colours become lit ones.
+    pub model: LightingModel,
+    /// How the gradient is found.
+    pub gradient: Gradient,
+    /// Where the lights are, in the world; none is one at the eye.
+    pub lights: Vec<DVec3>,
+}
+
+impl Lighting {
+    /// A colour lit at a place: `normal` is a unit vector along the gradient, either way, or `None` where the field is flat:
+    /// what is flat shows its colour as if it faced a light at the eye, and reflects nothing. `view` is the ray's unit
+    /// direction there.
+    pub fn shade(&self, color: DVec3, normal: Option<DVec3>, view: DVec3, place: DVec3) -> DVec3 {
+        let Some(normal) = normal else {
+            return match self.model {
+                LightingModel::None => color,
+                LightingModel::Phong | LightingModel::BlinnPhong => color * (AMBIENT + DIFFUSE),
+                LightingModel::Tone => tone(color, 1.0),
+            };
+        };
+        let normal = if normal.dot(view) > 0.0 { -normal } else { normal };
+        let to_lights = self.lights.iter().map(|&light| (light - place).normalize_or(-view));
+        let (mut diffuse, mut specular, mut facing) = (0.0, 0.0, -1.0f64);
+        for to_light in to_lights.chain(self.lights.is_empty().then_some(-view)) {
+            let cosine = normal.dot(to_light);
+            facing = facing.max(cosine);
+            if cosine > 0.0 {
+                diffuse += cosine;
+                specular += self.reflection(normal, to_light, view, cosine).max(0.0).powi(SPECULAR_POWER);
+            }
+        }
+        match self.model {
+            LightingModel::None => color,
+            LightingModel::Phong | LightingModel::BlinnPhong => {
+                color * (AMBIENT + DIFFUSE * diffuse) + DVec3::splat(SPECULAR * specular)
+            }
+            LightingModel::Tone => tone(color, facing),
+        }
+    }
+
+    /// The cosine whose power is the reflection.
+    fn reflection(&self, normal: DVec3, to_light: DVec3, view: DVec3, cosine: f64) -> f64 {
+        match self.model {
+            LightingModel::Phong => (normal * (2.0 * cosine) - to_light).dot(-view),
+            _ => normal.dot((to_light - view).normalize_or(normal)),
+        }
+    }
+}
+
+/// Cool to warm with the cosine from -1 to 1.
+fn tone(color: DVec3, cosine: f64) -> DVec3 {
+    let warmth = 0.5 * (1.0 + cosine);
+    let [cool, warm] = [COOL, WARM].map(DVec3::from_array);
+    (cool + color * TONE_KEPT[0]).lerp(warm + color * TONE_KEPT[1], warmth)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lit(model: LightingModel, lights: &[DVec3]) -> Lighting {
+        Lighting { model, lights: lights.to_vec(), ..Lighting::default() }
+    }
+
+    #[test]
+    fn a_headlight_lights_both_sides_by_the_cosine() {
+        let (color, view) = (DVec3::new(0.5, 0.25, 1.0), DVec3::Z);
+        let normal = DVec3::new(0.0, 0.6, 0.8);
+        let blinn = lit(LightingModel::BlinnPhong, &[]);
+        let expected = color * (0.1 + 0.7 * 0.8) + DVec3::splat(0.2 * 0.8f64.powi(10));
+        for normal in [normal, -normal] {
+            assert!((blinn.shade(color, Some(normal), view, DVec3::ZERO) - expected).length() < 1e-12);
+        }
+        // Phong's mirrored light is turned by twice the angle: cos 2a = 2 * 0.64 - 1.
+        let expected = color * (0.1 + 0.7 * 0.8) + DVec3::splat(0.2 * 0.28f64.powi(10));
+        let phong = lit(LightingModel::Phong, &[]);
+        assert!((phong.shade(color, Some(normal), view, DVec3::ZERO) - expected).length() < 1e-12);
+        assert_eq!(lit(LightingModel::None, &[]).shade(color, Some(normal), view, DVec3::ZERO), color);
+    }
+
+    #[test]
+    fn placed_lights_add_up_and_leave_what_is_turned_away() {
+        let (color, view, normal) = (DVec3::ONE, DVec3::Z, DVec3::NEG_Z);
+        let place = DVec3::new(1.0, 2.0, 3.0);
+        let behind = lit(LightingModel::Phong, &[place + DVec3::Z]);
+        assert!((behind.shade(color, Some(normal), view, place) - DVec3::splat(0.1)).length() < 1e-12);
+        // Both from 60 degrees: the mirrored light is as far from the eye.
+        let aside = DVec3::new(0.75f64.sqrt(), 0.0, -0.5);
+        let two = lit(LightingModel::Phong, &[place + aside, place + aside * 7.0]);
+        let expected = 0.1 + 0.7 * (0.5 + 0.5) + 0.2 * 2.0 * 0.5f64.powi(10);
+        assert!((two.shade(color, Some(normal), view, place) - DVec3::splat(expected)).length() < 1e-12);
+    }
+
+    #[test]
+    fn tone_goes_from_warm_to_cool() {
+        let (color, view, place) = (DVec3::splat(0.5), DVec3::Z, DVec3::ZERO);
+        let toned = |light: DVec3| lit(LightingModel::Tone, &[light]).shade(color, Some(DVec3::NEG_Z), view, place);
+        let (warm, cool) = (toned(DVec3::NEG_Z), toned(DVec3::Z));
+        assert!((warm - DVec3::new(0.65, 0.65, 0.35)).length() < 1e-12);
+        assert!((cool - DVec3::new(0.15, 0.15, 0.55)).length() < 1e-12);
+    }
+}

@@ -1,0 +1,232 @@
+//! How a ray's segments are sampled and classified in direct volume rendering, and how the field is filtered: the methods that
+//! Gavrilov, Turlapov and others compare in "Measuring the quality of volume rendering" (2013).
+//!
+//! A method reads the field in the middle of a segment, at its ends, or at its ends and those of its neighbours, and takes
+//! the *curve* through what it has read for the field in between. A segment is cut into equal *parts*; each part is classified either
+//! by the value in its middle, or by the mean of the transfer function over the values from one of its ends to the other
+//! ([pre-integrated](crate::integrals)). Parts follow one another from front to back.
+//!
+//! Every place is read in the brick that owns the segment. So [`Needs::apron`] says how far methods reach out of it; steps
+//! longer than a voxel reach further, and read what is nearest in the brick.
+
+use crate::lighting::{Gradient, Lighting, LightingModel};
+use crate::scene::Mode;
+use serde::{Deserialize, Serialize};
+
+/// Parts of a segment where there are virtual samples: the paper's optimum.
+pub const PARTS: usize = 3;
+
+/// Parts of a segment that [`Method::Adaptive`] takes, at most.
+pub const MOST_PARTS: usize = 8;
+
+/// Of the codes' whole range, the share by which the ends of a part of [`Method::Adaptive`] may differ.
+pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
+
+/// How a segment becomes a medium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// One sample in the middle.
+    #[default]
+    Udvr,
+    /// The transfer function's mean between the ends.
+    Pdvr,
+    /// Virtual samples on a straight line between the ends.
+    Lvs,
+    /// Virtual samples on a cubic curve through the ends and those of the neighbours, which stays between the ends.
+    Cvs,
+    /// As many samples as the ends' difference asks for.
+    Asm,
+    /// [`Method::Lvs`], parts pre-integrated.
+    Plvs,
+    /// [`Method::Cvs`], parts pre-integrated.
+    Pcvs,
+}
+
+/// What a method takes for the field along a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Curve {
+    /// The value in the middle, everywhere.
+    Middle,
+    /// A line between the ends.
+    Line,
+    /// A cubic curve.
+    Cubic,
+    /// The field itself.
+    Field,
+}
+
+impl Method {
+    /// All methods.
+    pub const ALL: [Method; 7] = [Self::Udvr, Self::Pdvr, Self::Lvs, Self::Cvs, Self::Asm, Self::Plvs, Self::Pcvs];
+
+    /// What it takes for the field.
+    pub const fn curve(self) -> Curve {
+        match self {
+            Self::Udvr => Curve::Middle,
+            Self::Pdvr | Self::Lvs | Self::Plvs => Curve::Line,
+            Self::Cvs | Self::Pcvs => Curve::Cubic,
+            Self::Asm => Curve::Field,
+        }
+    }
+
+    /// Whether its parts are pre-integrated.
+    pub const fn is_pre_integrated(self) -> bool {
+        matches!(self, Self::Pdvr | Self::Plvs | Self::Pcvs)
+    }
+
+    /// Parts of a segment whose ends differ by this share of the codes' range.
+    pub fn parts(self, difference: f64) -> usize {
+        match self {
+            Self::Udvr | Self::Pdvr => 1,
+            Self::Lvs | Self::Cvs | Self::Plvs | Self::Pcvs => PARTS,
+            Self::Asm => ((difference / ADAPTIVE_SHARE).ceil() as usize).clamp(1, MOST_PARTS),
+        }
+    }
+
+    /// How far from a segment's middle it reads, in segments.
+    const fn reach(self) -> f64 {
+        match self.curve() {
+            Curve::Middle => 0.0,
+            Curve::Line | Curve::Field => 0.5,
+            Curve::Cubic => 1.5,
+        }
+    }
+}
+
+/// How the field is made of voxels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// Linear between the eight voxels around a place.
+    #[default]
+    Trilinear,
+    /// The cubic B-spline over the 64 voxels around it: smooth, and blurs.
+    Tricubic,
+}
+
+impl Filter {
+    /// Both.
+    pub const ALL: [Filter; 2] = [Self::Trilinear, Self::Tricubic];
+
+    /// Voxels on each side of a place that it takes.
+    pub const fn taps(self) -> u32 {
+        match self {
+            Self::Trilinear => 1,
+            Self::Tricubic => 2,
+        }
+    }
+
+    /// How far from a place, in voxels, the centres of its outermost voxels can be, less what those inside of the same brick
+    /// are: half a voxel less than [`Filter::taps`].
+    const fn reach(self) -> f64 {
+        self.taps() as f64 - 0.5
+    }
+}
+
+/// The uniform cubic B-spline's weights of the four voxels around a place, `t` from the second to the third.
+pub fn b_spline(t: f64) -> [f64; 4] {
+    let s = 1.0 - t;
+    [s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t].map(|w| w / 6.0)
+}
+
+/// The cubic curve of Catmull and Rom through four values, at `t` from the second to the third, kept between those two: so that it
+/// has no value that was not between samples, and what is known to be clear stays clear.
+pub fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
+    let value = catmull_rom([a, b, c, d], t);
+    value.clamp(b.min(c), b.max(c))
+}
+
+/// The curve of Catmull and Rom, as it is.
+pub fn catmull_rom([a, b, c, d]: [f64; 4], t: f64) -> f64 {
+    b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+}
+
+/// Method and filter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Sampling {
+    /// How segments become media.
+    pub method: Method,
+    /// How the field is made of voxels.
+    pub filter: Filter,
+}
+
+/// What a picture needs bricks, and the tables beside them, to have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// Voxels of its neighbours around a brick.
+    pub apron: u32,
+    /// How the field is made of voxels: decides what values a part of a brick can have.
+    pub filter: Filter,
+    /// Whether running integrals of the transfer function are among the tables.
+    pub is_pre_integrated: bool,
+}
+
+impl Needs {
+    /// Of a picture.
+    pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting) -> Self {
+        let filter = sampling.filter;
+        let along = match mode {
+            Mode::Dvr => sampling.method.reach(),
+            Mode::Mip | Mode::MinIp | Mode::Average => 0.0,
+            Mode::Isosurface => Method::Lvs.reach(),
+        };
+        let is_lit = mode == Mode::Isosurface || mode == Mode::Dvr && lighting.model != LightingModel::None;
+        let across = if is_lit { Gradient::REACH } else { 0.0 };
+        let is_pre_integrated = mode == Mode::Dvr && sampling.method.is_pre_integrated();
+        Self { apron: (along + across + filter.reach()).ceil() as u32, filter, is_pre_integrated }
+    }
+
+    /// Whether bricks made for these will do for those.
+    pub fn satisfy(&self, other: &Self) -> bool {
+        let has_tables = self.is_pre_integrated || !other.is_pre_integrated;
+        self.apron >= other.apron && self.filter.taps() >= other.filter.taps() && has_tables
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn splines_weigh_one_in_all_and_move_with_the_place() {
+        for t in [0.0, 0.25, 0.6, 1.0] {
+            let weights = b_spline(t);
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+            let place: f64 = weights.iter().zip([-1.0, 0.0, 1.0, 2.0]).map(|(w, x)| w * x).sum();
+            assert!((place - t).abs() < 1e-15, "{t}: {place}");
+        }
+    }
+
+    #[test]
+    fn curves_pass_through_the_ends_and_are_exact_for_parabolas() {
+        let parabola = |x: f64| 3.0 + 2.0 * x - 0.5 * x * x;
+        let points = [-1.0, 0.0, 1.0, 2.0].map(parabola);
+        for t in [0.0, 0.3, 0.5, 1.0] {
+            assert!((catmull_rom(points, t) - parabola(t)).abs() < 1e-14);
+            assert!((cubic(points, t) - parabola(t)).abs() < 1e-14);
+        }
+        assert_eq!(cubic([9.0, 0.0, 0.0, 9.0], 0.5), 0.0, "nothing below what was sampled");
+    }
+
+    #[test]
+    fn aprons_follow_what_is_read() {
+        let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
+        let apron =
+            |mode, method, filter, lighting: &Lighting| Needs::new(mode, Sampling { method, filter }, lighting).apron;
+        let (none, linear, cubic) = (Lighting::default(), Filter::Trilinear, Filter::Tricubic);
+        assert_eq!(apron(Mode::Dvr, Method::Udvr, linear, &none), 1);
+        assert_eq!(apron(Mode::Mip, Method::Pcvs, linear, &lit), 1);
+        assert_eq!(apron(Mode::Isosurface, Method::Udvr, linear, &none), 2);
+        assert_eq!(apron(Mode::Dvr, Method::Udvr, cubic, &none), 2);
+        assert_eq!(apron(Mode::Dvr, Method::Plvs, linear, &lit), 2);
+        assert_eq!(apron(Mode::Dvr, Method::Pcvs, linear, &none), 2);
+        assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), 4);
+    }
+
+    #[test]
+    fn adaptive_steps_follow_the_difference() {
+        assert_eq!([0.0, 0.01, 0.02, 0.9].map(|d| Method::Asm.parts(d)), [1, 1, 2, MOST_PARTS]);
+    }
+}

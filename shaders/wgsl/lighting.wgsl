@@ -1,0 +1,7 @@
+// What a place shows of its colour under its gradient as a normal. Twin of the volume crate's `lighting`.
+const AMBIENT: f32 = 0.1;
+const DIFFUSE: f32 = 0.7;
+const SPECULAR: f32 = 0.2;
+const SPECULAR_POWER: f32 = 10.0;
+// Differences of codes across two voxels below which a field is flat.
+const FLAT_CODES: f32 = 0.015625;

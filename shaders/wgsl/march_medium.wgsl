@@ -1,0 +1,43 @@
+// Adds up the segments of a cell, each looked at from end to end.
+@fragment
+fn march(in: Proxy) -> @location(0) vec4f {
+    frame = frame_settings;
+    let ray = pixel_ray(in.position.xy);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
+    let t_in = max(whole.x, 0.0);
+    let t_out = whole.y;
+    // Where middles of this cell's segments can be: its box, widened by what rounding moves a point.
+    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
+    let first = max(own.x, t_in);
+    let last = select(first, min(own.y, t_out), has_pixel(in));
+
+    // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
+    let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
+    let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
+
+    let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);
+    let stretch = vec2f(t_in, t_out);
+    var pixel = pixel_start();
+    var known: Known;
+    var is_first = true;
+    var walk = enter_zone(tick_at(first), 0u, stretch);
+    while (first < last && walk.middle < last && !is_final(pixel)) {
+        let point = ray.origin + ray.direction * walk.middle;
+        if (all(point >= low) && all(point < high)) {
+            if (is_first) {
+                known = known_of(field, walk.start, walk.end);
+            } else {
+                known = known_next(known, field, walk.start, walk.end);
+            }
+            is_first = false;
+            let taken = take(pixel, known, field, ray, walk.start, walk.end);
+            pixel = taken.pixel;
+            known = taken.known;
+        }
+        walk = walk_on(walk, stretch);
+        if (is_zone_left(walk)) {
+            walk = next_zone(walk, stretch);
+        }
+    }
+    return pixel_end(pixel);
+}

@@ -1,0 +1,314 @@
+// Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
+// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING` and
+// `IS_SOBEL` leave out is no part of the compiled shader.
+const FIRST_SHARE: f32 = 0.0;
+
+// Values of CURVE.
+const MIDDLE: u32 = 0u;
+const LINE: u32 = 1u;
+const CUBIC: u32 = 2u;
+const FIELD: u32 = 3u;
+// Values of LIGHTING.
+const UNLIT: u32 = 0u;
+const PHONG: u32 = 1u;
+const BLINN_PHONG: u32 = 2u;
+const TONE: u32 = 3u;
+
+const MOST_PARTS: u32 = 8u;
+const ADAPTIVE_SHARE: f32 = 0.015625;
+const CLOSE_CODES: f32 = 0.015625;
+const MAX_DEPTH: f32 = 4096.0;
+
+const COOL: vec3f = vec3f(0.0, 0.0, 0.4);
+const WARM: vec3f = vec3f(0.3, 0.3, 0.0);
+const TONE_KEPT: vec2f = vec2f(0.3, 0.7);
+
+struct Pixel {
+    color: vec3f,
+    transmittance: f32,
+}
+
+fn pixel_start() -> Pixel {
+    return Pixel(vec3f(0.0), 1.0);
+}
+
+fn is_final(pixel: Pixel) -> bool {
+    return pixel.transmittance < 1.0 / 4096.0;
+}
+
+fn pixel_end(pixel: Pixel) -> vec4f {
+    return vec4f(pixel.color, 1.0 - pixel.transmittance);
+}
+
+// What is known of the field about a segment: values a segment's length before it, at its ends, and after it, negative where there
+// is none; and of those gradients that were asked for (see `differences`), a bit each.
+struct Known {
+    values: vec4f,
+    length: f32,
+    gradients: u32,
+    g0: vec3f,
+    g1: vec3f,
+    g2: vec3f,
+    g3: vec3f,
+}
+
+fn inside(field: Field, t: f32) -> f32 {
+    return value_at(field, clamp(t, field.reach.x, field.reach.y));
+}
+
+fn known_of(field: Field, start: f32, end: f32) -> Known {
+    var known: Known;
+    known.length = end - start;
+    if (CURVE != MIDDLE) {
+        known.values.y = inside(field, start);
+        known.values.z = inside(field, end);
+    }
+    if (CURVE == CUBIC) {
+        known.values.x = inside(field, start - known.length);
+        known.values.w = inside(field, end + known.length);
+    }
+    return known;
+}
+
+// The next segment's: of one as long, all but the last value are known.
+fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
+    let length = end - start;
+    if (CURVE == CUBIC && abs(length - before.length) > 1e-3 * length) {
+        return known_of(field, start, end);
+    }
+    var known = before;
+    known.length = length;
+    if (CURVE == LINE || CURVE == FIELD) {
+        known.values.y = before.values.z;
+        known.values.z = inside(field, end);
+    }
+    if (CURVE == CUBIC) {
+        known.values = vec4f(before.values.yzw, inside(field, end + length));
+        known.g0 = before.g1;
+    }
+    known.g1 = before.g2;
+    known.g2 = before.g3;
+    known.gradients = select(before.gradients >> 1u & 2u, before.gradients >> 1u, CURVE == CUBIC);
+    return known;
+}
+
+// The value a voxel away from a texel; one that is not there is as good as the one in the middle.
+fn neighbour(field: Field, texel: vec3f, offset: vec3f, middle: f32) -> f32 {
+    let value = sample_atlas(clamp(texel + offset, field.low, field.high));
+    return select(value, middle, HAS_INVALID && value < 0.0);
+}
+
+// Differences of values across two voxels along each axis, about a place with a value.
+fn differences(field: Field, t: f32, middle: f32) -> vec3f {
+    let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
+    var sum = vec3f(0.0);
+    if (IS_SOBEL) {
+        for (var i = 0u; i < 27u; i++) {
+            let offset = vec3f(vec3u(i % 3u, i / 3u % 3u, i / 9u)) - 1.0;
+            let smoothed = 0.5 - 0.25 * abs(offset);
+            sum += offset * smoothed.yxx * smoothed.zzy * neighbour(field, texel, offset, middle);
+        }
+    } else {
+        let x = vec3f(1.0, 0.0, 0.0);
+        let y = vec3f(0.0, 1.0, 0.0);
+        let z = vec3f(0.0, 0.0, 1.0);
+        sum.x = neighbour(field, texel, x, middle) - neighbour(field, texel, -x, middle);
+        sum.y = neighbour(field, texel, y, middle) - neighbour(field, texel, -y, middle);
+        sum.z = neighbour(field, texel, z, middle) - neighbour(field, texel, -z, middle);
+    }
+    return sum;
+}
+
+fn toned(color: vec3f, cosine: f32) -> vec3f {
+    return mix(COOL + color * TONE_KEPT.x, WARM + color * TONE_KEPT.y, 0.5 * (1.0 + cosine));
+}
+
+// A colour lit at a place of the ray.
+fn shade(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
+    if (length(differences) * frame.last_code < FLAT_CODES) {
+        if (LIGHTING == TONE) {
+            return toned(color, 1.0);
+        }
+        return color * (AMBIENT + DIFFUSE);
+    }
+    let view = ray.direction * frame.spacing;
+    let gradient = normalize(differences * field.scale / frame.spacing);
+    let normal = select(gradient, -gradient, dot(gradient, view) > 0.0);
+    var diffuse = 0.0;
+    var specular = 0.0;
+    var facing = -1.0;
+    for (var i = 0u; i < max(frame.lights, 1u); i++) {
+        var to_light = -view;
+        if (frame.lights > 0u) {
+            let place = (ray.origin + ray.direction * t) * frame.spacing;
+            to_light = normalize(frame.light_places[i].xyz - place);
+        }
+        let cosine = dot(normal, to_light);
+        facing = max(facing, cosine);
+        if (cosine > 0.0 && LIGHTING != TONE) {
+            diffuse += cosine;
+            var reflected = 0.0;
+            if (LIGHTING == PHONG) {
+                reflected = dot(normal * (2.0 * cosine) - to_light, -view);
+            } else {
+                reflected = dot(normal, normalize(to_light - view));
+            }
+            specular += pow(clamp(reflected, 0.0, 1.0), SPECULAR_POWER);
+        }
+    }
+    if (LIGHTING == TONE) {
+        return toned(color, facing);
+    }
+    return color * (AMBIENT + DIFFUSE * diffuse) + SPECULAR * specular;
+}
+
+// The running integral of one of four channels up to a code's entry, 64 bits as two words.
+fn sum_at(entry: u32, channel: u32) -> vec2u {
+    return table[u32(frame.last_place) + 1u + entry * 4u + channel];
+}
+
+// What there is of the integral past an entry, on the first `t` of the way to the next.
+fn rest_of(entry: u32, t: f32) -> vec4f {
+    let places = frame.last_place / frame.last_code;
+    let a = medium_at(u32(f32(entry) * places + 0.5));
+    let b = medium_at(u32((f32(entry) + 1.0) * places + 0.5));
+    let depth = min(a.depth, MAX_DEPTH);
+    let slope = min(b.depth, MAX_DEPTH) - depth;
+    let tint = b.color - a.color;
+    let tinted = a.color * depth + t * (0.5 * (a.color * slope + tint * depth) + t * tint * slope / 3.0);
+    return t * vec4f(tinted, depth + 0.5 * t * slope);
+}
+
+// The mean medium between two values.
+fn mean_medium(one: f32, other: f32) -> Medium {
+    let low = clamp(min(one, other), 0.0, 1.0) * frame.last_code;
+    let high = clamp(max(one, other), 0.0, 1.0) * frame.last_code;
+    if (high - low < CLOSE_CODES) {
+        return classify(0.5 * (one + other));
+    }
+    let first = min(floor(low), frame.last_code - 1.0);
+    let last = min(floor(high), frame.last_code - 1.0);
+    var sums = rest_of(u32(last), high - last) - rest_of(u32(first), low - first);
+    if (last > first) {
+        for (var channel = 0u; channel < 4u; channel++) {
+            let a = sum_at(u32(first), channel);
+            let b = sum_at(u32(last), channel);
+            let words = vec2u(b.x - a.x, b.y - a.y - u32(b.x < a.x));
+            sums[channel] += (f32(words.y) * 4294967296.0 + f32(words.x)) * frame.sum_unit;
+        }
+    }
+    let depth = max(sums.w, 0.0);
+    let color = select(vec3f(0.0), clamp(sums.xyz / max(depth, 1e-30), vec3f(0.0), vec3f(1.0)), depth > 0.0);
+    return Medium(color, depth / (high - low));
+}
+
+fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
+    let left = exp2(-medium.depth * length * frame.per_unit_distance);
+    return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left);
+}
+
+// A real sample, and what it stands for.
+fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pixel {
+    let value = inside(field, t);
+    var medium = classify(value);
+    if ((HAS_INVALID && value < 0.0) || medium.depth <= 0.0) {
+        return pixel;
+    }
+    var color = medium.color;
+    if (LIGHTING != UNLIT) {
+        color = shade(field, ray, t, color, differences(field, t, value));
+    }
+    return add(pixel, medium, color, length);
+}
+
+// The curve of Catmull and Rom through four values.
+fn catmull_rom(a: vec3f, b: vec3f, c: vec3f, d: vec3f, t: f32) -> vec3f {
+    return b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
+}
+
+// The value on the curve, `s` of the way along the segment.
+fn on_curve(values: vec4f, s: f32) -> f32 {
+    if (CURVE == LINE) {
+        return mix(values.y, values.z, s);
+    }
+    let value = catmull_rom(vec3f(values.x), vec3f(values.y), vec3f(values.z), vec3f(values.w), s).x;
+    return clamp(value, min(values.y, values.z), max(values.y, values.z));
+}
+
+// Takes a segment. Returns what is known of the field then beside the pixel.
+struct Taken {
+    pixel: Pixel,
+    known: Known,
+}
+
+fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
+    var pixel = before;
+    var known = so_far;
+    let length = end - start;
+    if (CURVE == MIDDLE) {
+        return Taken(add_sampled(pixel, field, ray, 0.5 * (start + end), length), known);
+    }
+    // Where only one end has a value, it stands for the other.
+    var values = known.values;
+    if (HAS_INVALID) {
+        values.y = select(values.y, values.z, values.y < 0.0);
+        values.z = select(values.z, values.y, values.z < 0.0);
+        values.x = select(values.x, values.y, values.x < 0.0);
+        values.w = select(values.w, values.z, values.w < 0.0);
+        if (values.y < 0.0) {
+            return Taken(pixel, known);
+        }
+    }
+    if (CURVE == FIELD) {
+        let parts = clamp(u32(ceil(abs(values.z - values.y) / ADAPTIVE_SHARE)), 1u, MOST_PARTS);
+        let part = length / f32(parts);
+        for (var k = 0u; k < parts; k++) {
+            pixel = add_sampled(pixel, field, ray, start + (f32(k) + 0.5) * part, part);
+        }
+        return Taken(pixel, known);
+    }
+    for (var k = 0u; k < PARTS; k++) {
+        let s = vec3f(f32(k), f32(k) + 0.5, f32(k) + 1.0) / f32(PARTS);
+        var medium: Medium;
+        if (IS_PRE_INTEGRATED) {
+            medium = mean_medium(on_curve(values, s.x), on_curve(values, s.z));
+        } else {
+            medium = classify(on_curve(values, s.y));
+        }
+        if (medium.depth > 0.0) {
+            var color = medium.color;
+            if (LIGHTING != UNLIT) {
+                known = with_gradients(known, values, field, start, end);
+                var gradient = mix(known.g1, known.g2, s.y);
+                if (CURVE == CUBIC) {
+                    gradient = catmull_rom(known.g0, known.g1, known.g2, known.g3, s.y);
+                }
+                color = shade(field, ray, start + s.y * length, color, gradient);
+            }
+            pixel = add(pixel, medium, color, length / f32(PARTS));
+        }
+    }
+    return Taken(pixel, known);
+}
+
+// With all gradients that the curve passes through.
+fn with_gradients(so_far: Known, values: vec4f, field: Field, start: f32, end: f32) -> Known {
+    var known = so_far;
+    let length = end - start;
+    if ((known.gradients & 2u) == 0u) {
+        known.g1 = differences(field, start, values.y);
+    }
+    if ((known.gradients & 4u) == 0u) {
+        known.g2 = differences(field, end, values.z);
+    }
+    if (CURVE == CUBIC) {
+        if ((known.gradients & 1u) == 0u) {
+            known.g0 = differences(field, start - length, values.x);
+        }
+        if ((known.gradients & 8u) == 0u) {
+            known.g3 = differences(field, end + length, values.w);
+        }
+    }
+    known.gradients = 15u;
+    return known;
+}

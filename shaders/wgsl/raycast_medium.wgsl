@@ -1,0 +1,64 @@
+// As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, each in the brick that owns it,
+// and what is known of the field goes with a ray from one segment of a brick to the next.
+@fragment
+fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    frame = frame_settings;
+    let ray = pixel_ray(position.xy);
+    let threshold = dither(position.xy);
+    let whole = clip(ray, frame.shown_low, frame.shown_high);
+    let stretch = vec2f(max(whole.x, 0.0), whole.y);
+    var pixel = pixel_start();
+    var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
+    while (walk.start < stretch.y && !is_final(pixel)) {
+        if (is_zone_left(walk)) {
+            walk = next_zone(walk, stretch);
+        }
+        let place = find_place(ray.origin + ray.direction * walk.middle);
+        // The leaf has at least this segment, even where rounding puts its end before it.
+        let leave = max(min(leaving(ray, place.low, place.size), stretch.y), walk.end);
+        var brick: RayBrick;
+        var is_brick_seen = place.number != 0u;
+        if (is_brick_seen) {
+            let number = brick_number(place.number, threshold);
+            mark(number, pixel);
+            brick = bricks[number];
+            is_brick_seen = sees(pixel, brick.range);
+        }
+        let field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
+        // Longer segments reach out of macro-cells farther than their ranges hold.
+        let is_covered = CURVE == MIDDLE || overhang(ray, brick.texel_scale, walk.stride) == 0.0;
+        let has_cells = is_brick_seen && is_covered && brick.first_range != NO_RANGES;
+        var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
+        loop {
+            // The whole leaf if it is seen and has no cells to tell; else what is seen of it next.
+            var run = Run(select(leave, walk.middle, is_brick_seen), select(-1.0, leave, is_brick_seen), cells);
+            if (has_cells) {
+                run = next_run(ray, pixel, brick, cells, leave);
+                cells = run.cells;
+            }
+            // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
+            if (run.enter > walk.middle || leave <= walk.middle) {
+                walk = walk_past(walk, run.enter, stretch);
+            }
+            let until = min(run.end, leave);
+            var known: Known;
+            var is_first = true;
+            while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {
+                if (is_first) {
+                    known = known_of(field, walk.start, walk.end);
+                } else {
+                    known = known_next(known, field, walk.start, walk.end);
+                }
+                is_first = false;
+                let taken = take(pixel, known, field, ray, walk.start, walk.end);
+                pixel = taken.pixel;
+                known = taken.known;
+                walk = walk_on(walk, stretch);
+            }
+            if (walk.middle >= leave || is_zone_left(walk) || is_final(pixel)) {
+                break;
+            }
+        }
+    }
+    return pixel_end(pixel);
+}

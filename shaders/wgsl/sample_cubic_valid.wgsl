@@ -1,0 +1,42 @@
+// The tricubic B-spline where code 0 means invalid: invalid voxels are left out, and where they hold more than half the weight
+// there is no value (-1).
+@group(0) @binding(2) var atlas: texture_3d<f32>;
+@group(0) @binding(3) var atlas_sampler: sampler;
+
+const HAS_INVALID: bool = true;
+const MARGIN: f32 = 1.5;
+
+fn spline(t: f32) -> vec4f {
+    let s = 1.0 - t;
+    return vec4f(s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t) / 6.0;
+}
+
+// The weighted sum of a row of voxels along x, and what of the weight is valid.
+fn row(first: vec3i, weights: vec4f) -> vec2f {
+    let a = textureLoad(atlas, first, 0).x;
+    let b = textureLoad(atlas, first + vec3i(1, 0, 0), 0).x;
+    let c = textureLoad(atlas, first + vec3i(2, 0, 0), 0).x;
+    let d = textureLoad(atlas, first + vec3i(3, 0, 0), 0).x;
+    let values = vec4f(a, b, c, d);
+    let valid = select(vec4f(0.0), weights, values > vec4f(0.0));
+    return vec2f(dot(valid, values), dot(valid, vec4f(1.0)));
+}
+
+fn sample_atlas(point: vec3f) -> f32 {
+    let corner = floor(point - 0.5);
+    let t = point - 0.5 - corner;
+    let first = vec3i(corner) - 1;
+    let x = spline(t.x);
+    let y = spline(t.y);
+    let z = spline(t.z);
+    var sums = vec2f(0.0);
+    // In few rounds: lavapipe gives up on a shader whose loops go round 65,535 times in all.
+    for (var k = 0; k < 4; k++) {
+        let plane = first + vec3i(0, 0, k);
+        sums += z[k] * y.x * row(plane, x);
+        sums += z[k] * y.y * row(plane + vec3i(0, 1, 0), x);
+        sums += z[k] * y.z * row(plane + vec3i(0, 2, 0), x);
+        sums += z[k] * y.w * row(plane + vec3i(0, 3, 0), x);
+    }
+    return select(-1.0, sums.x / sums.y, sums.y >= 0.5);
+}
