@@ -73,6 +73,10 @@ pub struct FrameUniform {
     pub surface_color: [f32; 3],
     /// Normalised code from which on a place is inside of it.
     pub threshold: f32,
+    /// How far rays lean to the right, in units of `right`: 0 in orthographic views, where `forward` leans.
+    pub shift: f32,
+    /// Padding.
+    pub spare: [f32; 3],
     /// Where the lights are: voxels from the volume's corner times the spacing.
     pub light_places: [[f32; 4]; 4],
     /// First tick of each zone.

@@ -33,6 +33,8 @@ struct Frame {
     lights: u32,
     surface_color: vec3f,
     threshold: f32,
+    shift: f32,
+    spare: array<f32, 3>,
     light_places: array<vec4f, 4>,
     zone_starts: array<vec4u, 4>,
 }

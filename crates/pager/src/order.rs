@@ -48,7 +48,7 @@ struct Origins(Vec<[Option<i64>; 3]>);
 impl Origins {
     fn new(pyramid: &Pyramid, geometry: &Geometry, rays: &ViewRays) -> Self {
         let eye = geometry.voxel_from_world(rays.eye).to_array();
-        let forward = rays.forward.to_array();
+        let forward = rays.middle().to_array();
         let levels = pyramid.levels().iter().map(|level| {
             let bricks = level.bricks.to_array();
             std::array::from_fn(|a| {

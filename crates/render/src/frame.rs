@@ -23,19 +23,21 @@ pub(crate) fn frame_uniform(
     let eye = frame.geometry.voxel_from_world(rays.eye);
     let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
+    // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
+    let (forward, shift) = if rays.orthographic { (rays.middle(), 0.0) } else { (rays.forward, rays.shift) };
     let threshold = frame.encoding.unorm(frame.isovalue);
     let [r, g, b, _] = frame.table.lookup(threshold as f32);
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
-        forward: single(rays.forward / spacing),
+        forward: single(forward / spacing),
         // A point is a sum of two products: a few units in the last place (2^-24) of its largest term.
         slack: (8e-7 * (eye.abs().max_element() + extent.max_element())) as f32,
         right: single(rays.right / spacing),
         half_width: rays.right.length() as f32,
         up: single(rays.up / spacing),
         half_height: rays.up.length() as f32,
-        clip_x: single(rays.right * spacing / rays.right.length_squared()),
+        clip_x: single((rays.right / rays.right.length_squared() - rays.forward * rays.shift) * spacing),
         near: (1e-3 * frame.lattice.step) as f32,
         clip_y: single(rays.up * spacing / rays.up.length_squared()),
         pixel_share: (rays.pixel_size(1.0) / 8.0) as f32,
@@ -60,8 +62,10 @@ pub(crate) fn frame_uniform(
         lights: frame.lighting.lights.len() as u32,
         surface_color: [r, g, b],
         threshold: threshold as f32,
+        shift: shift as f32,
         light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
+        ..Default::default()
     }
 }
 

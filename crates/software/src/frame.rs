@@ -293,7 +293,7 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, region: VoxelBox) -> Option<
             return Some(PixelRect { x0: 0, x1: rays.width, y0: 0, y1: rays.height });
         }
         let scale = if rays.orthographic { 1.0 } else { depth };
-        let u = corner.dot(rays.right) / (rays.right.length_squared() * scale);
+        let u = (corner.dot(rays.right) / rays.right.length_squared() - depth * rays.shift) / scale;
         let v = corner.dot(rays.up) / (rays.up.length_squared() * scale);
         let px = [(1.0 + u) * 0.5 * rays.width as f64, (1.0 - v) * 0.5 * rays.height as f64];
         for k in 0..2 {
@@ -319,13 +319,14 @@ mod tests {
         let (low, high) = (DVec3::new(10.0, 20.0, 5.0), DVec3::new(18.0, 28.0, 13.0));
         let geometry = Geometry { spacing: DVec3::new(1.0, 0.5, 2.0), ..Geometry::default() };
         let mut narrow = 0;
-        for (i, projection) in [Projection::Perspective { fov_y_deg: 60.0 }, Projection::Orthographic { height: 30.0 }]
-            .into_iter()
-            .enumerate()
+        let projections = [Projection::Perspective { fov_y_deg: 60.0 }, Projection::Orthographic { height: 30.0 }];
+        for (i, (projection, aside)) in
+            projections.into_iter().flat_map(|p| [(p, 0.0), (p, -4.0), (p, 4.0)]).enumerate()
         {
             for eye in [DVec3::new(-30.0, 3.0, 8.0), DVec3::new(12.0, 11.0, 18.0), DVec3::new(13.0, 9.0, 60.0)] {
-                let target = geometry.world_from_voxel((low + high) * 0.5) + DVec3::new(3.0, 1.0, 0.0) * i as f64;
+                let target = geometry.world_from_voxel((low + high) * 0.5) + DVec3::new(3.0, 1.0, 0.0) * (i / 3) as f64;
                 let rays = Camera { eye, target, up: DVec3::Y, projection }.rays(40, 30).unwrap();
+                let rays = rays.from_aside(aside, 25.0);
                 let rect = pixel_rect(&rays, &geometry, region).expect("in view");
                 narrow += (rect.x1 - rect.x0 < 40) as u32;
                 for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
@@ -338,6 +339,6 @@ mod tests {
                 }
             }
         }
-        assert!(narrow >= 3, "rects that are always the whole picture prove nothing");
+        assert!(narrow >= 9, "rects that are always the whole picture prove nothing");
     }
 }

@@ -114,6 +114,7 @@ impl Camera {
             forward,
             right: right * half_width,
             up: up * half_height,
+            shift: 0.0,
             orthographic,
             width,
             height,
@@ -126,12 +127,14 @@ impl Camera {
 pub struct ViewRays {
     /// The eye, world.
     pub eye: DVec3,
-    /// Unit view direction.
+    /// Unit view direction, at right angles to the picture's plane.
     pub forward: DVec3,
     /// From the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic views.
     pub right: DVec3,
     /// From the picture's centre to its top edge, likewise.
     pub up: DVec3,
+    /// How far rays lean to the right, in units of `right` for each unit forward: 0 but for the eyes of a stereo pair.
+    pub shift: f64,
     /// Whether rays are parallel.
     pub orthographic: bool,
     /// Picture width in pixels.
@@ -146,12 +149,24 @@ impl ViewRays {
     pub fn ray(&self, x_px: f64, y_px: f64) -> Ray {
         let u = 2.0 * x_px / self.width as f64 - 1.0;
         let v = 1.0 - 2.0 * y_px / self.height as f64;
-        let offset = self.right * u + self.up * v;
         if self.orthographic {
-            Ray { origin: self.eye + offset, direction: self.forward }
+            Ray { origin: self.eye + self.right * u + self.up * v, direction: self.middle() }
         } else {
+            let offset = self.right * (u + self.shift) + self.up * v;
             Ray { origin: self.eye, direction: (self.forward + offset).normalize() }
         }
+    }
+
+    /// Unit direction of the ray through the picture's middle; of all rays where they are parallel.
+    pub fn middle(&self) -> DVec3 {
+        (self.forward + self.right * self.shift).normalize()
+    }
+
+    /// The rays of an eye that stands `by` world units farther to the right and sees all points of the plane at `distance`
+    /// ahead in the same pixels as this one: off-axis in perspective, oblique in orthographic views.
+    pub fn from_aside(&self, by: f64, distance: f64) -> Self {
+        let by = by / self.right.length();
+        Self { eye: self.eye + self.right * by, shift: self.shift - by / distance, ..*self }
     }
 
     /// World size of one pixel at distance `t` from the eye, at the picture's centre.
@@ -162,16 +177,16 @@ impl ViewRays {
 
     /// The planes that bound what the picture shows.
     pub fn frustum(&self) -> Frustum {
+        let middle = self.middle();
         let side = |edge: DVec3, along: DVec3| {
             // A plane through the edge of the picture; its normal points inward.
-            let (through, normal) = if self.orthographic {
-                (self.eye + edge, -edge)
+            let (through, outermost) = if self.orthographic {
+                (self.eye + edge, middle)
             } else {
-                let tangent = along.cross(self.forward + edge);
-                let inward = if tangent.dot(self.forward) < 0.0 { -tangent } else { tangent };
-                (self.eye, inward)
+                (self.eye, self.forward + self.right * self.shift + edge)
             };
-            let normal = normal.normalize();
+            let normal = along.cross(outermost).normalize();
+            let normal = if normal.dot(edge) > 0.0 { -normal } else { normal };
             (normal, -normal.dot(through))
         };
         let planes = [
@@ -225,13 +240,18 @@ mod tests {
 
     #[test]
     fn the_frustum_keeps_what_rays_hit() {
-        for projection in [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }] {
-            let rays = camera(projection).rays(64, 48).unwrap();
+        let projections = [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }];
+        for (projection, by) in projections.into_iter().flat_map(|p| [0.0, 1.5, -1.5].map(|by| (p, by))) {
+            let rays = camera(projection).rays(64, 48).unwrap().from_aside(by, 10.0);
             let frustum = rays.frustum();
             for (x, y) in [(0.5, 0.5), (63.5, 0.5), (0.5, 47.5), (63.5, 47.5), (32.0, 24.0)] {
                 let ray = rays.ray(x, y);
                 let p = ray.origin + ray.direction * 7.0;
-                assert!(frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {x} {y}");
+                assert!(frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {by} {x} {y}");
+                // Out of the picture by a pixel and a half to the other side.
+                let past = rays.ray(if x < 32.0 { x - 2.0 } else { x + 2.0 }, y);
+                let p = past.origin + past.direction * 7.0;
+                assert!(x == 32.0 || !frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {by} {x} {y}");
             }
             let behind = DVec3::new(0.0, 0.0, -20.0);
             assert!(!frustum.meets_box(behind - 1.0, behind + 1.0));
