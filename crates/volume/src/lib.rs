@@ -1,5 +1,5 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, the sampling lattice, surfaces and the scene. Plain values and arithmetic: no
+//! transfer functions, macro-cells, the camera, stereo, the sampling lattice, surfaces and the scene. Plain values and arithmetic: no
 //! I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
@@ -22,6 +22,7 @@ pub mod pyramid;
 pub mod sampling;
 pub mod scene;
 pub mod space;
+pub mod stereo;
 pub mod surface;
 pub mod transfer;
 pub mod voxel_type;
@@ -40,6 +41,7 @@ pub use pyramid::{LevelGrid, Pyramid};
 pub use sampling::{Filter, Method, Needs, Sampling};
 pub use scene::{LevelPolicy, Mode, Scene};
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
+pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use transfer::{TransferFunction, TransferTable};
 pub use voxel_type::{Voxel, VoxelType};
 
