@@ -48,7 +48,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
 
             // Found out by drawing, by uploading what a new view wants, and by drawing in a new size.
             destroy_device(&session);
-            let anew = session.draw(&resolved.frame).expect("drawn anew");
+            let anew = session.draw(&resolved).expect("drawn anew");
             // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded otherwise.
             assert_same(&anew, &before, &format!("{way:?} within {mebibytes} MiB"));
             destroy_device(&session);

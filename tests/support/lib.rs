@@ -162,7 +162,8 @@ pub fn session_within(
     open_session(store, options(way, size_px, gpu_memory_bytes, host_memory_bytes))
 }
 
-fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u64, host_bytes: u64) -> SessionOptions {
+/// What those sessions are made with.
+pub fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u64, host_bytes: u64) -> SessionOptions {
     SessionOptions {
         backend,
         compositor,

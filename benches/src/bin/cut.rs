@@ -96,6 +96,7 @@ fn main() {
         let rays = camera.rays(1920, 1080).expect("the camera makes a picture");
         View {
             rays,
+            other_eye: None,
             opaque: Some(Occupancy::ALL),
             filter: Filter::Trilinear,
             level: LevelPolicy::Auto,

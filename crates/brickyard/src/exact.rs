@@ -5,9 +5,9 @@ use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, Composi
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
-use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning};
+use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
 use brickyard_render::{GpuError, GpuRenderer};
-use brickyard_volume::Picture;
+use brickyard_volume::{FrameSettings, Picture};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -98,7 +98,8 @@ impl ExactRenderer {
     }
 
     /// Draws a picture. Adds to `stats`; `started` is when the whole run began. Where the device is lost, the picture is
-    /// begun anew.
+    /// begun anew. The eyes of a stereo pair are drawn one after the other: no brick stays from one pass to the next, so nothing
+    /// could be shared but the order, which they do not.
     ///
     /// # Errors
     /// If a part can be drawn from no level at all, the cells do not fit the host budget, `max_wait` passes, or the device
@@ -112,7 +113,7 @@ impl ExactRenderer {
     ) -> Result<Picture, ExactPictureError> {
         let begun = Instant::now();
         for _ in 0..MAX_LOSSES {
-            match self.try_render(scene, begun, max_wait, stats) {
+            match self.try_scene(scene, begun, max_wait, stats) {
                 Err(ExactPictureError::Backend(error)) if error.is_loss() => {
                     tracing::warn!("{error}; it is started anew");
                     stats.device_losses += 1;
@@ -129,19 +130,31 @@ impl ExactRenderer {
                 other => return other,
             }
         }
-        self.try_render(scene, begun, max_wait, stats)
+        self.try_scene(scene, begun, max_wait, stats)
     }
 
-    fn try_render(
+    fn try_scene(
         &mut self,
         scene: &ResolvedScene,
         begun: Instant,
         max_wait: Duration,
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
+        stats.passes = Some(0);
+        scene.picture(|view, frame| self.try_render(view, frame, begun, max_wait, stats))
+    }
+
+    fn try_render(
+        &mut self,
+        view: &View,
+        frame: &FrameSettings,
+        begun: Instant,
+        max_wait: Duration,
+        stats: &mut RenderStats,
+    ) -> Result<Picture, ExactPictureError> {
         let pyramid = self.source.pyramid();
-        let mut passes = ExactPasses::new(self.source.clone(), &scene.view, &self.config)?;
-        let mut picture = self.renderer.passes(&scene.frame, pyramid)?;
+        let mut passes = ExactPasses::new(self.source.clone(), view, &self.config)?;
+        let mut picture = self.renderer.passes(frame, pyramid)?;
         let mut level_cells = vec![0; pyramid.levels().len()];
         let mut stand_ins = 0;
         loop {
@@ -164,7 +177,7 @@ impl ExactRenderer {
         }
         let picture = picture.finish()?;
         record(stats, &passes, stand_ins, self.renderer.gpu_bytes());
-        (stats.pixel_error, stats.level_cells) = (scene.view.pixel_error, level_cells);
+        (stats.pixel_error, stats.level_cells) = (view.pixel_error, level_cells);
         Ok(picture)
     }
 }
@@ -172,7 +185,7 @@ impl ExactRenderer {
 /// Takes over how a picture went.
 fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64, gpu_bytes: u64) {
     let (memory, counters, cells) = (ProcessMemory::now(), passes.counters(), passes.cells() as u64);
-    stats.passes = Some(passes.passes());
+    stats.passes = stats.passes.map(|before| before + passes.passes());
     stats.gpu_bytes_peak = stats.gpu_bytes_peak.max(gpu_bytes);
     stats.host_bytes_peak = stats.host_bytes_peak.max(passes.host_bytes_peak());
     stats.rss_peak = memory.resident_peak_bytes;

@@ -138,7 +138,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
     let counters = status.counters;
     status = watch.settle(&mut session, &last, status)?;
     if plan.frame_goal.is_some() {
-        session.draw(&last.frame)?;
+        session.draw(&last)?;
     }
     Ok(FlightReport {
         scenario: plan.scenario,
@@ -197,7 +197,7 @@ impl<'a> Watch<'a> {
         const MOVED: Change = Change { moved: true, refined: true };
         let quality = self.control.as_mut().and_then(|control| control.next(MOVED)).unwrap_or(Quality::EXACT);
         let begun = Instant::now();
-        session.draw(&quality.frame(&scene.frame))?;
+        session.draw(&quality.scene(scene))?;
         if let Some(control) = &mut self.control {
             control.took(begun.elapsed());
         }
@@ -245,7 +245,7 @@ impl<'a> Watch<'a> {
             match status {
                 Some(status) if done(&status) => return Ok(status),
                 Some(_) if begun.elapsed() > LONGEST => return Err(FlightError::NotSettled(LONGEST.as_secs_f64())),
-                Some(Status { awaits_feedback: true, .. }) => drop(session.draw(&scene.frame)?),
+                Some(Status { awaits_feedback: true, .. }) => drop(session.draw(scene)?),
                 Some(_) => session.wait(Duration::from_millis(50)),
                 None => {}
             }

@@ -46,7 +46,7 @@ pub fn render_settled(
         let status = session.step(&scene.view)?;
         stats.record(&status, session.backend().bytes());
         if stats.first_image_ms == 0.0 && status.covered {
-            session.draw(&scene.frame)?;
+            session.draw(scene)?;
             stats.first_image_ms = ms(started);
         }
         if status.settled {
@@ -54,13 +54,13 @@ pub fn render_settled(
         }
         give_up_after(begun, max_wait, &status)?;
         if status.awaits_feedback {
-            session.draw(&scene.frame)?;
+            session.draw(scene)?;
         } else {
             session.wait(POLL);
         }
     };
     let drawing = Instant::now();
-    let picture = session.draw(&scene.frame)?;
+    let picture = session.draw(scene)?;
     frame_ms.push(ms(drawing));
     if stats.frames == 0 {
         stats.settled_ms = ms(started);

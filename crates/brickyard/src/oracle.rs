@@ -62,5 +62,5 @@ pub fn render_reference(store: &Store, scene: &ResolvedScene, host_memory_bytes:
         (0..used.len()).find(|&l| used[l] && cells.contains(&cell_of(l))).unwrap_or(any)
     };
     let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &scene.transfer };
-    Ok(brickyard_reference::render(&scene.frame, &volume))
+    scene.picture(|_, frame| Ok(brickyard_reference::render(frame, &volume)))
 }

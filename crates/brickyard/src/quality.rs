@@ -7,6 +7,7 @@
 //! frame is exact: once more for everything that still arrives, and then none until something changes. The first picture is
 //! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
+use crate::session::ResolvedScene;
 use brickyard_volume::FrameSettings;
 use std::time::Duration;
 
@@ -42,6 +43,17 @@ impl Quality {
         (frame.rays.width, frame.rays.height) = (pixels(exact.rays.width), pixels(exact.rays.height));
         frame.lattice = exact.lattice.with_longer_steps(self.step);
         frame
+    }
+
+    /// The scene drawn so.
+    pub fn scene(self, exact: &ResolvedScene) -> ResolvedScene {
+        ResolvedScene {
+            view: exact.view.clone(),
+            frame: self.frame(&exact.frame),
+            stereo: exact.stereo.as_ref().map(|(frame, layout)| (self.frame(frame), *layout)),
+            transfer: exact.transfer.clone(),
+            camera: exact.camera,
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use brickyard_volume::camera::CameraError;
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs, Picture, Scene,
-    SlotEncoding, TransferFunction, TransferTable, surface,
+    SlotEncoding, StereoError, StereoLayout, TransferFunction, TransferTable, surface,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -68,6 +68,9 @@ pub enum SessionError {
     /// The camera makes no picture.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// The camera makes no stereo picture.
+    #[error(transparent)]
+    Stereo(#[from] StereoError),
     /// The scene asks for what the store does not have.
     #[error("{0}")]
     Scene(String),
@@ -78,12 +81,28 @@ pub enum SessionError {
 pub struct ResolvedScene {
     /// For the pager.
     pub view: View,
-    /// For the renderer.
+    /// For the renderer: the left eye's in stereo.
     pub frame: FrameSettings,
+    /// The right eye's frame, and how the two pictures become one. The view is that of both eyes, the left one first.
+    pub stereo: Option<(FrameSettings, StereoLayout)>,
     /// The transfer function in use.
     pub transfer: TransferFunction,
     /// The camera in use.
     pub camera: Camera,
+}
+
+impl ResolvedScene {
+    /// The picture of the scene, whoever draws its frames: given the view from the eye that a frame is for, so that the order
+    /// of drawing is right.
+    ///
+    /// # Errors
+    /// Those of `draw`.
+    pub fn picture<E>(&self, mut draw: impl FnMut(&View, &FrameSettings) -> Result<Picture, E>) -> Result<Picture, E> {
+        let first = draw(&self.view, &self.frame)?;
+        let Some((frame, layout)) = &self.stereo else { return Ok(first) };
+        let second = draw(&self.view.from_other_eye(), frame)?;
+        Ok(layout.compose([&first, &second]))
+    }
 }
 
 /// One volume, its pager and a backend.
@@ -97,6 +116,8 @@ pub struct Session {
     backend: Backend,
     backend_line: String,
     draw: DrawList,
+    /// The same for the other eye of the last step's view, if it has one.
+    draw_other_eye: Option<DrawList>,
     /// The view of the last step, and whether it had settled.
     shown: Option<(View, bool)>,
     /// Losses of the device since the last picture.
@@ -134,7 +155,7 @@ impl Session {
         };
         let pager = Pager::new(source.clone(), config)?;
         let clock = options.live.then(Instant::now);
-        let (draw, shown, losses_in_a_row, losses) = Default::default();
+        let (draw, draw_other_eye, shown, losses_in_a_row, losses) = Default::default();
         let bricks = needs.bricks;
         Ok(Self {
             source,
@@ -145,6 +166,7 @@ impl Session {
             backend,
             backend_line,
             draw,
+            draw_other_eye,
             shown,
             losses_in_a_row,
             losses,
@@ -184,7 +206,7 @@ impl Session {
                 Err(error) => self.recover(error)?,
             }
         };
-        self.draw = frame.draw;
+        (self.draw, self.draw_other_eye) = (frame.draw, frame.draw_other_eye);
         self.shown = Some((view.clone(), frame.status.settled));
         match frame.status.error {
             Some(error) => Err(SessionError::Unreadable(error)),
@@ -197,17 +219,17 @@ impl Session {
         self.pager.wait(timeout);
     }
 
-    /// Renders what is resident now. Where the device turns out to be lost, it is made anew and filled as far as it was
-    /// before: the picture is the same, but takes as long as the first one of its view.
+    /// Renders what is resident now of the last step's scene, both eyes of it from the same bricks. Where the device turns out to
+    /// be lost, it is made anew and filled as far as it was before: the picture is the same, but takes as long as the first one
+    /// of its view.
     ///
     /// # Errors
     /// If there is no device any more, or it is out of memory.
-    pub fn draw(&mut self, frame: &FrameSettings) -> Result<Picture, SessionError> {
+    pub fn draw(&mut self, scene: &ResolvedScene) -> Result<Picture, SessionError> {
         loop {
-            match self.backend.render(frame, self.source.pyramid(), &self.draw) {
+            match self.try_draw(scene) {
                 Ok(picture) => {
                     self.losses_in_a_row = 0;
-                    self.tell_what_was_seen();
                     return Ok(picture);
                 }
                 Err(error) => self.recover(error)?,
@@ -216,12 +238,25 @@ impl Session {
         }
     }
 
-    /// Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
-    /// drawing than reading it, and an edit of the transfer function could bring it out.
-    fn tell_what_was_seen(&mut self) {
-        if let (Some(_), Some(visibility)) = (self.clock, self.backend.visibility()) {
-            self.pager.feedback(visibility);
+    fn try_draw(&mut self, scene: &ResolvedScene) -> Result<Picture, BackendError> {
+        let Self { source, pager, backend, draw, draw_other_eye, .. } = self;
+        // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
+        // drawing than reading it, and an edit of the transfer function could bring it out.
+        let is_of_step = scene.stereo.is_some() == draw_other_eye.is_some();
+        let mut seen = (self.clock.is_some() && is_of_step).then(Vec::new);
+        let mut lists = std::iter::once(&*draw).chain(&*draw_other_eye);
+        let picture = scene.picture(|_, frame| {
+            let picture = backend.render(frame, source.pyramid(), lists.next().unwrap_or(draw))?;
+            seen = match (seen.take(), backend.visibility()) {
+                (Some(seen), Some(by_eye)) => Some([&seen, by_eye].concat()),
+                _ => None,
+            };
+            Ok::<_, BackendError>(picture)
+        })?;
+        if let Some(seen) = seen {
+            pager.feedback(&seen);
         }
+        Ok(picture)
     }
 
     /// Makes a lost device anew; its slots are empty. Other errors are the caller's.
@@ -237,7 +272,7 @@ impl Session {
         tracing::warn!("{error}; it is started anew");
         self.backend.renew()?;
         self.pager.forget_slots(self.backend.slots())?;
-        self.draw = DrawList::default();
+        (self.draw, self.draw_other_eye) = Default::default();
         Ok(())
     }
 
@@ -290,7 +325,13 @@ pub fn resolve(
     check_scene(source, scene, levels.len())?;
     let geometry = source.geometry().clone();
     let camera = scene.camera.unwrap_or_else(|| Camera::looking_at_box(geometry.world_box(extent)));
-    let rays = camera.rays(width, height)?;
+    let (rays, other_eye) = match &scene.stereo {
+        None => (camera.rays(width, height)?, None),
+        Some(stereo) => {
+            let [left, right] = stereo.eyes(&camera, (width, height))?;
+            (left, Some((right, stereo.layout)))
+        }
+    };
     let voxel_size = geometry.voxel_size(extent);
     let step = scene.step * voxel_size;
     let lattice = match scene.level {
@@ -311,9 +352,24 @@ pub fn resolve(
         Mode::Mip | Mode::MinIp | Mode::Average => None,
     };
     let background = scene.background.map(|c| c as f32);
+    let appearance = appearance(&table, scene);
+    let frame = FrameSettings {
+        rays,
+        lattice,
+        geometry,
+        encoding,
+        table,
+        mode: scene.mode,
+        isovalue,
+        sampling: scene.sampling,
+        lighting: scene.lighting.clone(),
+        background,
+        clip: scene.clip,
+    };
     Ok(ResolvedScene {
         view: View {
             rays,
+            other_eye: other_eye.map(|(rays, _)| rays),
             opaque,
             filter: scene.sampling.filter,
             level: scene.level,
@@ -321,21 +377,11 @@ pub fn resolve(
             time: scene.time,
             channel: scene.channel,
             clip: scene.clip,
-            appearance: appearance(&table, scene),
+            appearance,
         },
-        frame: FrameSettings {
-            rays,
-            lattice,
-            geometry,
-            encoding,
-            table,
-            mode: scene.mode,
-            isovalue,
-            sampling: scene.sampling,
-            lighting: scene.lighting.clone(),
-            background,
-            clip: scene.clip,
-        },
+        // Pixels are as large for one eye as for the other, so both have the same lattice.
+        stereo: other_eye.map(|(rays, layout)| (FrameSettings { rays, ..frame.clone() }, layout)),
+        frame,
         transfer,
         camera,
     })

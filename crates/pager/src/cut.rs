@@ -10,7 +10,7 @@
 use crate::source::BrickSource;
 use crate::split;
 use crate::visibility::OPEN;
-use brickyard_volume::{BrickId, BrickIndex, Filter, Level, LevelPolicy, Occupancy, ViewRays};
+use brickyard_volume::{BrickId, BrickIndex, Filter, Frustum, Level, LevelPolicy, Occupancy, ViewRays};
 use glam::DVec3;
 
 /// What is to be shown: everything besides the data that decides a cut.
@@ -18,6 +18,8 @@ use glam::DVec3;
 pub struct View {
     /// The camera, resolved for the picture's size.
     pub rays: ViewRays,
+    /// The other eye of a stereo pair: what either eye sees is shown, at the level that the one wants that is nearer.
+    pub other_eye: Option<ViewRays>,
     /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
     /// How the field is made of voxels: a brick is empty only if all that its samples are made of is.
@@ -37,6 +39,23 @@ pub struct View {
 }
 
 impl View {
+    /// The same view from its other eye, if it has two: the same cells, in another order.
+    pub fn from_other_eye(&self) -> Self {
+        match self.other_eye {
+            Some(rays) => Self { rays, other_eye: Some(self.rays), ..self.clone() },
+            None => self.clone(),
+        }
+    }
+
+    /// One eye, or two.
+    pub(crate) fn eyes(&self) -> impl Iterator<Item = &ViewRays> {
+        std::iter::once(&self.rays).chain(&self.other_eye)
+    }
+
+    pub(crate) fn frusta(&self) -> Frusta {
+        Frusta(self.rays.frustum(), self.other_eye.map(|rays| rays.frustum()))
+    }
+
     /// Whether a world box has a part inside the clip box.
     pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
         self.clip.is_none_or(|[from, to]| low.cmplt(to).all() && high.cmpgt(from).all())
@@ -62,6 +81,17 @@ impl View {
 
     pub(crate) fn id(&self, level: Level, index: BrickIndex) -> BrickId {
         BrickId { time: self.time, channel: self.channel, level, index }
+    }
+}
+
+/// What a view's eyes see.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frusta(Frustum, Option<Frustum>);
+
+impl Frusta {
+    /// Whether any of the eyes may see the box.
+    pub(crate) fn meet_box(&self, low: DVec3, high: DVec3) -> bool {
+        self.0.meets_box(low, high) || self.1.is_some_and(|frustum| frustum.meets_box(low, high))
     }
 }
 
@@ -161,10 +191,10 @@ impl Cut {
     /// The same cells at another time step or channel. A guess at what the view wants there.
     pub(crate) fn at(&self, source: &dyn BrickSource, time: u32, channel: u32) -> Self {
         let mut cut = Self { view: View { time, channel, ..self.view.clone() }, ..self.clone() };
-        let frustum = cut.view.rays.frustum();
+        let frusta = cut.view.frusta();
         for node in &mut cut.nodes {
             let id = cut.view.id(node.level, node.index);
-            let is_in_sight = frustum.meets_box(node.low, node.high) && cut.view.is_inside_clip(node.low, node.high);
+            let is_in_sight = frusta.meet_box(node.low, node.high) && cut.view.is_inside_clip(node.low, node.high);
             node.is_visible = is_in_sight && cut.view.shows(source, id);
             node.weight = OPEN;
         }

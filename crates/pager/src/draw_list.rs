@@ -8,6 +8,7 @@ use crate::cut::{Cut, Node};
 use crate::fade::Fading;
 use crate::sight::Sight;
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
+use std::collections::HashMap;
 
 /// A place for one padded brick in the atlas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -92,6 +93,14 @@ impl DrawList {
             cells.push(own);
         }
         Self { cells }
+    }
+
+    /// The same entries with their cells in another order.
+    pub(crate) fn reordered(&self, cut: &Cut, order: &[u32]) -> Self {
+        let entries: HashMap<BrickId, &[DrawCell]> =
+            self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
+        let in_order = order.iter().filter_map(|&position| entries.get(&cut.id(position)));
+        Self { cells: in_order.copied().flatten().copied().collect() }
     }
 
     /// Whether any brick fades in.

@@ -28,6 +28,8 @@ pub struct Frame {
     pub uploads: Vec<Upload>,
     /// What to draw: after the uploads, every slot it names holds its brick.
     pub draw: DrawList,
+    /// The same entries back to front for the view's other eye, if it has one.
+    pub draw_other_eye: Option<DrawList>,
     /// How far the view is.
     pub status: Status,
 }
@@ -101,7 +103,7 @@ const FADE_STEP: Duration = Duration::from_millis(16);
 /// What feedback is about.
 #[derive(Debug, Default)]
 struct Drawn {
-    /// Of each entry of the list, its cell.
+    /// Of each entry of the list, and of the other eye's, its cell.
     cells: Vec<BrickId>,
     /// Whether nothing more was on its way.
     is_complete: bool,
@@ -218,7 +220,9 @@ impl Pager {
         self.last_at = at;
         self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
         let is_complete = step.settled && self.planner.is_done();
-        let cells = step.draw.cells.iter().map(|cell| cell.cell).collect();
+        let draw_other_eye = sight.for_other_eye.as_ref().map(|order| step.draw.reordered(&cut, order));
+        let lists = std::iter::once(&step.draw).chain(&draw_other_eye);
+        let cells = lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect();
         self.drawn = Drawn { cells, is_complete, is_fading: step.draw.is_fading() };
         let status = self.status(&cut, &sight, &step);
         let Step { uploads, draw, requests, stale, .. } = step;
@@ -226,12 +230,13 @@ impl Pager {
         self.workers.replace(requests);
         self.handed_out.extend(uploads.iter().map(|upload| upload.codes.clone()));
         self.sight = Some((view.clone(), cut, sight));
-        Frame { uploads, draw, status }
+        Frame { uploads, draw, draw_other_eye, status }
     }
 
     /// What the renderer saw of the last frame: for each entry of its draw list, in its order, the greatest transmittance with
-    /// which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open. Hidden cells are not wanted
-    /// from the next plan on, and the others in the order of what is seen of them.
+    /// which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open; then the same for the list of
+    /// the other eye, if there is one. Cells that are hidden from all eyes are not wanted from the next plan on, and the others
+    /// in the order of what is seen of them.
     ///
     /// # Panics
     /// If there are not as many numbers as entries.

@@ -88,7 +88,8 @@ impl Desk {
     fn look_ahead(&self, job: &Job, cut: &Cut) -> Arc<[(Tier, BrickId)]> {
         let Some(rays) = job.ahead else { return [].into() };
         let mut listed: HashSet<BrickId> = cut.cells().collect();
-        let foreseen = rays.map(|rays| View { rays, ..cut.view.clone() });
+        // Of two eyes one: the other one sees hardly anything else.
+        let foreseen = rays.map(|rays| View { rays, other_eye: None, ..cut.view.clone() });
         let foreseen =
             foreseen.map(|view| split::cut(&*self.source, &view, self.max_cells, Some(cut), job.visibility()));
         let predicted =
@@ -108,7 +109,7 @@ impl Desk {
 
 /// Face neighbours of the wanted cells, of their level, that are outside of the frustum and not empty; with the cells' errors.
 fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
-    let frustum = cut.view.rays.frustum();
+    let frusta = cut.view.frusta();
     let mut ring = Vec::new();
     for cell in cut.wanted_cells() {
         let Node { level, index, low, high, error_px, .. } = cut.nodes[cell as usize];
@@ -119,7 +120,7 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             let away = DVec3::AXES[axis] * size * side as f64;
             // A neighbour at the volume's end may be smaller than the cell: then this asks a little too much.
             let is_shown = cut.view.is_inside_clip(low + away, high + away);
-            if bricks.contains(beside) && is_shown && !frustum.meets_box(low + away, high + away) {
+            if bricks.contains(beside) && is_shown && !frusta.meet_box(low + away, high + away) {
                 let id = cut.view.id(level, BrickIndex::from_array(beside));
                 if cut.view.shows(source, id) {
                     ring.push((id, error_px));

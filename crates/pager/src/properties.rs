@@ -120,6 +120,8 @@ struct Shot {
     level: LevelPolicy,
     pixel_error: f64,
     cull_empty: bool,
+    /// How far to the right another eye is, if there is one.
+    aside: Option<f64>,
 }
 
 impl Shot {
@@ -137,8 +139,10 @@ impl Shot {
         let fallback = Camera { eye, target: eye + DVec3::X, up: DVec3::Z, projection };
         let rays = camera.rays(96, 64).or_else(|_| fallback.rays(96, 64)).unwrap();
         let opaque = self.cull_empty.then_some(Occupancy::ALL);
+        let diagonal = (high - low).length();
         View {
             rays,
+            other_eye: self.aside.map(|aside| rays.from_aside(aside * diagonal, diagonal)),
             opaque,
             filter: Filter::Trilinear,
             level: self.level,
@@ -162,8 +166,9 @@ fn shots() -> impl Strategy<Value = Shot> {
         prop_oneof![3 => Just(LevelPolicy::Auto), 1 => (0u8..5).prop_map(LevelPolicy::Locked)],
         0.05f64..4.0,
         any::<bool>(),
+        prop::option::of(prop_oneof![-0.5f64..0.5, Just(0.0)]),
     )
-        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty)| Shot {
+        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty, aside)| Shot {
             eye,
             target,
             orthographic,
@@ -171,6 +176,7 @@ fn shots() -> impl Strategy<Value = Shot> {
             level,
             pixel_error,
             cull_empty,
+            aside,
         })
 }
 
@@ -233,8 +239,13 @@ proptest! {
         prop_assert_eq!(voxels, source.pyramid().levels()[0].extent.volume());
         let mut dice = Dice(seed);
         for (shot, view) in shots.iter().zip(&views) {
-            let seen: Vec<BrickId> = Sight::new(&source, &cut, view).cells.iter().map(|&cell| cut.id(cell)).collect();
-            check_rays(&volume, &source, view, shot.cull_empty, &cells, &seen, &mut dice)?;
+            let sight = Sight::new(&source, &cut, view);
+            let seen = |order: &[u32]| order.iter().map(|&cell| cut.id(cell)).collect::<Vec<_>>();
+            check_rays(&volume, &source, view, shot.cull_empty, &cells, &seen(&sight.cells), &mut dice)?;
+            if let Some(order) = &sight.for_other_eye {
+                let other = view.from_other_eye();
+                check_rays(&volume, &source, &other, shot.cull_empty, &cells, &seen(order), &mut dice)?;
+            }
         }
     }
 
@@ -435,6 +446,18 @@ impl Bench<'_> {
         }
         assert_eq!(drawn.next(), None);
         assert!(step.draw.cells.len() <= sight.cells.len().max(self.slots as usize));
+        if let Some(order) = &sight.for_other_eye {
+            // The other eye has the same entries, a cell's together.
+            let other = step.draw.reordered(cut, order);
+            let by_cell = |draw: &DrawList| {
+                let mut entries = draw.cells.clone();
+                entries.sort_by_key(|entry| entry.cell);
+                entries
+            };
+            assert_eq!(by_cell(&other), by_cell(&step.draw));
+            let mut order = order.iter().map(|&cell| cut.id(cell));
+            assert!(other.cells.chunk_by(|a, b| a.cell == b.cell).all(|of| order.any(|cell| cell == of[0].cell)));
+        }
     }
 
     /// Some frames of a view with the cut of another, as while the camera moves ahead of the planner.
@@ -562,7 +585,10 @@ proptest! {
             let mut frames_left = 100 + 8 * source.pyramid().brick_count();
             let (frame, visibility) = loop {
                 let frame = pager.frame(&view, Duration::ZERO);
-                let visibility = told(&source, &view, &frame.draw, seed);
+                let mut visibility = told(&source, &view, &frame.draw, seed);
+                if let Some(draw) = &frame.draw_other_eye {
+                    visibility.extend(told(&source, &view.from_other_eye(), draw, seed));
+                }
                 if frame.status.settled {
                     break (frame, visibility);
                 }
@@ -573,7 +599,9 @@ proptest! {
                 frames_left -= 1;
                 prop_assert!(frames_left > 0, "{:?}", frame.status);
             };
-            for (entry, _) in frame.draw.cells.iter().zip(&visibility).filter(|(_, told)| **told > 0.0) {
+            let other = frame.draw_other_eye.iter().flat_map(|draw| draw.cells.iter().map(|cell| (cell, view.from_other_eye())));
+            let entries = frame.draw.cells.iter().map(|cell| (cell, view.clone())).chain(other);
+            for ((entry, view), _) in entries.zip(&visibility).filter(|(_, told)| **told > 0.0) {
                 let best = lineage(source.pyramid(), entry.cell).find(|id| !source.failing.contains(id));
                 prop_assert_eq!(Some(entry.brick), best);
                 if view.level == LevelPolicy::Auto && !frame.status.memory_bound && entry.cell.level.0 > 0 {

@@ -1,7 +1,8 @@
 //! Sight: what a frame's own view sees of a cut, which may have been made for an earlier one.
 //!
 //! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
-//! there is to draw. Cost: one pass over the part of the tree in the frustum; nothing while neither view nor cut change.
+//! there is to draw. Two eyes see the same cells, each in an order of its own: so all that is decided of cells, what is wanted,
+//! resident, drawn with what, is decided once for both. Cost: one pass over the part of the tree in the frustum; nothing while neither view nor cut change.
 
 use crate::cut::{Cut, Node, View};
 use crate::order;
@@ -14,6 +15,8 @@ use glam::DVec3;
 pub(crate) struct Sight {
     /// Positions in the cut's arena, back to front.
     pub(crate) cells: Vec<u32>,
+    /// The same positions, back to front for the view's other eye, if it has one.
+    pub(crate) for_other_eye: Option<Vec<u32>>,
     /// Share of the picture that each covers, in arbitrary but common units.
     pub(crate) areas: Vec<f64>,
     /// Whether the cut was made for this view.
@@ -23,20 +26,21 @@ pub(crate) struct Sight {
 impl Sight {
     /// What `view` sees of `cut`, which must be of the same time step and channel.
     pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
-        let (pyramid, geometry) = (source.pyramid(), source.geometry());
         let is_planned = cut.view == *view;
-        let cells = if is_planned {
-            order::back_to_front(pyramid, geometry, &view.rays, cut, |node| node.is_visible)
-        } else {
-            let frustum = view.rays.frustum();
-            let is_visible = |node: &Node| {
-                let is_in_sight = frustum.meets_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
-                is_in_sight && view.shows(source, view.id(node.level, node.index))
-            };
-            order::back_to_front(pyramid, geometry, &view.rays, cut, is_visible)
+        let frusta = view.frusta();
+        let is_visible = |node: &Node| {
+            if is_planned {
+                return node.is_visible;
+            }
+            let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
+            is_in_sight && view.shows(source, view.id(node.level, node.index))
         };
-        let areas = cells.iter().map(|&cell| screen_area(&view.rays, &cut.nodes[cell as usize])).collect();
-        Self { cells, areas, is_planned }
+        let ordered =
+            |rays: &ViewRays| order::back_to_front(source.pyramid(), source.geometry(), rays, cut, is_visible);
+        let (cells, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
+        let area = |&cell: &u32| view.eyes().map(|rays| screen_area(rays, &cut.nodes[cell as usize])).sum();
+        let areas = cells.iter().map(area).collect();
+        Self { cells, for_other_eye, areas, is_planned }
     }
 }
 

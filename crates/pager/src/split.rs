@@ -16,10 +16,10 @@
 //!
 //! Cost: 0.1 to 0.3 µs a cell for the linear pass, 0.3 to 0.5 for each split that is new, whatever the volume's size.
 
-use crate::cut::{Cut, LEAF, Node, View, roots, world_box};
+use crate::cut::{Cut, Frusta, LEAF, Node, View, roots, world_box};
 use crate::source::BrickSource;
 use crate::visibility::{self, OPEN, Visibility};
-use brickyard_volume::{BrickIndex, Frustum, Level, LevelPolicy};
+use brickyard_volume::{BrickIndex, Level, LevelPolicy, ViewRays};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -63,7 +63,7 @@ struct Key {
 struct Build<'a> {
     source: &'a dyn BrickSource,
     view: &'a View,
-    frustum: Frustum,
+    frusta: Frusta,
     voxel_size: f64,
     max_cells: usize,
     last: &'a [Node],
@@ -88,13 +88,13 @@ impl<'a> Build<'a> {
         visibility: Option<&'a Visibility>,
     ) -> Self {
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
-        let frustum = view.rays.frustum();
+        let frusta = view.frusta();
         let last: &[Node] = last.map_or(&[], |last| &last.nodes);
         let (nodes, twins) = (Vec::with_capacity(last.len() + last.len() / 8), Vec::with_capacity(last.len()));
         let mut build = Self {
             source,
             view,
-            frustum,
+            frusta,
             voxel_size,
             max_cells,
             last,
@@ -246,13 +246,13 @@ impl<'a> Build<'a> {
     }
 
     fn push(&mut self, level: Level, index: BrickIndex, parent: u32, twin: u32) {
-        let View { rays, .. } = self.view;
         let twin_box = self.last.get(twin as usize).map(|node| (node.low, node.high));
         let (low, high) = twin_box.unwrap_or_else(|| world_box(self.source, level, index));
-        let is_in_sight = self.frustum.meets_box(low, high) && self.view.is_inside_clip(low, high);
+        let is_in_sight = self.frusta.meet_box(low, high) && self.view.is_inside_clip(low, high);
         let is_visible = is_in_sight && self.view.shows(self.source, self.view.id(level, index));
-        let distance = rays.eye.clamp(low, high).distance(rays.eye);
-        let error_px = self.voxel_size * (1u64 << level.0) as f64 / rays.pixel_size(distance);
+        let pixel_size = |rays: &ViewRays| rays.pixel_size(rays.eye.clamp(low, high).distance(rays.eye));
+        let least_pixel = self.view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
+        let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
         let (first_child, children) = (LEAF, 0);
         let mut node =
             Node { level, index, low, high, error_px, parent, first_child, children, is_visible, weight: OPEN };

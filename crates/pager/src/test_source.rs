@@ -72,6 +72,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
     let rays = Camera { projection, ..Camera::looking_at_box(world) }.rays(512, 512).unwrap();
     View {
         rays,
+        other_eye: None,
         opaque: None,
         filter: Filter::Trilinear,
         level: LevelPolicy::Auto,

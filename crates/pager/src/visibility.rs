@@ -69,7 +69,7 @@ impl Visibility {
         let content = |view: &View| (view.opaque, view.appearance, view.clip, view.time, view.channel);
         let same_content = content(&self.view) == content(view);
         let allowed = (node.high - node.low).min_element() * 0.5;
-        let holds = same_content && moved(&self.view.rays, &view.rays, node) <= allowed;
+        let holds = same_content && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, node) <= allowed));
         self.weights.get(&(node.level, node.index)).copied().filter(|_| holds)
     }
 }
@@ -80,7 +80,7 @@ fn moved(from: &ViewRays, to: &ViewRays, node: &Node) -> f64 {
         (false, false) => from.eye.distance(to.eye),
         (true, true) => {
             let distance = ((node.low + node.high) * 0.5 - to.eye).dot(to.forward).abs();
-            from.forward.distance(to.forward) * distance
+            from.middle().distance(to.middle()) * distance
         }
         _ => f64::INFINITY,
     }

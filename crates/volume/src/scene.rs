@@ -3,6 +3,7 @@
 use crate::camera::Camera;
 use crate::lighting::Lighting;
 use crate::sampling::{Needs, Sampling};
+use crate::stereo::Stereo;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -47,6 +48,8 @@ pub enum LevelPolicy {
 pub struct Scene {
     /// The camera; `None` looks at the whole volume.
     pub camera: Option<Camera>,
+    /// Two eyes in the place of the camera's one; `None` is one eye.
+    pub stereo: Option<Stereo>,
     /// The mode.
     pub mode: Mode,
     /// The value at which [`Mode::Isosurface`] has its surface, in stored units: given there and nowhere else.
@@ -77,6 +80,7 @@ impl Default for Scene {
     fn default() -> Self {
         Self {
             camera: None,
+            stereo: None,
             mode: Mode::Dvr,
             isovalue: None,
             transfer: None,
@@ -106,6 +110,7 @@ mod tests {
     use crate::camera::Projection;
     use crate::lighting::LightingModel;
     use crate::sampling::{Filter, Method};
+    use crate::stereo::StereoLayout;
 
     #[test]
     fn scenes_round_trip_through_json() {
@@ -116,6 +121,7 @@ mod tests {
                 up: DVec3::Z,
                 projection: Projection::Orthographic { height: 3.5 },
             }),
+            stereo: Some(Stereo { layout: StereoLayout::SideBySide, eye_separation: Some(0.25), convergence: None }),
             mode: Mode::Isosurface,
             isovalue: Some(-7.5),
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
@@ -133,5 +139,9 @@ mod tests {
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
         assert_eq!(serde_json::from_str::<Scene>("{}").unwrap(), Scene::default());
         assert!(serde_json::from_str::<Scene>(r#"{"stpe": 2}"#).is_err());
+        let stereo = |text: &str| serde_json::from_str::<Scene>(&format!(r#"{{"stereo": {text}}}"#)).map(|s| s.stereo);
+        let anaglyph = Stereo::new(StereoLayout::Anaglyph);
+        assert_eq!(stereo(r#"{"layout": "anaglyph"}"#).unwrap(), Some(anaglyph));
+        assert!(stereo(r#"{"layout": "anaglyph", "separation": 2}"#).is_err() && stereo("{}").is_err());
     }
 }

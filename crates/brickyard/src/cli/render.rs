@@ -312,7 +312,7 @@ fn write_stats(path: &Path, stats: &RenderStats) -> Result<(), Failure> {
 
 pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
-        SessionError::Camera(_) | SessionError::Scene(_) => Failure::usage(error),
+        SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) => Failure::usage(error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })

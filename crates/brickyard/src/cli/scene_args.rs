@@ -6,7 +6,8 @@ use brickyard::pager::BrickSource;
 use brickyard::session::preset_unit_distance;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, TransferFunction,
+    Camera, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, Stereo,
+    StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -33,6 +34,15 @@ pub(crate) struct SceneArguments {
     /// Orthographic view of this world height
     #[arg(long, value_name = "HEIGHT")]
     ortho: Option<f64>,
+    /// Two eyes, as one picture of the size asked for
+    #[arg(long, value_enum, value_name = "LAYOUT")]
+    stereo: Option<StereoArgument>,
+    /// Distance between the eyes, world units [default: 1/30 of the convergence distance]
+    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    eye_separation: Option<f64>,
+    /// Distance of what seems to be at the screen, world units [default: that of the target]
+    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    convergence: Option<f64>,
     /// How samples become a pixel
     #[arg(long, value_enum)]
     mode: Option<ModeArgument>,
@@ -200,6 +210,30 @@ impl From<GradientArgument> for Gradient {
     }
 }
 
+/// [`StereoLayout`] on the command line.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum StereoArgument {
+    /// Left eye's picture left, right eye's right, each half as wide
+    SideBySide,
+    /// Left eye's picture above, right eye's below, each half as high
+    TopBottom,
+    /// For red-cyan glasses
+    Anaglyph,
+    /// Rows by turns, the left eye's first
+    Interlaced,
+}
+
+impl From<StereoArgument> for StereoLayout {
+    fn from(layout: StereoArgument) -> Self {
+        match layout {
+            StereoArgument::SideBySide => Self::SideBySide,
+            StereoArgument::TopBottom => Self::TopBottom,
+            StereoArgument::Anaglyph => Self::Anaglyph,
+            StereoArgument::Interlaced => Self::Interlaced,
+        }
+    }
+}
+
 fn level(text: &str) -> Result<LevelPolicy, String> {
     match text {
         "auto" => Ok(LevelPolicy::Auto),
@@ -211,7 +245,7 @@ impl SceneArguments {
     /// The scene: the file's, overridden by the flags, for a volume of this store.
     ///
     /// # Errors
-    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel.
+    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel, or eyes without stereo.
     pub(crate) fn scene(&self, store: &Store) -> Result<Scene, Failure> {
         let mut scene = match &self.scene {
             Some(path) => serde_json::from_str(&read_text(path)?)
@@ -229,6 +263,7 @@ impl SceneArguments {
             scene.transfer = Some(transfer(name, store, channel)?);
         }
         scene.camera = self.camera(scene.camera, store);
+        scene.stereo = self.stereo(scene.stereo)?;
         scene.mode = self.mode.map_or(scene.mode, Mode::from);
         scene.sampling.method = self.method.map_or(scene.sampling.method, Method::from);
         scene.sampling.filter = self.filter.map_or(scene.sampling.filter, Filter::from);
@@ -248,6 +283,21 @@ impl SceneArguments {
         scene.channel = channel;
         scene.clip = self.clip.or(scene.clip);
         Ok(scene)
+    }
+
+    fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
+        let mut stereo = from_file;
+        if let Some(layout) = self.stereo.map(StereoLayout::from) {
+            stereo = Some(Stereo { layout, ..stereo.unwrap_or(Stereo::new(layout)) });
+        }
+        if let Some(stereo) = &mut stereo {
+            stereo.eye_separation = self.eye_separation.or(stereo.eye_separation);
+            stereo.convergence = self.convergence.or(stereo.convergence);
+        } else if self.eye_separation.is_some() || self.convergence.is_some() {
+            let problem = "--eye-separation and --convergence are about two eyes: give --stereo, too";
+            return Err(Failure::usage(problem));
+        }
+        Ok(stereo)
     }
 
     fn camera(&self, from_file: Option<Camera>, store: &Store) -> Option<Camera> {
