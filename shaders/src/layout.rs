@@ -75,12 +75,16 @@ pub struct FrameUniform {
     pub threshold: f32,
     /// How far rays lean to the right, in units of `right`: 0 in orthographic views, where `forward` leans.
     pub shift: f32,
+    /// Clip planes in use.
+    pub plane_count: u32,
     /// Padding.
-    pub spare: [f32; 3],
+    pub spare: [f32; 2],
     /// Where the lights are: voxels from the volume's corner times the spacing.
     pub light_places: [[f32; 4]; 4],
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
+    /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
+    pub planes: [[f32; 4]; 8],
 }
 
 /// One entry of the draw list, as a box to draw; `Cell` in WGSL.

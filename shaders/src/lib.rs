@@ -269,7 +269,7 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift spare light_places zone_starts);
+                threshold shift plane_count spare light_places zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare

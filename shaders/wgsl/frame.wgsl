@@ -34,9 +34,11 @@ struct Frame {
     surface_color: vec3f,
     threshold: f32,
     shift: f32,
-    spare: array<f32, 3>,
+    plane_count: u32,
+    spare: array<f32, 2>,
     light_places: array<vec4f, 4>,
     zone_starts: array<vec4u, 4>,
+    planes: array<vec4f, 8>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

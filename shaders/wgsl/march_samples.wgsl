@@ -3,19 +3,16 @@
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frame_settings;
     let ray = pixel_ray(in.position.xy);
-    let whole = clip(ray, frame.shown_low, frame.shown_high);
-    let t_in = max(whole.x, 0.0);
-    let t_out = whole.y;
+    let stretch = shown(ray);
     // Where samples of this cell can be: its box, widened by what rounding moves a point.
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
-    let first = max(own.x, t_in);
-    let last = select(first, min(own.y, t_out), has_pixel(in));
+    let first = max(own.x, stretch.x);
+    let last = select(first, min(own.y, stretch.y), has_pixel(in));
 
     // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
     let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
     let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
 
-    let stretch = vec2f(t_in, t_out);
     var pixel = pixel_start();
     var walk = enter_zone(tick_at(first), 0u, stretch);
     while (first < last && walk.middle < last && !is_final(pixel)) {

@@ -6,8 +6,7 @@
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frame_settings;
     let ray = pixel_ray(in.position.xy);
-    let whole = clip(ray, frame.shown_low, frame.shown_high);
-    let stretch = vec2f(max(whole.x, 0.0), whole.y);
+    let stretch = shown(ray);
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
     let first = max(own.x, stretch.x);
     let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);

@@ -141,7 +141,7 @@ fn shade(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> ve
         var to_light = -view;
         if (frame.lights > 0u) {
             let place = (ray.origin + ray.direction * t) * frame.spacing;
-            to_light = normalize(frame.light_places[i].xyz - place);
+            to_light = normalize(frame_settings.light_places[i].xyz - place);
         }
         let cosine = dot(normal, to_light);
         facing = max(facing, cosine);

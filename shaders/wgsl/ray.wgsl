@@ -42,3 +42,21 @@ fn clip(ray: Ray, low: vec3f, high: vec3f) -> vec2f {
     let far = max(a, b);
     return vec2f(max(max(near.x, near.y), near.z), min(min(far.x, far.y), far.z));
 }
+
+// The stretch (from, to) of the ray that is shown: before the eye, in the shown box, on the inner sides of the clip planes. Empty
+// if from >= to. The rule is written down beside its CPU twin, the volume crate's `Clip`.
+fn shown(ray: Ray) -> vec2f {
+    let boxed = clip(ray, frame.shown_low, frame.shown_high);
+    var stretch = vec2f(max(boxed.x, 0.0), boxed.y);
+    for (var i = 0u; i < frame.plane_count; i++) {
+        // Not of the private copy: what is indexed would stay in memory.
+        let plane = frame_settings.planes[i];
+        let height = dot(plane.xyz, ray.origin - frame.eye) + plane.w;
+        let rise = dot(plane.xyz, ray.direction);
+        // Along the plane it is passed at a distance too great to matter, ahead or behind: all or nothing is shown.
+        let t = -height / select(rise, 1e-20, abs(rise) < 1e-20);
+        let enters = rise > -1e-20;
+        stretch = vec2f(select(stretch.x, max(stretch.x, t), enters), select(min(stretch.y, t), stretch.y, enters));
+    }
+    return stretch;
+}

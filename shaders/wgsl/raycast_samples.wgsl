@@ -6,8 +6,8 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     frame = frame_settings;
     let ray = pixel_ray(position.xy);
     let threshold = dither(position.xy);
-    let whole = clip(ray, frame.shown_low, frame.shown_high);
-    let t_in = max(whole.x, 0.0);
+    let whole = shown(ray);
+    let t_in = whole.x;
     var pixel = pixel_start();
     // Now up to `until`; what lies before `rest` later.
     var until = whole.y;

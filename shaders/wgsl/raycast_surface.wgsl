@@ -5,8 +5,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     frame = frame_settings;
     let ray = pixel_ray(position.xy);
     let threshold = dither(position.xy);
-    let whole = clip(ray, frame.shown_low, frame.shown_high);
-    let stretch = vec2f(max(whole.x, 0.0), whole.y);
+    let stretch = shown(ray);
     var pixel = pixel_start();
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);

@@ -324,7 +324,7 @@ pub fn resolve(
     let extent = levels[0].extent;
     check_scene(source, scene, levels.len())?;
     let geometry = source.geometry().clone();
-    let camera = scene.camera.unwrap_or_else(|| Camera::looking_at_box(geometry.world_box(extent)));
+    let camera = scene.camera_for(geometry.world_box(extent), (width, height));
     let (rays, other_eye) = match &scene.stereo {
         None => (camera.rays(width, height)?, None),
         Some(stereo) => {
@@ -332,6 +332,7 @@ pub fn resolve(
             (left, Some((right, stereo.layout)))
         }
     };
+    let clip = scene.clip_for(&rays, &geometry, extent).map_err(|error| SessionError::Scene(error.to_string()))?;
     let voxel_size = geometry.voxel_size(extent);
     let step = scene.step * voxel_size;
     let lattice = match scene.level {
@@ -364,7 +365,7 @@ pub fn resolve(
         sampling: scene.sampling,
         lighting: scene.lighting.clone(),
         background,
-        clip: scene.clip,
+        clip: clip.clone(),
     };
     Ok(ResolvedScene {
         view: View {
@@ -376,7 +377,7 @@ pub fn resolve(
             pixel_error: scene.pixel_error,
             time: scene.time,
             channel: scene.channel,
-            clip: scene.clip,
+            clip: clip.clone(),
             appearance,
         },
         // Pixels are as large for one eye as for the other, so both have the same lattice.
@@ -429,13 +430,7 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
         }
         (_, None) => {}
     }
-    if let Some([low, high]) = scene.clip
-        && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())
-    {
-        return Err(SessionError::Scene(format!(
-            "the clip box from {low} to {high} is empty: expected low below high"
-        )));
-    }
+    scene.check_slice().map_err(|error| SessionError::Scene(error.to_string()))?;
     if let Some(transfer) = &scene.transfer {
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;
     }

@@ -10,7 +10,7 @@
 use crate::source::BrickSource;
 use crate::split;
 use crate::visibility::OPEN;
-use brickyard_volume::{BrickId, BrickIndex, Filter, Frustum, Level, LevelPolicy, Occupancy, ViewRays};
+use brickyard_volume::{BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, ViewRays};
 use glam::DVec3;
 
 /// What is to be shown: everything besides the data that decides a cut.
@@ -32,8 +32,8 @@ pub struct View {
     pub time: u32,
     /// Channel.
     pub channel: u32,
-    /// Corners of a world box: what is outside of it is not shown.
-    pub clip: Option<[DVec3; 2]>,
+    /// What is shown; `None` is everything.
+    pub clip: Option<Clip>,
     /// A number that differs wherever the same bricks hide other ones: for other opacities or another mode.
     pub appearance: u64,
 }
@@ -56,9 +56,9 @@ impl View {
         Frusta(self.rays.frustum(), self.other_eye.map(|rays| rays.frustum()))
     }
 
-    /// Whether a world box has a part inside the clip box.
+    /// Whether a world box may have a part that is shown.
     pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
-        self.clip.is_none_or(|[from, to]| low.cmplt(to).all() && high.cmpgt(from).all())
+        self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
 
     /// Whether a brick is not empty.

@@ -13,8 +13,8 @@ use crate::source::{BrickError, BrickSource};
 use crate::split::KEEP;
 use crate::test_source::TestSource;
 use brickyard_volume::{
-    BrickId, BrickIndex, Camera, Extent, Filter, Level, LevelPolicy, Occupancy, Projection, Pyramid, Ray, VoxelBox,
-    VoxelType,
+    BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Projection, Pyramid,
+    Ray, VoxelBox, VoxelType,
 };
 use glam::DVec3;
 use proptest::prelude::*;
@@ -122,9 +122,16 @@ struct Shot {
     cull_empty: bool,
     /// How far to the right another eye is, if there is one.
     aside: Option<f64>,
+    /// Points and normals of clip planes.
+    planes: Vec<([f64; 3], [f64; 3])>,
 }
 
 impl Shot {
+    fn clip(&self, place: impl Fn([f64; 3]) -> DVec3) -> Clip {
+        let plane = |&(point, normal): &_| ClipPlane { point: place(point), normal: DVec3::from_array(normal) };
+        Clip::new(None, &self.planes.iter().map(plane).collect::<Vec<_>>()).unwrap()
+    }
+
     fn view(&self, source: &TestSource) -> View {
         let (low, high) = source.geometry().world_box(source.pyramid().levels()[0].extent);
         let place = |p: [f64; 3]| low + (high - low) * DVec3::from_array(p);
@@ -149,7 +156,7 @@ impl Shot {
             pixel_error: self.pixel_error,
             time: 0,
             channel: 0,
-            clip: None,
+            clip: Some(self.clip(place)),
             appearance: 0,
         }
     }
@@ -167,8 +174,9 @@ fn shots() -> impl Strategy<Value = Shot> {
         0.05f64..4.0,
         any::<bool>(),
         prop::option::of(prop_oneof![-0.5f64..0.5, Just(0.0)]),
+        prop_oneof![2 => Just(Vec::new()), 1 => prop::collection::vec(plane(), 1..4), 1 => plane().prop_map(slab)],
     )
-        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty, aside)| Shot {
+        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty, aside, planes)| Shot {
             eye,
             target,
             orthographic,
@@ -177,7 +185,24 @@ fn shots() -> impl Strategy<Value = Shot> {
             pixel_error,
             cull_empty,
             aside,
+            planes,
         })
+}
+
+/// A point of a clip plane, in units of the volume's box, and the plane's normal.
+fn plane() -> impl Strategy<Value = ([f64; 3], [f64; 3])> {
+    let at = || prop_oneof![0.0f64..1.0, prop::sample::select(vec![0.0, 0.25, 0.5])];
+    let across = prop_oneof![
+        prop::array::uniform3(-1.0f64..1.0).prop_filter("a length", |n| n.map(f64::abs).iter().sum::<f64>() > 0.1),
+        prop::sample::select(vec![[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 2.0]]),
+    ];
+    ([at(), at(), at()], across)
+}
+
+/// What a slice leaves: nearly nothing.
+fn slab((point, normal): ([f64; 3], [f64; 3])) -> Vec<([f64; 3], [f64; 3])> {
+    let beside = |sign: f64| (std::array::from_fn(|a| point[a] - sign * 1e-6 * normal[a]), normal.map(|n| sign * n));
+    vec![beside(1.0), beside(-1.0)]
 }
 
 /// The stretch of a ray inside a box of level-0 voxels, in world distance.
@@ -299,7 +324,14 @@ fn check_rays(
         let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
         let ray = view.rays.ray(x, y);
         let Some((near, far)) = stretch(source, &ray, volume_box) else { continue };
-        for _ in 0..4 {
+        // Half of the places anywhere, half where they are shown.
+        let (from, to) = view.clip.as_ref().map_or((near, far), |clip| clip.shorten(&ray, (near, far)));
+        for i in 0..8 {
+            let is_shown = i % 2 == 1;
+            if is_shown && to <= from {
+                continue;
+            }
+            let (near, far) = if is_shown { (from, to) } else { (near, far) };
             let point = ray.origin + ray.direction * (near + (far - near) * (0.001 + 0.998 * dice.unit()));
             let voxel = source.geometry().voxel_from_world(point).to_array();
             let voxel: [u32; 3] = std::array::from_fn(|a| (voxel[a].max(0.0) as u32).min(volume.extent[a] - 1));
@@ -307,7 +339,7 @@ fn check_rays(
             let finest = BrickId { time: 0, channel: 0, level: Level(0), index };
             prop_assert_eq!(count(cells, voxel), 1);
             let (count, empty) = (count(seen, voxel), cull_empty && source.empty.contains(&finest));
-            prop_assert!(count == 1 || (count == 0 && empty), "voxel {:?} is in {} cells", voxel, count);
+            prop_assert!(count == 1 || (count == 0 && (empty || !is_shown)), "voxel {:?} is in {} cells", voxel, count);
         }
         let mut before = f64::INFINITY;
         for &cell in seen {

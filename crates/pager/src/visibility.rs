@@ -66,8 +66,8 @@ impl Visibility {
 
     /// What a view may expect of a node: what was told of it, if that still holds.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
-        let content = |view: &View| (view.opaque, view.appearance, view.clip, view.time, view.channel);
-        let same_content = content(&self.view) == content(view);
+        let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
+        let same_content = content(&self.view) == content(view) && self.view.clip == view.clip;
         let allowed = (node.high - node.low).min_element() * 0.5;
         let holds = same_content && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, node) <= allowed));
         self.weights.get(&(node.level, node.index)).copied().filter(|_| holds)

@@ -8,8 +8,8 @@ mod medium;
 mod surface;
 
 use brickyard_volume::{
-    Extent, Filter, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, Segment, TransferFunction, Voxel, VoxelType,
-    sampling, with_voxel_type,
+    Clip, Extent, Filter, FrameSettings, LevelGrid, Mode, Picture, Pyramid, Ray, Segment, TransferFunction, Voxel,
+    VoxelType, sampling, with_voxel_type,
 };
 use glam::DVec3;
 
@@ -155,6 +155,7 @@ fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray)
 
 /// A ray in voxel space, with world distances along it.
 struct Path {
+    world: Ray,
     origin: DVec3,
     direction: DVec3,
 }
@@ -162,7 +163,7 @@ struct Path {
 impl Path {
     fn new(frame: &FrameSettings, ray: &Ray) -> Self {
         let origin = frame.geometry.voxel_from_world(ray.origin);
-        Self { origin, direction: ray.direction / frame.geometry.spacing }
+        Self { world: *ray, origin, direction: ray.direction / frame.geometry.spacing }
     }
 
     fn at(&self, t: f64) -> DVec3 {
@@ -172,8 +173,24 @@ impl Path {
     /// The segments inside of what is shown, near to far.
     fn segments(&self, frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> impl Iterator<Item = Segment> {
         let inside = clip(self.origin, self.direction, frame.shown_box(volume.levels[0].extent));
+        let inside = inside.and_then(|stretch| clip_by_planes(&self.world, frame, stretch));
         inside.into_iter().flat_map(|(t_in, t_out)| frame.lattice.segments(t_in, t_out))
     }
+}
+
+/// What of the stretch is on the inner sides of all clip planes.
+fn clip_by_planes(ray: &Ray, frame: &FrameSettings, (mut t_in, mut t_out): (f64, f64)) -> Option<(f64, f64)> {
+    for plane in frame.clip.iter().flat_map(Clip::planes) {
+        // The height above the plane is `height + slope * t`.
+        let (height, slope) = (plane.height(ray.origin), plane.normal.dot(ray.direction));
+        match slope {
+            0.0 if height < 0.0 => return None,
+            0.0 => {}
+            slope if slope > 0.0 => t_in = t_in.max(-height / slope),
+            slope => t_out = t_out.min(-height / slope),
+        }
+    }
+    (t_in < t_out).then_some((t_in, t_out))
 }
 
 /// Where the ray is inside the half-open box, `t >= 0`.

@@ -72,7 +72,7 @@ mod tests {
     use crate::tests::{camera, cube, settings};
     use crate::{one_level, pixel};
     use brickyard_volume::lighting::{AMBIENT, DIFFUSE, SPECULAR};
-    use brickyard_volume::{Geometry, Mode, TransferFunction};
+    use brickyard_volume::{Clip, ClipPlane, Geometry, Mode, TransferFunction};
 
     fn transfer() -> TransferFunction {
         TransferFunction {
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shown_box_has_no_caps_and_its_inside_is_seen_from_inside() {
+    fn what_is_shown_has_no_caps_and_its_inside_is_seen_from_inside() {
         let levels = [cube(32, |[x, ..]| 8.0 * x as f64)];
         let (transfer, level_at) = (transfer(), one_level(0));
         let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &transfer };
@@ -160,8 +160,11 @@ mod tests {
         };
         // The ray starts inside, at 248, and comes out at x = 12.5.
         assert!((central(&frame).expect("the way out") - 12.5).abs() < 1e-9);
-        frame.clip = Some([DVec3::splat(14.0), DVec3::splat(31.0)]);
-        assert_eq!(central(&frame), None);
+        let half = ClipPlane { point: DVec3::splat(14.0), normal: DVec3::X };
+        for clip in [Clip::new(Some([DVec3::splat(14.0), DVec3::splat(31.0)]), &[]), Clip::new(None, &[half])] {
+            frame.clip = Some(clip.expect("a clip"));
+            assert_eq!(central(&frame), None);
+        }
         assert_eq!(pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5)), [0.25, 0.0, 1.0], "the background");
     }
 

@@ -7,7 +7,7 @@ use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
-use brickyard_volume::{FrameSettings, Mode, Pyramid};
+use brickyard_volume::{Clip, ClipPlane, FrameSettings, MAX_PLANES, Mode, Pyramid};
 use glam::DVec3;
 
 /// The uniform of a frame of a volume in this atlas.
@@ -31,8 +31,7 @@ pub(crate) fn frame_uniform(
         eye: single(eye),
         step: frame.lattice.step as f32,
         forward: single(forward / spacing),
-        // A point is a sum of two products: a few units in the last place (2^-24) of its largest term.
-        slack: (8e-7 * (eye.abs().max_element() + extent.max_element())) as f32,
+        slack: frame.geometry.rounding_voxels(rays.eye, pyramid.levels()[0].extent) as f32,
         right: single(rays.right / spacing),
         half_width: rays.right.length() as f32,
         up: single(rays.up / spacing),
@@ -63,9 +62,11 @@ pub(crate) fn frame_uniform(
         surface_color: [r, g, b],
         threshold: threshold as f32,
         shift: shift as f32,
+        plane_count: clip_planes(frame).len() as u32,
+        spare: [0.0; 2],
         light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
-        ..Default::default()
+        planes: planes(frame),
     }
 }
 
@@ -76,6 +77,20 @@ fn light_places(frame: &FrameSettings) -> [[f32; 4]; MAX_LIGHTS] {
         *place = (frame.geometry.voxel_from_world(light) * frame.geometry.spacing).extend(0.0).as_vec4().to_array();
     }
     places
+}
+
+fn clip_planes(frame: &FrameSettings) -> &[ClipPlane] {
+    frame.clip.as_ref().map_or(&[], Clip::planes)
+}
+
+/// The clip planes as seen from the eye: there f64 takes the differences of great numbers.
+fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
+    let mut planes = [[0.0; 4]; MAX_PLANES];
+    for (plane, ClipPlane { normal, point }) in planes.iter_mut().zip(clip_planes(frame)) {
+        let height = normal.dot(frame.rays.eye - point);
+        *plane = (normal * frame.geometry.spacing).extend(height).as_vec4().to_array();
+    }
+    planes
 }
 
 /// A cell drawn from its brick's slot.

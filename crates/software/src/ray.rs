@@ -82,7 +82,7 @@ pub(crate) struct Ray {
     pub(crate) direction: [f64; 3],
     /// World units per voxel.
     inverse: [f64; 3],
-    /// The stretch inside the volume's box.
+    /// The stretch that is shown.
     t_in: f64,
     t_out: f64,
     /// The first segment, and one past the last.
@@ -128,6 +128,9 @@ impl Ray {
             if direction[a] == 0.0 && !(low <= origin[a] && origin[a] < high) {
                 t_out = 0.0;
             }
+        }
+        if let Some(clip) = &settings.clip {
+            (t_in, t_out) = clip.shorten(&world, (t_in, t_out));
         }
         if t_in < t_out {
             let ticks = &frame.ticks;

@@ -38,6 +38,13 @@ impl Geometry {
         (self.world_from_voxel(DVec3::ZERO), self.world_from_voxel(far))
     }
 
+    /// How far single precision can move a point of a ray from this eye inside a volume, in voxels. A point is a sum of two
+    /// products: a few units in the last place (2^-24) of its largest term.
+    pub fn rounding_voxels(&self, eye: DVec3, extent: Extent) -> f64 {
+        let far = extent.to_array().into_iter().max().unwrap_or(0) as f64;
+        8e-7 * (self.voxel_from_world(eye).abs().max_element() + far)
+    }
+
     /// The finest voxel size that counts: the smallest spacing among axes with more than one voxel. It is the unit of
     /// `--step`, and level `k`'s voxel size is this times `2^k`.
     pub fn voxel_size(&self, extent: Extent) -> f64 {

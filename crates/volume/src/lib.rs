@@ -1,5 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, stereo, the sampling lattice, surfaces and the scene. Plain values and arithmetic: no
+//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces and the scene. Plain values and
+//! arithmetic: no
 //! I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
@@ -10,6 +11,7 @@
 
 pub mod apron;
 pub mod camera;
+pub mod clip;
 pub mod code;
 pub mod geometry;
 pub mod integrals;
@@ -21,6 +23,7 @@ pub mod picture;
 pub mod pyramid;
 pub mod sampling;
 pub mod scene;
+pub mod slice;
 pub mod space;
 pub mod stereo;
 pub mod surface;
@@ -29,6 +32,7 @@ pub mod voxel_type;
 
 pub use apron::{Apron, MAX_APRON};
 pub use camera::{Camera, Frustum, Projection, Ray, ViewRays};
+pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use code::{SlotEncoding, SlotFormat};
 pub use geometry::Geometry;
 pub use integrals::{Integrals, Medium};
@@ -40,6 +44,7 @@ pub use picture::{Difference, FrameSettings, Picture};
 pub use pyramid::{LevelGrid, Pyramid};
 pub use sampling::{Filter, Method, Needs, Sampling};
 pub use scene::{LevelPolicy, Mode, Scene};
+pub use slice::Slice;
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use transfer::{TransferFunction, TransferTable};

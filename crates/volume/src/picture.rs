@@ -1,6 +1,7 @@
 //! A finished picture, what a renderer needs to know to make one, and how far two pictures are apart.
 
 use crate::camera::ViewRays;
+use crate::clip::Clip;
 use crate::code::SlotEncoding;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
@@ -34,8 +35,8 @@ pub struct FrameSettings {
     pub lighting: Lighting,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
-    /// Corners of the world box outside of which nothing is shown.
-    pub clip: Option<[DVec3; 2]>,
+    /// What is shown; `None` is everything.
+    pub clip: Option<Clip>,
 }
 
 impl FrameSettings {
@@ -44,11 +45,12 @@ impl FrameSettings {
         Needs::new(self.mode, self.sampling, &self.lighting)
     }
 
-    /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is.
+    /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is. Clip planes
+    /// may take more away.
     pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
         let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));
-        let Some(clip) = self.clip else { return (low, high) };
-        let clip = clip.map(|corner| self.geometry.voxel_from_world(corner));
+        let Some(clip) = &self.clip else { return (low, high) };
+        let clip = clip.corners().map(|corner| self.geometry.voxel_from_world(corner));
         (low.max(clip[0]), high.min(clip[1]))
     }
 }

@@ -1,8 +1,12 @@
 //! The scene: everything besides the data that decides a picture, as one JSON document.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, ViewRays};
+use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
+use crate::geometry::Geometry;
 use crate::lighting::Lighting;
 use crate::sampling::{Needs, Sampling};
+use crate::slice::Slice;
+use crate::space::Extent;
 use crate::stereo::Stereo;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
@@ -46,7 +50,7 @@ pub enum LevelPolicy {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// The camera; `None` looks at the whole volume.
+    /// The camera; `None` looks at the whole volume, or straight at the slice.
     pub camera: Option<Camera>,
     /// Two eyes in the place of the camera's one; `None` is one eye.
     pub stereo: Option<Stereo>,
@@ -74,6 +78,10 @@ pub struct Scene {
     pub channel: u32,
     /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read.
     pub clip: Option<[DVec3; 2]>,
+    /// Planes, at most [`MAX_CLIP_PLANES`]: nothing on the outer side of any is shown, or read.
+    pub clip_planes: Vec<ClipPlane>,
+    /// Show only a plane, or a slab about it. The mode says what is shown of what lies across: its mean, greatest or least value.
+    pub slice: Option<Slice>,
 }
 
 impl Default for Scene {
@@ -93,6 +101,49 @@ impl Default for Scene {
             time: 0,
             channel: 0,
             clip: None,
+            clip_planes: Vec::new(),
+            slice: None,
+        }
+    }
+}
+
+impl Scene {
+    /// The camera, or where none is given the one that suits what is shown of a volume in this box, in a picture of this size.
+    pub fn camera_for(&self, world_box: (DVec3, DVec3), size: (u32, u32)) -> Camera {
+        let default = || match &self.slice {
+            Some(slice) => slice.camera(world_box, size),
+            None => Camera::looking_at_box(world_box),
+        };
+        self.camera.unwrap_or_else(default)
+    }
+
+    /// What is shown of a volume by these rays; `None` is everything.
+    ///
+    /// # Errors
+    /// If box, planes or slice are impossible, or the mode cannot show a slice.
+    pub fn clip_for(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> Result<Option<Clip>, ClipError> {
+        if self.clip_planes.len() > MAX_CLIP_PLANES {
+            return Err(ClipError::Planes(self.clip_planes.len()));
+        }
+        self.check_slice()?;
+        let mut planes = self.clip_planes.clone();
+        if let Some(slice) = &self.slice {
+            planes.extend(slice.sides(rays, geometry, extent));
+        }
+        let is_clipped = self.clip.is_some() || !planes.is_empty();
+        is_clipped.then(|| Clip::new(self.clip, &planes)).transpose()
+    }
+
+    /// Whether the slice, if there is one, can be shown.
+    ///
+    /// # Errors
+    /// If it is impossible, or the mode cannot show it.
+    pub fn check_slice(&self) -> Result<(), ClipError> {
+        let Some(slice) = &self.slice else { return Ok(()) };
+        match self.mode {
+            Mode::Average | Mode::Mip | Mode::MinIp => slice.check(),
+            Mode::Dvr => Err(ClipError::SliceMode("dvr")),
+            Mode::Isosurface => Err(ClipError::SliceMode("isosurface")),
         }
     }
 }
@@ -134,6 +185,8 @@ mod tests {
             time: 4,
             channel: 2,
             clip: Some([DVec3::ZERO, DVec3::ONE]),
+            clip_planes: vec![ClipPlane { point: DVec3::ONE, normal: DVec3::new(0.0, -0.1, 3.0) }],
+            slice: Some(Slice { point: DVec3::Y, normal: DVec3::new(0.2, 0.0, 7.0), thickness: 0.25 }),
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);

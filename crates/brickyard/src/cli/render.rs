@@ -87,7 +87,7 @@ enum CompositorArgument {
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
     let store = store_errors::open(&arguments.store)?;
-    let scene = arguments.scene.scene(&store)?;
+    let scene = arguments.scene.scene(&store, arguments.size)?;
     let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
     let store = Arc::new(store);
     let scenes = scenes(&arguments, scene, &store)?;
@@ -282,7 +282,7 @@ fn scenes(arguments: &RenderArguments, scene: Scene, store: &Store) -> Result<Ve
             return Err(Failure::usage("--orbit 0: expected at least one picture"));
         }
         let extent = store.pyramid().levels()[0].extent;
-        let start = scene.camera.unwrap_or_else(|| Camera::looking_at_box(store.geometry().world_box(extent)));
+        let start = scene.camera_for(store.geometry().world_box(extent), arguments.size);
         return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
     }
     let Some(path) = &arguments.path else { return Ok(vec![scene]) };

@@ -6,8 +6,8 @@ use brickyard::pager::BrickSource;
 use brickyard::session::preset_unit_distance;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, Stereo,
-    StereoLayout, TransferFunction,
+    Camera, ClipPlane, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, Slice,
+    Stereo, StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -22,10 +22,10 @@ pub(crate) struct SceneArguments {
     /// Where the camera stands, world units
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// What it looks at [default: the volume's centre]
+    /// What it looks at [default: the volume's centre, or the slice's]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     target: Option<DVec3>,
-    /// The picture's up direction [default: 0,0,1]
+    /// The picture's up direction [default: 0,0,1; 0,-1,0 for slices nearer to level than to upright]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     up: Option<DVec3>,
     /// Vertical opening angle, degrees [default: 30]
@@ -88,6 +88,16 @@ pub(crate) struct SceneArguments {
     /// Show only this box, world units
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::world_box, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
+    /// Show only what is on the side of this plane that its normal points to (a point and the normal, world units); up to six times
+    #[arg(long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
+    clip_plane: Vec<ClipPlane>,
+    /// Show only this plane, seen straight on unless there is a camera: across an axis at a world coordinate, or through a point
+    /// with a normal that points to the viewer; the mode is average, mip or minip [default: average]
+    #[arg(long, value_name = "x=VALUE|X,Y,Z:NX,NY,NZ", value_parser = values::slice, allow_hyphen_values = true)]
+    slice: Option<Slice>,
+    /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
+    #[arg(long, value_name = "WIDTH", value_parser = values::positive)]
+    thickness: Option<f64>,
 }
 
 /// [`Mode`] on the command line.
@@ -242,11 +252,12 @@ fn level(text: &str) -> Result<LevelPolicy, String> {
 }
 
 impl SceneArguments {
-    /// The scene: the file's, overridden by the flags, for a volume of this store.
+    /// The scene: the file's, overridden by the flags, for pictures of this size of this store's volume.
     ///
     /// # Errors
-    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel, or eyes without stereo.
-    pub(crate) fn scene(&self, store: &Store) -> Result<Scene, Failure> {
+    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel, eyes without stereo or a thickness without a
+    /// slice.
+    pub(crate) fn scene(&self, store: &Store, size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = match &self.scene {
             Some(path) => serde_json::from_str(&read_text(path)?)
                 .map_err(|error| Failure::bad_input(format!("{}: not a scene: {error}", path.display())))?,
@@ -262,8 +273,10 @@ impl SceneArguments {
         if let Some(name) = &self.transfer {
             scene.transfer = Some(transfer(name, store, channel)?);
         }
-        scene.camera = self.camera(scene.camera, store);
         scene.stereo = self.stereo(scene.stereo)?;
+        if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
+            scene.mode = Mode::Average;
+        }
         scene.mode = self.mode.map_or(scene.mode, Mode::from);
         scene.sampling.method = self.method.map_or(scene.sampling.method, Method::from);
         scene.sampling.filter = self.filter.map_or(scene.sampling.filter, Filter::from);
@@ -273,7 +286,8 @@ impl SceneArguments {
             scene.lighting.lights = self.light.clone();
         }
         // Another mode's flag takes the file's isovalue away with its mode; one that is given must suit.
-        let of_file = scene.isovalue.filter(|_| self.mode.is_none() || scene.mode == Mode::Isosurface);
+        let is_of_file = self.mode.is_none() && self.slice.is_none();
+        let of_file = scene.isovalue.filter(|_| is_of_file || scene.mode == Mode::Isosurface);
         scene.isovalue = self.isovalue.or(of_file);
         scene.step = self.step.unwrap_or(scene.step);
         scene.background = self.background.unwrap_or(scene.background);
@@ -282,6 +296,18 @@ impl SceneArguments {
         scene.time = self.time.unwrap_or(scene.time);
         scene.channel = channel;
         scene.clip = self.clip.or(scene.clip);
+        if !self.clip_plane.is_empty() {
+            scene.clip_planes.clone_from(&self.clip_plane);
+        }
+        scene.slice = self.slice.or(scene.slice);
+        match (&mut scene.slice, self.thickness) {
+            (Some(slice), Some(thickness)) => slice.thickness = thickness,
+            (None, Some(_)) => {
+                return Err(Failure::usage("--thickness is a slice's: add --slice, as in --slice z=12.5"));
+            }
+            (_, None) => {}
+        }
+        scene.camera = self.camera(&scene, store, size_px);
         Ok(scene)
     }
 
@@ -300,9 +326,8 @@ impl SceneArguments {
         Ok(stereo)
     }
 
-    fn camera(&self, from_file: Option<Camera>, store: &Store) -> Option<Camera> {
-        let world_box = store.geometry().world_box(extent(store));
-        let mut camera = from_file.unwrap_or_else(|| Camera::looking_at_box(world_box));
+    fn camera(&self, scene: &Scene, store: &Store, size_px: (u32, u32)) -> Option<Camera> {
+        let mut camera = scene.camera_for(store.geometry().world_box(extent(store)), size_px);
         camera.eye = self.eye.unwrap_or(camera.eye);
         camera.target = self.target.unwrap_or(camera.target);
         camera.up = self.up.unwrap_or(camera.up);

@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{Extent, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Slice, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -91,6 +91,30 @@ pub(crate) fn world_box(text: &str) -> Result<[DVec3; 2], String> {
     }
 }
 
+/// `X,Y,Z:NX,NY,NZ`: a point of a plane and its normal.
+pub(crate) fn plane(text: &str) -> Result<ClipPlane, String> {
+    let form = "X,Y,Z:NX,NY,NZ, a point and a normal";
+    let parts: [String; 2] = list(text, ':', form)?;
+    let [point, normal] = parts.map(|part| list(&part, ',', form).map(DVec3::from_array));
+    let plane = ClipPlane { point: point?, normal: normal? };
+    plane.normalized().map(|_| plane).map_err(|error| format!("'{text}': {error}"))
+}
+
+/// `x=VALUE`, `y=VALUE`, `z=VALUE`, or a plane.
+pub(crate) fn slice(text: &str) -> Result<Slice, String> {
+    let Some((axis, at)) = text.split_once('=') else {
+        return match text.contains(':') {
+            true => plane(text).map(|ClipPlane { point, normal }| Slice { point, normal, thickness: 0.0 }),
+            false => Err(format!("'{text}': expected x=VALUE, y=VALUE, z=VALUE or X,Y,Z:NX,NY,NZ, in world units")),
+        };
+    };
+    let axis = ["x", "y", "z"].iter().position(|name| *name == axis.trim());
+    match (axis, at.trim().parse::<f64>()) {
+        (Some(axis), Ok(at)) if at.is_finite() => Ok(Slice::across(axis, at)),
+        _ => Err(format!("'{text}': expected x, y or z and a finite world coordinate, as in z=12.5")),
+    }
+}
+
 fn box_ends<T: std::str::FromStr + PartialOrd>(text: &str, form: &str) -> Result<[[T; 2]; 3], String> {
     let axes: [String; 3] = list(text, ',', form)?;
     let ends = axes.into_iter().map(|part| match list(&part, ':', form)? {
@@ -152,6 +176,25 @@ mod tests {
         assert_eq!(world_box("-1:2,1.5:3,5:9"), Ok([DVec3::new(-1.0, 1.5, 5.0), DVec3::new(2.0, 3.0, 9.0)]));
         assert!(world_box("0:2,3:1,5:9").unwrap_err().contains("empty"));
         assert!(world_box("0:nan,0:1,5:9").is_err() && world_box("0:inf,0:1,5:9").is_err());
+    }
+
+    #[test]
+    fn planes_have_a_point_and_a_normal() {
+        let expected = ClipPlane { point: DVec3::new(1.0, -2.0, 3.5), normal: DVec3::new(0.0, 0.0, -2.0) };
+        assert_eq!(plane("1,-2,3.5:0,0,-2"), Ok(expected));
+        for bad in ["1,2,3", "1,2,3:0,0", "1,2,3:0,0,0", "1,2,nan:0,0,1", "1,2,3:0,inf,1", "1,2,3:a,0,1", "1:2:3"] {
+            assert!(plane(bad).unwrap_err().contains(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn slices_are_across_an_axis_or_a_plane() {
+        assert_eq!(slice("y=-2.5"), Ok(Slice::across(1, -2.5)));
+        let oblique = Slice { point: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 1.0, 1.0), thickness: 0.0 };
+        assert_eq!(slice("1,2,3:0,1,1"), Ok(oblique));
+        for bad in ["w=3", "z=", "z=inf", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
+            assert!(slice(bad).unwrap_err().contains(bad), "{bad}");
+        }
     }
 
     #[test]

@@ -1,0 +1,202 @@
+//! What of a volume is shown: the part inside a box and on the inner sides of planes, all in the world.
+//!
+//! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)):
+//! the first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in
+//! a renderer knows of it. The pager leaves out bricks that lie wholly outside. Costs a few products per ray and plane.
+
+use crate::camera::Ray;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Clip planes of a scene, at most.
+pub const MAX_CLIP_PLANES: usize = 6;
+
+/// Planes of a picture, at most: the scene's, and the two sides of a slice.
+pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2;
+
+/// A plane in the world. What is on the side that its normal points to is shown, the plane itself included.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipPlane {
+    /// A point that it passes through.
+    pub point: DVec3,
+    /// Across it, towards what is shown; of any length.
+    pub normal: DVec3,
+}
+
+impl ClipPlane {
+    /// The signed distance of a point, in lengths of the normal; not negative where things are shown.
+    pub fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point - self.point)
+    }
+
+    /// The same plane with a normal of length 1.
+    ///
+    /// # Errors
+    /// If a number is not finite or the normal has no length.
+    pub fn normalized(&self) -> Result<Self, ClipError> {
+        let normal = self.normal.try_normalize().filter(|_| self.point.is_finite() && self.normal.is_finite());
+        Ok(Self { normal: normal.ok_or(ClipError::Plane(*self))?, ..*self })
+    }
+}
+
+/// Why nothing can be clipped or sliced so.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ClipError {
+    /// A box without inside.
+    #[error("the clip box from {low} to {high} is empty: expected low below high")]
+    Box {
+        /// The corner that should be the lower one.
+        low: DVec3,
+        /// The other.
+        high: DVec3,
+    },
+    /// No plane.
+    #[error(
+        "the plane through {} with normal {}: expected finite numbers, and a normal that is not zero", .0.point, .0.normal
+    )]
+    Plane(ClipPlane),
+    /// More planes than there is room for.
+    #[error("{0} clip planes: expected at most {MAX_CLIP_PLANES}")]
+    Planes(usize),
+    /// A slice from nowhere to nowhere.
+    #[error("the slice's thickness is {0}: expected a positive number, or 0 for as thin as can be")]
+    Thickness(f64),
+    /// A mode that does not end in one value.
+    #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]
+    SliceMode(&'static str),
+}
+
+/// What is shown of the world: the inside of a box and of planes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    low: DVec3,
+    high: DVec3,
+    /// Normals have length 1.
+    planes: Vec<ClipPlane>,
+}
+
+impl Clip {
+    /// Inside of the box between two corners, where there is one, and of planes.
+    ///
+    /// # Errors
+    /// If the box has no inside, a plane no normal, or there are more than [`MAX_PLANES`].
+    pub fn new(corners: Option<[DVec3; 2]>, planes: &[ClipPlane]) -> Result<Self, ClipError> {
+        if let Some([low, high]) = corners
+            && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())
+        {
+            return Err(ClipError::Box { low, high });
+        }
+        if planes.len() > MAX_PLANES {
+            return Err(ClipError::Planes(planes.len()));
+        }
+        let [low, high] = corners.unwrap_or([DVec3::NEG_INFINITY, DVec3::INFINITY]);
+        let planes = planes.iter().map(ClipPlane::normalized).collect::<Result<_, _>>()?;
+        Ok(Self { low, high, planes })
+    }
+
+    /// The corners of the box; infinite where it has no bounds.
+    pub fn corners(&self) -> [DVec3; 2] {
+        [self.low, self.high]
+    }
+
+    /// The planes, with normals of length 1.
+    pub fn planes(&self) -> &[ClipPlane] {
+        &self.planes
+    }
+
+    /// Whether a part of a box may be shown: false only if the clip box has none of it, or one plane nothing of what that has.
+    pub fn meets_box(&self, low: DVec3, high: DVec3) -> bool {
+        let (low, high) = (low.max(self.low), high.min(self.high));
+        let farthest = |plane: &ClipPlane| DVec3::select(plane.normal.cmpge(DVec3::ZERO), high, low);
+        low.cmplt(high).all() && self.planes.iter().all(|plane| plane.height(farthest(plane)) >= 0.0)
+    }
+
+    /// What the planes leave of a ray's stretch; empty if it then ends before it begins.
+    pub fn shorten(&self, ray: &Ray, (mut from, mut to): (f64, f64)) -> (f64, f64) {
+        for plane in &self.planes {
+            let (height, rise) = (plane.height(ray.origin), plane.normal.dot(ray.direction));
+            if rise > 0.0 {
+                from = from.max(-height / rise);
+            } else if rise < 0.0 {
+                to = to.min(-height / rise);
+            } else if height < 0.0 {
+                to = from;
+            }
+        }
+        (from, to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn plane(point: [f64; 3], normal: [f64; 3]) -> ClipPlane {
+        ClipPlane { point: point.into(), normal: normal.into() }
+    }
+
+    #[test]
+    fn what_cannot_clip_is_refused() {
+        let [zero, one] = [DVec3::ZERO, DVec3::ONE];
+        for corners in [[one, zero], [zero, zero], [zero, DVec3::INFINITY], [DVec3::NAN, one]] {
+            assert!(matches!(Clip::new(Some(corners), &[]), Err(ClipError::Box { .. })), "{corners:?}");
+        }
+        let good = plane([1.0, 2.0, 3.0], [0.0, -2.0, 0.0]);
+        assert_eq!(Clip::new(None, &[good]).unwrap().planes()[0].normal, DVec3::NEG_Y);
+        for bad in
+            [plane([0.0; 3], [0.0; 3]), plane([f64::NAN; 3], [1.0; 3]), plane([0.0; 3], [1.0, f64::INFINITY, 0.0])]
+        {
+            assert!(matches!(Clip::new(None, &[good, bad]), Err(ClipError::Plane(_))), "{bad:?}");
+        }
+        assert!(Clip::new(None, &[good; MAX_PLANES]).is_ok());
+        assert_eq!(Clip::new(None, &[good; MAX_PLANES + 1]), Err(ClipError::Planes(MAX_PLANES + 1)));
+    }
+
+    #[test]
+    fn a_plane_holds_what_it_touches() {
+        let ray = |origin, direction| Ray { origin, direction };
+        let clip = Clip::new(None, &[plane([2.0, 0.0, 0.0], [4.0, 0.0, 0.0])]).unwrap();
+        assert_eq!(clip.shorten(&ray(DVec3::ZERO, DVec3::X), (0.0, 9.0)), (2.0, 9.0));
+        assert_eq!(clip.shorten(&ray(DVec3::X * 5.0, DVec3::NEG_X), (0.0, 9.0)), (0.0, 3.0));
+        // Along the plane: all or nothing.
+        assert_eq!(clip.shorten(&ray(DVec3::X * 2.0, DVec3::Y), (1.0, 9.0)), (1.0, 9.0));
+        assert_eq!(clip.shorten(&ray(DVec3::X * 1.9, DVec3::Y), (1.0, 9.0)), (1.0, 1.0));
+    }
+
+    #[test]
+    fn a_plane_that_the_clip_box_keeps_away_hides_the_box() {
+        // The plane has a corner of the box, but not of what the clip box leaves of it.
+        let clip =
+            Clip::new(Some([DVec3::ZERO, DVec3::splat(0.5)]), &[plane([1.6, 0.0, 0.0], [1.0, 1.0, 0.0])]).unwrap();
+        assert!(!clip.meets_box(DVec3::ZERO, DVec3::ONE));
+        let unbounded = Clip::new(None, clip.planes()).unwrap();
+        assert!(unbounded.meets_box(DVec3::ZERO, DVec3::ONE) && !unbounded.meets_box(DVec3::ZERO, DVec3::splat(0.7)));
+    }
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        /// A point of a ray is inside of all planes just where the stretch left says so, and its box is then met.
+        #[test]
+        fn stretches_hold_what_is_inside(
+            planes in prop::collection::vec((vector(), vector()), 0..MAX_PLANES), origin in vector(), direction in vector(),
+            t in 0.0f64..3.0, size in 0.0f64..1.0,
+        ) {
+            prop_assume!(direction.length() > 0.01 && planes.iter().all(|(_, normal)| normal.length() > 0.01));
+            let planes: Vec<_> = planes.into_iter().map(|(point, normal)| ClipPlane { point, normal }).collect();
+            let clip = Clip::new(None, &planes).unwrap();
+            let ray = Ray { origin: origin * 2.0, direction: direction.normalize() };
+            let point = ray.origin + ray.direction * t;
+            let least = clip.planes().iter().map(|plane| plane.height(point)).fold(f64::INFINITY, f64::min);
+            // Rounding decides about points on a plane.
+            prop_assume!(least.abs() > 1e-9);
+            let (from, to) = clip.shorten(&ray, (0.0, 3.0));
+            prop_assert_eq!(least > 0.0, from <= t && t <= to, "{} in {}..{}", t, from, to);
+            prop_assert!(least < 0.0 || clip.meets_box(point - size, point + 1e-6));
+        }
+    }
+}

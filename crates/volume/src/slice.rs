@@ -1,0 +1,181 @@
+//! Slices: a plane through the volume, or a slab about it, looked at straight on.
+//!
+//! A slice is no mode of its own. It is what two parallel clip planes leave of the volume, drawn with a projection: the mean, the
+//! greatest or the least value between them. One without thickness is as thin as single precision can still tell from nothing, a
+//! small part of a voxel: there the mean is the value where the ray meets the plane. So slices are paged, sampled and
+//! classified as everything else is, touch only the bricks that they meet, and may be looked at with any camera.
+
+use crate::camera::{Camera, Projection, ViewRays};
+use crate::clip::{ClipError, ClipPlane};
+use crate::geometry::Geometry;
+use crate::space::Extent;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// A plane through the volume, or the slab of some thickness about it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Slice {
+    /// A point that it passes through, world.
+    pub point: DVec3,
+    /// Across it, towards the viewer; of any length.
+    pub normal: DVec3,
+    /// World distance from one side of the slab to the other; 0 is as thin as can be.
+    #[serde(default)]
+    pub thickness: f64,
+}
+
+impl Slice {
+    /// The slice across an axis (0 is x) at a world coordinate, seen as images are: z slices have x to the right and y downwards, as
+    /// they are stored; y slices x to the right and z upwards; x slices y to the right and z upwards.
+    pub fn across(axis: usize, at: f64) -> Self {
+        let normal = [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z][axis];
+        Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
+    }
+
+    /// Whether it can be shown.
+    ///
+    /// # Errors
+    /// If it has no plane or no possible thickness.
+    pub fn check(&self) -> Result<(), ClipError> {
+        if !(self.thickness >= 0.0 && self.thickness.is_finite()) {
+            return Err(ClipError::Thickness(self.thickness));
+        }
+        ClipPlane { point: self.point, normal: self.normal }.normalized().map(|_| ())
+    }
+
+    /// The sides of the slab, for a picture of this volume with these rays.
+    pub fn sides(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> [ClipPlane; 2] {
+        let normal = self.normal.normalize_or_zero();
+        // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to
+        // each side, so that it meets every brick that a sample may come from.
+        let thinnest = 4.0 * geometry.rounding_voxels(rays.eye, extent) * (normal * geometry.spacing).length();
+        let half = 0.5 * self.thickness.max(thinnest);
+        [normal, -normal].map(|normal| ClipPlane { point: self.point - normal * half, normal })
+    }
+
+    /// An orthographic camera that looks straight at all of the slice, in a picture of this size. Up is z, or -y where the plane
+    /// is nearer to level than to upright.
+    pub fn camera(&self, world_box: (DVec3, DVec3), (width, height): (u32, u32)) -> Camera {
+        let normal = self.normal.normalize_or_zero();
+        let up = if normal.z.abs() > std::f64::consts::FRAC_1_SQRT_2 { DVec3::NEG_Y } else { DVec3::Z };
+        let right = up.cross(normal).normalize_or_zero();
+        let upright = normal.cross(right);
+        let corners = corners(world_box);
+        let whole = (world_box.1 - world_box.0).length();
+        let size_of = |points: &[DVec3]| {
+            let range = |axis: DVec3| {
+                let along = points.iter().map(|p| axis.dot(*p - self.point));
+                (along.clone().fold(f64::INFINITY, f64::min), along.fold(f64::NEG_INFINITY, f64::max))
+            };
+            [range(right), range(upright)]
+        };
+        let mut sides = size_of(&self.outline(&corners));
+        if !sides.iter().any(|(low, high)| high - low > 1e-6 * whole) {
+            // It passes the volume by.
+            sides = size_of(&corners);
+        }
+        let [(left, right_end), (bottom, top)] = sides;
+        let target = self.point + right * (left + right_end) * 0.5 + upright * (bottom + top) * 0.5;
+        let world_height = (top - bottom).max((right_end - left) * height as f64 / width as f64);
+        // Before the slab; and not far, for the sake of precision.
+        let eye = target + normal * (self.thickness + world_height);
+        Camera { eye, target, up, projection: Projection::Orthographic { height: world_height } }
+    }
+
+    /// Where the plane meets the edges of the box with these corners.
+    fn outline(&self, corners: &[DVec3; 8]) -> Vec<DVec3> {
+        let height = |p: DVec3| self.normal.dot(p - self.point);
+        let mut points = Vec::new();
+        for (i, axis) in (0..8usize).flat_map(|i| (0..3).map(move |axis| (i, axis))) {
+            let (a, b) = (corners[i], corners[i | 1 << axis]);
+            let (low, high) = (height(a), height(b));
+            if i & 1 << axis == 0 && (low <= 0.0) != (high <= 0.0) {
+                points.push(a + (b - a) * (low / (low - high)));
+            }
+        }
+        points
+    }
+}
+
+/// Corner `i` has the high end of x, y and z where bits 0, 1 and 2 are set.
+fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
+    let pick = |i: usize, a: usize| if i >> a & 1 == 0 { low[a] } else { high[a] };
+    std::array::from_fn(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOX: (DVec3, DVec3) = (DVec3::new(-1.0, 2.0, 10.0), DVec3::new(5.0, 4.0, 19.0));
+
+    /// Right and up in the world, the middle, width and height of what the camera shows.
+    fn seen(slice: &Slice, size: (u32, u32)) -> (DVec3, DVec3, DVec3, [f64; 2]) {
+        let camera = slice.camera(BOX, size);
+        let rays = camera.rays(size.0, size.1).unwrap();
+        let (right, up) = (rays.right.normalize(), rays.up.normalize());
+        (right, up, camera.target, [2.0 * rays.right.length(), 2.0 * rays.up.length()])
+    }
+
+    #[test]
+    fn axes_are_seen_as_images_are() {
+        let close = |a: DVec3, b: [f64; 3]| (a - DVec3::from_array(b)).length() < 1e-12;
+        let (right, up, middle, size) = seen(&Slice::across(2, 12.0), (300, 300));
+        assert!(close(right, [1.0, 0.0, 0.0]) && close(up, [0.0, -1.0, 0.0]) && close(middle, [2.0, 3.0, 12.0]));
+        assert!((size[0] - 6.0).abs() < 1e-12 && (size[1] - 6.0).abs() < 1e-12, "{size:?}");
+        let (right, up, middle, size) = seen(&Slice::across(1, 2.5), (200, 300));
+        assert!(close(right, [1.0, 0.0, 0.0]) && close(up, [0.0, 0.0, 1.0]) && close(middle, [2.0, 2.5, 14.5]));
+        assert!((size[0] - 6.0).abs() < 1e-12 && (size[1] - 9.0).abs() < 1e-12, "{size:?}");
+        let (right, up, middle, _) = seen(&Slice::across(0, -0.5), (300, 300));
+        assert!(close(right, [0.0, 1.0, 0.0]) && close(up, [0.0, 0.0, 1.0]) && close(middle, [-0.5, 3.0, 14.5]));
+    }
+
+    #[test]
+    fn oblique_slices_are_seen_whole() {
+        let normals = [[1.0, 1.0, 1.0], [-0.3, 0.2, 0.9], [0.0, 5.0, -0.1], [1e-9, 0.0, 1.0], [0.7, 0.0, -0.7]];
+        for normal in normals.map(DVec3::from_array) {
+            for (thickness, point) in [(0.0, DVec3::new(2.0, 3.0, 14.0)), (7.0, DVec3::new(-0.9, 2.1, 10.1))] {
+                let slice = Slice { point, normal, thickness };
+                let camera = slice.camera(BOX, (400, 300));
+                let rays = camera.rays(400, 300).unwrap();
+                assert!(rays.forward.dot(normal) < 0.0, "the normal points to the viewer");
+                assert!(normal.normalize().dot(camera.eye - point) > thickness * 0.5, "the slab is before the eye");
+                let mut fills = 0.0f64;
+                for p in slice.outline(&corners(BOX)) {
+                    let u = rays.right.dot(p - rays.eye) / rays.right.length_squared();
+                    let v = rays.up.dot(p - rays.eye) / rays.up.length_squared();
+                    assert!(u.abs() < 1.0 + 1e-9 && v.abs() < 1.0 + 1e-9, "{normal} {p}: {u} {v}");
+                    fills = fills.max(u.abs()).max(v.abs());
+                }
+                assert!(fills > 1.0 - 1e-9, "{normal}: the picture is filled");
+            }
+        }
+        // Beside the volume there still is a picture.
+        assert!(Slice::across(2, 99.0).camera(BOX, (64, 64)).rays(64, 64).is_ok());
+    }
+
+    #[test]
+    fn a_slab_lies_about_its_plane() {
+        let slice = Slice { thickness: 3.0, ..Slice::across(1, 7.0) };
+        let rays = slice.camera(BOX, (64, 64)).rays(64, 64).unwrap();
+        let extent = Extent::new(6, 2, 9);
+        let sides = slice.sides(&rays, &Geometry::default(), extent);
+        let inside = |y: f64| sides.iter().all(|side| side.height(DVec3::new(1.0, y, 1.0)) >= 0.0);
+        assert_eq!([5.49, 5.51, 8.49, 8.51].map(inside), [false, true, true, false]);
+        // Without thickness it is thin, but not nothing.
+        let thin = Slice::across(1, 7.0).sides(&rays, &Geometry::default(), extent);
+        let inside = |y: f64| thin.iter().all(|side| side.height(DVec3::new(1.0, y, 1.0)) >= 0.0);
+        assert_eq!([6.999, 7.0 - 1e-6, 7.0 + 1e-6, 7.001].map(inside), [false, true, true, false]);
+    }
+
+    #[test]
+    fn impossible_slices_are_refused() {
+        let good = Slice::across(0, 1.0);
+        assert_eq!(good.check(), Ok(()));
+        assert!(matches!(Slice { normal: DVec3::ZERO, ..good }.check(), Err(ClipError::Plane(_))));
+        for thickness in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(Slice { thickness, ..good }.check(), Err(ClipError::Thickness(_))));
+        }
+    }
+}
