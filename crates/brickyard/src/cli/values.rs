@@ -95,8 +95,8 @@ pub(crate) fn world_box(text: &str) -> Result<[DVec3; 2], String> {
 pub(crate) fn plane(text: &str) -> Result<ClipPlane, String> {
     let form = "X,Y,Z:NX,NY,NZ, a point and a normal";
     let parts: [String; 2] = list(text, ':', form)?;
-    let [point, normal] = parts.map(|part| list(&part, ',', form).map(DVec3::from_array));
-    let plane = ClipPlane { point: point?, normal: normal? };
+    let vector = |part: &String| list(part, ',', form).map_err(|_| format!("'{text}': expected {form}"));
+    let plane = ClipPlane { point: vector(&parts[0])?.into(), normal: vector(&parts[1])?.into() };
     plane.normalized().map(|_| plane).map_err(|error| format!("'{text}': {error}"))
 }
 
