@@ -248,6 +248,7 @@ fn thin_slices_are_the_values_on_the_plane() {
         8175.5 - 0.02,
         8175.5,
         8175.5 + 1e-4,
+        8175.5 - 1e-4,
         8180.25,
         8183.5,
         8187.73,
@@ -262,9 +263,12 @@ fn thin_slices_are_the_values_on_the_plane() {
         projection: Projection::Orthographic { height: 20.0 },
         ..slice.camera(world, SIZE)
     };
+    // From afar the slab is thicker, and its two sides are harder to tell from one another.
     for normal in [[0.0, -1.0, 0.0], [0.3, -1.0, 0.2], [1.0, 0.4, -0.3]] {
         let slice = Slice { point: place, normal: DVec3::from_array(normal), thickness: 0.0 };
         scenes.push(scene(slice, Some(near(slice))));
+        let eye = place + slice.normal.normalize() * 5000.0;
+        scenes.push(scene(slice, Some(Camera { eye, ..near(slice) })));
         let aside = slice.normal * 20.0 + DVec3::new(8.0, -12.0, 9.0);
         scenes.push(scene(slice, Some(perspective(place + aside, place))));
     }
