@@ -9,7 +9,7 @@ use brickyard_volume::camera::CameraError;
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs, Picture, Scene,
-    SlotEncoding, StereoError, StereoLayout, TransferFunction, TransferTable, surface,
+    SlotEncoding, StereoError, StereoLayout, Subject, TransferFunction, TransferTable, surface,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -464,13 +464,18 @@ fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
     SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
 }
 
-/// The world distance over which window presets collect their opacity: a hundredth of the volume's longest side.
-pub fn preset_unit_distance(geometry: &brickyard_volume::Geometry, extent: Extent) -> f64 {
+/// What a volume is to a transfer function. The presets' distance is a hundredth of its longest side.
+pub fn subject(geometry: &brickyard_volume::Geometry, extent: Extent, window: (f64, f64)) -> Subject {
     let (low, high) = geometry.world_box(extent);
-    (high - low).max_element() / 100.0
+    let size = high - low;
+    Subject {
+        window,
+        unit_distance: size.max_element() / 100.0,
+        cell_length: size.length() / (extent.volume() as f64).cbrt(),
+    }
 }
 
 fn default_transfer(window: (f64, f64), geometry: &brickyard_volume::Geometry, extent: Extent) -> TransferFunction {
-    let unit_distance = preset_unit_distance(geometry, extent);
-    TransferFunction::preset("gray", window, unit_distance).expect("'gray' is a preset")
+    let subject = subject(geometry, extent, window);
+    TransferFunction::preset("gray", subject.window, subject.unit_distance).expect("'gray' is a preset")
 }

@@ -47,7 +47,7 @@ pub use scene::{LevelPolicy, Mode, Scene};
 pub use slice::Slice;
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
-pub use transfer::{TransferFunction, TransferTable};
+pub use transfer::{Subject, TransferFunction, TransferTable};
 pub use voxel_type::{Voxel, VoxelType};
 
 /// Voxels along a brick's core edge unless a store says otherwise.

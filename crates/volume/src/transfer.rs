@@ -1,7 +1,22 @@
-//! Transfer functions: piecewise linear colour and opacity over data values, their JSON file, their presets, and the
-//! table that every renderer looks up after interpolation.
+//! Transfer functions: piecewise linear colour and opacity over data values, and the table that every renderer looks up after
+//! interpolation.
+//!
+//! They come from a name ([`presets`](TransferFunction::preset)) or from a file ([`file`]): the JSON of [`TransferFunction`]
+//! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
+//! nothing behind this module knows of any other form.
 
-use crate::code::SlotEncoding;
+mod color_space;
+mod curve;
+pub mod file;
+mod maps;
+mod paraview;
+mod presets;
+mod slicer;
+mod table;
+
+pub use file::{Imported, Subject};
+pub use table::TransferTable;
+
 use serde::{Deserialize, Serialize};
 
 /// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
@@ -28,13 +43,37 @@ pub enum TransferError {
     /// Not the JSON this type expects.
     #[error("not a transfer function: {0}")]
     Json(#[from] serde_json::Error),
+    /// A word that some programs write in place of a number; JSON has none for it.
+    #[error("line {line}, column {column}: found {word}, expected a finite number")]
+    NotFinite {
+        /// Line, from 1.
+        line: usize,
+        /// Column of the word's first letter, from 1.
+        column: usize,
+        /// As the file has it.
+        word: String,
+    },
+    /// None of the forms there are.
+    #[error(
+        "not a transfer function: expected JSON (brickyard's own, ParaView's colour maps, or 3D Slicer's .vp.json), or the \
+         text of a 3D Slicer volume property (.vp)"
+    )]
+    UnknownForm,
+    /// Another program's file, but not as that program writes it.
+    #[error("not {form}: {problem}")]
+    Foreign {
+        /// Whose it seems to be, in words.
+        form: &'static str,
+        /// The place, what was expected, and what was found.
+        problem: String,
+    },
     /// A list without points.
     #[error("'{0}' has no points")]
     Empty(&'static str),
     /// A number out of its range, not finite, or out of order.
     #[error("'{list}' point {index}: {problem}")]
     Point {
-        /// `color` or `opacity`.
+        /// The list's name in the file.
         list: &'static str,
         /// Position in the list, from 0.
         index: usize,
@@ -45,51 +84,37 @@ pub enum TransferError {
     #[error("'unit_distance' is {0}: expected a positive number of world units")]
     UnitDistance(f64),
     /// No preset of this name.
-    #[error("unknown transfer function '{name}': not a file, and not one of {known}")]
+    #[error("unknown transfer function '{name}'{hint}: not a file, and not one of {known}")]
     UnknownPreset {
         /// What was asked for.
         name: String,
+        /// `, did you mean '...'?`, or nothing.
+        hint: String,
         /// The names there are.
+        known: String,
+    },
+    /// The file has no function of this name.
+    #[error("no transfer function '{name}'{hint}: {known}")]
+    UnknownName {
+        /// What was asked for.
+        name: String,
+        /// `, did you mean '...'?`, or nothing.
+        hint: String,
+        /// What there is instead, in words.
         known: String,
     },
 }
 
 impl TransferFunction {
-    /// Reads and checks the JSON form.
-    ///
-    /// # Errors
-    /// If the text is not JSON of this shape, or [`TransferFunction::validate`] fails.
-    pub fn from_json(text: &str) -> Result<Self, TransferError> {
-        let transfer: Self = serde_json::from_str(text)?;
-        transfer.validate()?;
-        Ok(transfer)
-    }
-
     /// Checks that both lists are sorted, finite, in range and not empty.
     ///
     /// # Errors
     /// Names the first offending point.
     pub fn validate(&self) -> Result<(), TransferError> {
-        fn check<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
-            if points.is_empty() {
-                return Err(TransferError::Empty(list));
-            }
-            for (index, p) in points.iter().enumerate() {
-                let problem = if p.iter().any(|v| !v.is_finite()) {
-                    "not a finite number".to_string()
-                } else if p[1..].iter().any(|v| !(0.0..=1.0).contains(v)) {
-                    format!("{:?} is outside 0..1", &p[1..])
-                } else if index > 0 && p[0] < points[index - 1][0] {
-                    format!("value {} comes after {}: sort the points by value", p[0], points[index - 1][0])
-                } else {
-                    continue;
-                };
-                return Err(TransferError::Point { list, index, problem });
-            }
-            Ok(())
-        }
-        check("color", &self.color)?;
-        check("opacity", &self.opacity)?;
+        check_points("color", &self.color)?;
+        check_order("color", &self.color)?;
+        check_points("opacity", &self.opacity)?;
+        check_order("opacity", &self.opacity)?;
         if !(self.unit_distance.is_finite() && self.unit_distance > 0.0) {
             return Err(TransferError::UnitDistance(self.unit_distance));
         }
@@ -112,53 +137,32 @@ impl TransferFunction {
         let inside = self.opacity.iter().filter(|p| low <= p[0] && p[0] <= high).map(|p| p[1]);
         inside.fold(self.alpha(low).max(self.alpha(high)), f64::max)
     }
+}
 
-    /// A named function. Those for CT are absolute (Hounsfield units, millimetres); the others span `window` (data units)
-    /// and collect their opacity over `unit_distance` (world units).
-    ///
-    /// # Errors
-    /// [`TransferError::UnknownPreset`] names the presets there are.
-    pub fn preset(name: &str, window: (f64, f64), unit_distance: f64) -> Result<Self, TransferError> {
-        let (low, high) = if window.1 > window.0 { window } else { (window.0, window.0 + 1.0) };
-        let at = |t: f64| low + t * (high - low);
-        let ramp = |colors: &[[f64; 3]]| {
-            let last = (colors.len() - 1) as f64;
-            Self {
-                color: colors.iter().enumerate().map(|(i, c)| [at(i as f64 / last), c[0], c[1], c[2]]).collect(),
-                opacity: vec![[at(0.0), 0.0], [at(1.0), 0.5]],
-                unit_distance,
-            }
-        };
-        Ok(match name {
-            "gray" => ramp(&[[0.0; 3], [1.0; 3]]),
-            "viridis" => ramp(&[
-                [0.267, 0.005, 0.329],
-                [0.254, 0.265, 0.530],
-                [0.164, 0.471, 0.558],
-                [0.135, 0.659, 0.518],
-                [0.478, 0.821, 0.319],
-                [0.993, 0.906, 0.144],
-            ]),
-            "fire" => ramp(&[[0.0; 3], [0.55, 0.05, 0.0], [0.95, 0.45, 0.05], [1.0, 0.85, 0.35], [1.0, 1.0, 0.95]]),
-            "ct-skin" => Self {
-                color: vec![[-500.0, 0.62, 0.36, 0.28], [-100.0, 0.86, 0.62, 0.50], [300.0, 0.98, 0.86, 0.76]],
-                opacity: vec![[-500.0, 0.0], [-250.0, 0.35], [0.0, 0.45], [3000.0, 0.6]],
-                unit_distance: 2.0,
-            },
-            "ct-bone" => Self {
-                color: vec![[150.0, 0.55, 0.25, 0.15], [400.0, 0.88, 0.72, 0.50], [1200.0, 1.0, 0.97, 0.90]],
-                opacity: vec![[180.0, 0.0], [350.0, 0.12], [900.0, 0.7], [1600.0, 0.95]],
-                unit_distance: 2.0,
-            },
-            _ => {
-                let known = Self::PRESETS.join(", ");
-                return Err(TransferError::UnknownPreset { name: name.to_string(), known });
-            }
-        })
+/// Points `[value, ...]`: some, all finite, all but the value in 0..=1.
+fn check_points<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
+    if points.is_empty() {
+        return Err(TransferError::Empty(list));
     }
+    for (index, p) in points.iter().enumerate() {
+        let problem = if p.iter().any(|v| !v.is_finite()) {
+            "not a finite number".to_string()
+        } else if p[1..].iter().any(|v| !(0.0..=1.0).contains(v)) {
+            format!("{:?} is outside 0..1", &p[1..])
+        } else {
+            continue;
+        };
+        return Err(TransferError::Point { list, index, problem });
+    }
+    Ok(())
+}
 
-    /// The names that [`TransferFunction::preset`] knows.
-    pub const PRESETS: [&str; 5] = ["gray", "viridis", "fire", "ct-skin", "ct-bone"];
+/// Points sorted by value.
+fn check_order<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
+    let Some(after) = points.windows(2).position(|pair| pair[1][0] < pair[0][0]) else { return Ok(()) };
+    let (earlier, value) = (points[after][0], points[after + 1][0]);
+    let problem = format!("value {value} comes after {earlier}: sort the points by value");
+    Err(TransferError::Point { list, index: after + 1, problem })
 }
 
 /// Piecewise linear in the first component, constant outside.
@@ -171,56 +175,43 @@ fn interpolate<const N: usize>(points: &[[f64; N]], value: f64) -> [f64; N] {
     std::array::from_fn(|i| a[i] + t * (b[i] - a[i]))
 }
 
-/// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
-/// neighbouring entries. 256 entries for 8-bit codes and 65,536 for 16-bit ones, so every code has its own entry.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TransferTable {
-    /// The entries; entry `i` belongs to code `i`.
-    pub entries: Vec<[f32; 4]>,
-    /// World distance over which the entries' alpha is collected.
-    pub unit_distance: f32,
+/// `, did you mean '...'?` for the known name that is least edits away, if it is few.
+fn hint<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let lower = name.to_lowercase();
+    let nearest = known.map(|k| (edits(&lower, &k.to_lowercase()), k)).min();
+    match nearest.filter(|(edits, k)| 2 * edits <= k.chars().count()) {
+        Some((_, nearest)) => format!(", did you mean '{nearest}'?"),
+        None => String::new(),
+    }
 }
 
-impl TransferTable {
-    /// Samples the function at every code of the encoding.
-    pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
-        let max = encoding.format.max_code();
-        let entry = |code: u32| {
-            let value = encoding.value(code as f64 / max as f64);
-            let [r, g, b] = transfer.rgb(value);
-            [r, g, b, transfer.alpha(value)].map(|v| v as f32)
-        };
-        Self { entries: (0..=max).map(entry).collect(), unit_distance: transfer.unit_distance as f32 }
+/// Letters to insert, remove or replace to make one word of the other (Levenshtein's distance).
+fn edits(from: &str, to: &str) -> usize {
+    let to: Vec<char> = to.chars().collect();
+    let mut row: Vec<usize> = (0..=to.len()).collect();
+    for (i, a) in from.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, b) in to.iter().enumerate() {
+            let replaced = diagonal + usize::from(a != *b);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
     }
-
-    /// The entry at a normalised code, interpolated.
-    #[inline]
-    pub fn lookup(&self, unorm: f32) -> [f32; 4] {
-        let last = self.entries.len() - 1;
-        let position = unorm.clamp(0.0, 1.0) * last as f32;
-        let i = (position as usize).min(last - 1);
-        let t = position - i as f32;
-        let (a, b) = (&self.entries[i], &self.entries[i + 1]);
-        std::array::from_fn(|k| a[k] + t * (b[k] - a[k]))
-    }
+    row[to.len()]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::voxel_type::VoxelType;
-
-    fn step() -> TransferFunction {
-        TransferFunction {
-            color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 0.5, 0.0]],
-            opacity: vec![[2.0, 0.0], [4.0, 0.2], [4.0, 0.9]],
-            unit_distance: 1.0,
-        }
-    }
 
     #[test]
     fn linear_between_points_and_clamped_outside() {
-        let tf = step();
+        let tf = TransferFunction {
+            color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 0.5, 0.0]],
+            opacity: vec![[2.0, 0.0], [4.0, 0.2], [4.0, 0.9]],
+            unit_distance: 1.0,
+        };
         assert_eq!([tf.alpha(1.0), tf.alpha(3.0), tf.alpha(4.0), tf.alpha(99.0)], [0.0, 0.1, 0.9, 0.9]);
         assert_eq!(tf.rgb(5.0), [0.5, 0.25, 0.0]);
         assert_eq!(tf.rgb(f64::NEG_INFINITY), [0.0; 3]);
@@ -228,38 +219,11 @@ mod tests {
     }
 
     #[test]
-    fn table_is_exact_at_every_code() {
-        let tf = step();
-        for t in [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16] {
-            let encoding = SlotEncoding::new(t, (0.0, 1.0), false);
-            let table = TransferTable::new(&tf, &encoding);
-            let max = encoding.format.max_code();
-            for code in 0..=max {
-                let unorm = code as f64 / max as f64;
-                let looked_up = table.lookup(unorm as f32)[3] as f64;
-                // f32 positions are good to 2^-8 of an entry at 16 bits; the steepest jump here is 0.7 within one.
-                assert!((looked_up - tf.alpha(encoding.value(unorm))).abs() < 0.7 / 256.0 * 2.0, "{t} {code}");
-            }
-        }
-    }
-
-    #[test]
-    fn bad_files_name_the_place() {
-        let bad = |text: &str| TransferFunction::from_json(text).unwrap_err().to_string();
-        assert!(bad("{").contains("not a transfer function"));
-        assert!(bad(r#"{"color": [], "opacity": [[0,1]]}"#).contains("'color' has no points"));
-        assert!(bad(r#"{"color": [[0,1,1,1]], "opacity": [[5,0],[1,1]]}"#).contains("'opacity' point 1"));
-        assert!(bad(r#"{"color": [[0,1,1,2]], "opacity": [[5,0]]}"#).contains("outside 0..1"));
-        assert!(bad(r#"{"color": [[0,1,1,1]], "opacity": [[5,0]], "unit_distance": 0}"#).contains("unit_distance"));
-        assert!(TransferFunction::preset("grey", (0.0, 1.0), 1.0).unwrap_err().to_string().contains("viridis"));
-    }
-
-    #[test]
-    fn presets_are_valid_whatever_the_window() {
-        for name in TransferFunction::PRESETS {
-            for window in [(0.0, 255.0), (3.0, 3.0), (-1e30, 1e30)] {
-                TransferFunction::preset(name, window, 1.0).unwrap().validate().unwrap();
-            }
-        }
+    fn the_nearest_name_is_suggested() {
+        assert_eq!([edits("gray", "grey"), edits("", "abc"), edits("kitten", "sitting")], [1, 3, 3]);
+        let known = || ["gray", "ct-bone"].into_iter();
+        assert_eq!(hint("CT_Bone", known()), ", did you mean 'ct-bone'?");
+        assert_eq!(hint("bone", known()), ", did you mean 'ct-bone'?");
+        assert_eq!(hint("sepia", known()), "");
     }
 }

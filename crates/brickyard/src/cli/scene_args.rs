@@ -3,8 +3,9 @@
 use super::failure::Failure;
 use super::values;
 use brickyard::pager::BrickSource;
-use brickyard::session::preset_unit_distance;
+use brickyard::session::subject;
 use brickyard::store::Store;
+use brickyard::volume::transfer::file;
 use brickyard::volume::{
     Camera, ClipPlane, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, Slice,
     Stereo, StereoLayout, TransferFunction,
@@ -49,8 +50,7 @@ pub(crate) struct SceneArguments {
     /// The value whose surface `--mode isosurface` shows, in stored units
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     isovalue: Option<f64>,
-    /// Transfer function: a JSON file, or gray, viridis, fire, ct-skin, ct-bone
-    #[arg(long, value_name = "FILE|PRESET")]
+    #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
     /// How `--mode dvr` samples and classifies a step of a ray
     #[arg(long, value_enum)]
@@ -344,14 +344,32 @@ fn extent(store: &Store) -> Extent {
     BrickSource::pyramid(store).levels()[0].extent
 }
 
-fn transfer(name: &str, store: &Store, channel: u32) -> Result<TransferFunction, Failure> {
-    let path = Path::new(name);
-    if path.is_file() {
-        let parsed = TransferFunction::from_json(&read_text(path)?);
-        return parsed.map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())));
+fn transfer_help() -> String {
+    let presets = TransferFunction::PRESETS.join(", ");
+    format!(
+        "Transfer function: a file (JSON; ParaView's colour maps, FILE#NAME for one of several; 3D Slicer's .vp and \
+         .vp.json), or one of {presets}"
+    )
+}
+
+fn transfer(argument: &str, store: &Store, channel: u32) -> Result<TransferFunction, Failure> {
+    let subject = subject(store.geometry(), extent(store), store.default_window(channel));
+    let Some((path, name)) = file_and_name(argument) else {
+        return TransferFunction::preset(argument, subject.window, subject.unit_distance).map_err(Failure::usage);
+    };
+    let imported = file::read(&read_text(path)?, name, &subject)
+        .map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))?;
+    for remark in imported.remarks {
+        eprintln!("note: {}: {remark}", path.display());
     }
-    let unit_distance = preset_unit_distance(store.geometry(), extent(store));
-    TransferFunction::preset(name, store.default_window(channel), unit_distance).map_err(Failure::usage)
+    Ok(imported.transfer)
+}
+
+/// `FILE` or `FILE#NAME`, if there is such a file.
+fn file_and_name(argument: &str) -> Option<(&Path, Option<&str>)> {
+    let whole = (Path::new(argument), None);
+    let parts = argument.match_indices('#').map(|(i, _)| (Path::new(&argument[..i]), Some(&argument[i + 1..])));
+    std::iter::once(whole).chain(parts).find(|(path, _)| path.is_file())
 }
 
 fn read_text(path: &Path) -> Result<String, Failure> {
