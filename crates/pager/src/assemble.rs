@@ -272,7 +272,7 @@ mod tests {
         /// read, clamped to the core.
         #[test]
         fn aprons_are_the_neighbours_voxels(
-            n in prop::array::uniform3(1u32..30), pick in prop::array::uniform3(0u32..8), level in 0u8..3, apron in 1u32..3,
+            n in prop::array::uniform3(1u32..30), pick in prop::array::uniform3(0u32..8), level in 0u8..3, apron in 1u32..5,
             edge in prop::sample::select(vec![4u32, 8]), damaged in prop::option::of(0usize..27),
             voxel_type in prop::sample::select(VoxelType::ALL.to_vec()),
         ) {

@@ -6,6 +6,7 @@
 
 use crate::governor::UploadLimits;
 use crate::planner::Planning;
+use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -54,7 +55,7 @@ pub enum PagerError {
     },
     /// The apron does not fit the bricks.
     #[error(
-        "an apron of {apron} voxels does not fit bricks of {edge}: expected 1 or 2, and no more than the brick's edge"
+        "an apron of {apron} voxels does not fit bricks of {edge}: expected 1 to {MAX_REACH}, and no more than the brick's edge"
     )]
     Apron {
         /// The apron given.

@@ -18,6 +18,7 @@ use crate::layout::Layout;
 use crate::parts::Part;
 use crate::shelf::Shelf;
 use crate::source::{BrickError, BrickSource};
+use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{BrickId, SlotEncoding, VoxelType};
 use std::collections::{HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -311,7 +312,7 @@ pub(crate) fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
 /// The layout of a source's bricks.
 pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32) -> Result<Layout, PagerError> {
     let edge = source.pyramid().edge();
-    if !(1..=2).contains(&apron) || apron > edge {
+    if !(1..=MAX_REACH).contains(&apron) || apron > edge {
         return Err(PagerError::Apron { apron, edge });
     }
     Ok(Layout::new(edge, apron, source.stored_apron(), &encoding_of(source)))

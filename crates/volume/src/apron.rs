@@ -11,7 +11,8 @@
 
 use crate::space::VoxelBox;
 
-/// The widest apron that anything asks for: 1 voxel for trilinear samples, 2 for tricubic ones.
+/// The widest apron that stores keep: 1 voxel for trilinear samples, 2 for gradients or tricubic ones. The rarer pictures that need
+/// more have theirs put together from neighbours.
 pub const MAX_APRON: u32 = 2;
 
 /// The shape of an apron.

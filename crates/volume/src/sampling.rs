@@ -13,6 +13,9 @@ use crate::lighting::{Gradient, Lighting, LightingModel};
 use crate::scene::Mode;
 use serde::{Deserialize, Serialize};
 
+/// The widest apron that any picture needs.
+pub const MAX_REACH: u32 = 4;
+
 /// Parts of a segment where there are virtual samples: the paper's optimum.
 pub const PARTS: usize = 3;
 
@@ -222,7 +225,7 @@ mod tests {
         assert_eq!(apron(Mode::Dvr, Method::Udvr, cubic, &none), 2);
         assert_eq!(apron(Mode::Dvr, Method::Plvs, linear, &lit), 2);
         assert_eq!(apron(Mode::Dvr, Method::Pcvs, linear, &none), 2);
-        assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), 4);
+        assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), MAX_REACH);
     }
 
     #[test]
