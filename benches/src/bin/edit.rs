@@ -1,0 +1,148 @@
+//! What an edit of the transfer function costs beside a frame: a store's view is drawn again and again, with the same function or
+//! with another one, in turn.
+//!
+//! ```text
+//! frame    resolve, step and draw with the function of the frame before
+//! resolve  the part of it that samples the table and looks for what is opaque: of every frame, edited or not
+//! edit     what resolve, step and draw take longer with another function: its table is found different, turned into what the
+//!          renderer looks up, and uploaded
+//! ```
+//!
+//! An edit is measured with a picture of 16 x 16 pixels, which takes so little itself that the difference is not lost in it.
+//! The two functions differ in colour, and by 1/1000 in opacity: nothing of an edit is spared, and both take the same samples. A
+//! brick uploaded is an error. Prints a Markdown table, then one line of JSON.
+
+use brickyard::backend::{BackendChoice, CompositorChoice};
+use brickyard::offline::render_settled;
+use brickyard::session::{Session, SessionOptions, subject};
+use brickyard::stats::RenderStats;
+use brickyard_benches::{Timing, markdown, median, time};
+use brickyard_store::Store;
+use brickyard_volume::{Mode, Scene, TransferFunction};
+use clap::Parser;
+use serde_json::json;
+use std::error::Error;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// The cost of an edit of the transfer function, beside a frame's
+#[derive(Parser)]
+struct Arguments {
+    /// A packed store
+    store: PathBuf,
+    /// The function that is edited: a preset
+    #[arg(long, default_value = "viridis")]
+    transfer: String,
+    /// Pixels along each side
+    #[arg(long, default_value_t = 512)]
+    size: u32,
+    /// Edits
+    #[arg(long, default_value_t = 15)]
+    edits: usize,
+    /// Threads of the CPU backend
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+}
+
+/// Pixels along each side of the picture that shows what an edit takes.
+const TINY: u32 = 16;
+
+const WAYS: [(&str, BackendChoice, CompositorChoice); 3] = [
+    ("cpu raycast", BackendChoice::Cpu, CompositorChoice::Raycast),
+    ("gpu raycast", BackendChoice::Gpu, CompositorChoice::Raycast),
+    ("gpu sorted", BackendChoice::Gpu, CompositorChoice::Sorted),
+];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let store = Arc::new(Store::open(&arguments.store)?);
+    let scenes = scenes(&store, &arguments.transfer)?;
+    let (mut rows, mut lines) = (Vec::new(), Vec::new());
+    for (name, backend, compositor) in WAYS {
+        let options = SessionOptions {
+            backend,
+            compositor,
+            gpu_memory_bytes: 1 << 30,
+            host_memory_bytes: 1 << 30,
+            mode: Mode::Dvr,
+            threads: arguments.threads,
+            max_size_px: (arguments.size, arguments.size),
+            leaps: true,
+            live: false,
+        };
+        let mut session = match Session::new(store.clone(), store.default_window(0), &options) {
+            Ok(session) => session,
+            Err(error) => {
+                eprintln!("{name} is left out: {error}");
+                continue;
+            }
+        };
+        let whole = measure(&mut session, &scenes, arguments.size, arguments.edits)?;
+        let tiny = measure(&mut session, &scenes, TINY, 4 * arguments.edits)?;
+        let frame = median(whole.iter().map(|turn| turn.frame.cpu_s * 1e3));
+        let resolve = median(whole.iter().map(|turn| turn.resolve.cpu_s * 1e3));
+        let edit = median(tiny.iter().map(|turn| (turn.edit.cpu_s - turn.frame.cpu_s) * 1e3));
+        let share = edit / frame;
+        let ms = |v: f64| format!("{v:.2}");
+        rows.push(vec![name.into(), ms(frame), ms(resolve), ms(edit), format!("{:.1} %", share * 100.0)]);
+        lines.push(json!({ "way": name, "frame_cpu_ms": frame, "resolve_cpu_ms": resolve, "edit_cpu_ms": edit,
+            "edit_over_frame": share }));
+    }
+    println!("{}", markdown(&["", "frame, CPU ms", "of it resolve", "an edit adds", "of a frame"], &rows));
+    println!("{}", json!(lines));
+    Ok(())
+}
+
+/// The same view under two functions.
+fn scenes(store: &Store, preset: &str) -> Result<[Scene; 2], Box<dyn Error>> {
+    let subject = subject(store.geometry(), store.pyramid().levels()[0].extent, store.default_window(0));
+    let first = TransferFunction::preset(preset, subject.window, subject.unit_distance)?;
+    let mut second = first.clone();
+    second.color.iter_mut().for_each(|[_, r, _, b]| std::mem::swap(r, b));
+    second.opacity.iter_mut().for_each(|[_, alpha]| *alpha *= 0.999);
+    Ok([first, second].map(|transfer| Scene { transfer: Some(transfer), ..Scene::default() }))
+}
+
+/// What a frame took, and the one after it, with another function.
+struct Turn {
+    frame: Timing,
+    edit: Timing,
+    resolve: Timing,
+}
+
+fn measure(session: &mut Session, scenes: &[Scene; 2], size: u32, turns: usize) -> Result<Vec<Turn>, Box<dyn Error>> {
+    let size_px = (size, size);
+    let resolved = session.resolve(&scenes[0], size_px)?;
+    let mut stats = RenderStats::default();
+    render_settled(session, &resolved, Duration::from_secs(600), Instant::now(), &mut stats, &mut Vec::new())?;
+    let uploaded = stats.bricks.uploaded;
+    let turn = |i: usize| {
+        let (old, new) = (&scenes[i % 2], &scenes[(i + 1) % 2]);
+        let (frame, drawn) = time(|| draw(session, old, size_px, &mut stats));
+        drawn?;
+        let (resolve, resolved) = time(|| session.resolve(new, size_px));
+        resolved?;
+        let (edit, drawn) = time(|| draw(session, new, size_px, &mut stats));
+        drawn?;
+        Ok(Turn { frame, edit, resolve })
+    };
+    let turns = (0..turns).map(turn).collect::<Result<Vec<Turn>, Box<dyn Error>>>()?;
+    if stats.bricks.uploaded != uploaded {
+        return Err(format!("edits uploaded {} bricks", stats.bricks.uploaded - uploaded).into());
+    }
+    Ok(turns)
+}
+
+fn draw(
+    session: &mut Session,
+    scene: &Scene,
+    size_px: (u32, u32),
+    stats: &mut RenderStats,
+) -> Result<(), Box<dyn Error>> {
+    let resolved = session.resolve(scene, size_px)?;
+    let status = session.step(&resolved.view)?;
+    stats.record(&status, session.backend().bytes());
+    session.draw(&resolved.frame)?;
+    Ok(())
+}
