@@ -167,16 +167,23 @@ fn sum_at(entry: u32, channel: u32) -> vec2u {
     return table[u32(frame.last_place) + 1u + entry * 4u + channel];
 }
 
+fn left_integral(left: f32) -> f32 {
+    return left * log(max(left, 1e-30)) - left;
+}
+
 // What there is of the integral past an entry, on the first `t` of the way to the next.
 fn rest_of(entry: u32, t: f32) -> vec4f {
     let places = frame.last_place / frame.last_code;
     let a = medium_at(u32(f32(entry) * places + 0.5));
     let b = medium_at(u32((f32(entry) + 1.0) * places + 0.5));
-    let depth = min(a.depth, MAX_DEPTH);
-    let slope = min(b.depth, MAX_DEPTH) - depth;
-    let tint = b.color - a.color;
-    let tinted = a.color * depth + t * (0.5 * (a.color * slope + tint * depth) + t * tint * slope / 3.0);
-    return t * vec4f(tinted, depth + 0.5 * t * slope);
+    // What of the light is left; opacity is linear from code to code.
+    let before = exp2(-a.depth);
+    let slope = before - exp2(-b.depth);
+    var depth = t * min(-log2(max(before - 0.5 * t * slope, 1e-30)), MAX_DEPTH);
+    if (abs(slope) > 1e-3) {
+        depth = (left_integral(before - t * slope) - left_integral(before)) / (slope * 0.6931472);
+    }
+    return vec4f(mix(a.color, b.color, 0.5 * t) * depth, depth);
 }
 
 // The mean medium between two values.

@@ -18,7 +18,7 @@ use brickyard::session::{Session, SessionOptions, subject};
 use brickyard::stats::RenderStats;
 use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_store::Store;
-use brickyard_volume::{Mode, Scene, TransferFunction};
+use brickyard_volume::{Scene, TransferFunction};
 use clap::Parser;
 use serde_json::json;
 use std::error::Error;
@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             compositor,
             gpu_memory_bytes: 1 << 30,
             host_memory_bytes: 1 << 30,
-            mode: Mode::Dvr,
+            bricks: Scene::default().needs(),
             threads: arguments.threads,
             max_size_px: (arguments.size, arguments.size),
             leaps: true,
@@ -143,6 +143,6 @@ fn draw(
     let resolved = session.resolve(scene, size_px)?;
     let status = session.step(&resolved.view)?;
     stats.record(&status, session.backend().bytes());
-    session.draw(&resolved.frame)?;
+    session.draw(&resolved)?;
     Ok(())
 }

@@ -692,6 +692,6 @@ mod tests {
         assert!(matches!(new(config(0, 1 << 20)), Err(PagerError::Slots { least: 1, least_bytes: 1000, .. })));
         let Err(PagerError::HostMemory { least, .. }) = new(config(4, 100)) else { panic!("100 bytes are too few") };
         assert!(new(config(4, least)).is_ok());
-        assert!(matches!(new(PagerConfig { apron: 3, ..config(4, 1 << 20) }), Err(PagerError::Apron { .. })));
+        assert!(matches!(new(PagerConfig { apron: 5, ..config(4, 1 << 20) }), Err(PagerError::Apron { .. })));
     }
 }

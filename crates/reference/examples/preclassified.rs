@@ -12,8 +12,8 @@
 
 use brickyard_reference::{Array, ReferenceVolume, one_level, render};
 use brickyard_volume::{
-    Camera, Extent, FrameSettings, Geometry, Lattice, Mode, Picture, Projection, Pyramid, SlotEncoding,
-    TransferFunction, TransferTable, VoxelType,
+    Camera, Clip, Extent, Filter, FrameSettings, Geometry, Lattice, Lighting, Mode, Picture, Projection, Pyramid,
+    Sampling, SlotEncoding, TransferFunction, TransferTable, VoxelType,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -37,10 +37,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let centre_of = |index: [u32; 3]| DVec3::from_array(index.map(f64::from)) + 0.5;
 
     let values = [Array::from_fn(grid, |index| distance(centre_of(index)))];
-    let after = |at: DVec3| values[0].sample(at).map_or([0.0; 4], |value| classify(&transfer, value));
+    let after =
+        |at: DVec3| values[0].sample(at, Filter::Trilinear).map_or([0.0; 4], |value| classify(&transfer, value));
     let channels: [Array; 4] =
         std::array::from_fn(|k| Array::from_fn(grid, |index| classify(&transfer, distance(centre_of(index)))[k]));
-    let before = |at: DVec3| std::array::from_fn(|k| channels[k].sample(at).unwrap_or(0.0));
+    let before = |at: DVec3| std::array::from_fn(|k| channels[k].sample(at, Filter::Trilinear).unwrap_or(0.0));
     let exact = |at: DVec3| classify(&transfer, distance(at));
     let [before, after, exact] = [picture(&frame, &before), picture(&frame, &after), picture(&frame, &exact)];
 
@@ -101,8 +102,10 @@ fn frame(transfer: &TransferFunction) -> Result<FrameSettings, Box<dyn std::erro
         table: TransferTable::new(transfer, &encoding),
         mode: Mode::Dvr,
         isovalue: 0.0,
+        sampling: Sampling::default(),
+        lighting: Lighting::default(),
         background: [0.0; 3],
-        clip: Some([DVec3::new(0.0, edge / 2.0, 0.0), DVec3::splat(edge)]),
+        clip: Some(Clip::new(Some([DVec3::new(0.0, edge / 2.0, 0.0), DVec3::splat(edge)]), &[])?),
     })
 }
 

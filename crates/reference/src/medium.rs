@@ -149,3 +149,137 @@ impl Field<'_> {
         (!is_flat).then(|| (differences / voxel).normalize())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{camera, cube, settings};
+    use crate::{one_level, pixel};
+    use brickyard_volume::{Filter, Geometry, Lighting, Method, Mode, Sampling, TransferFunction};
+
+    fn transfer(opacity: Vec<[f64; 2]>) -> TransferFunction {
+        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], opacity, unit_distance: 1.0 }
+    }
+
+    /// The colour of the ray through the middle of a volume of 16 voxels, from -x.
+    fn middle(levels: &[Array], transfer: &TransferFunction, sampling: Sampling, step: f64) -> [f64; 3] {
+        let volume = ReferenceVolume { levels, level_at: &one_level(0), transfer };
+        let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::splat(7.5));
+        let frame = settings(Mode::Dvr, Geometry::default(), view, transfer, step);
+        let frame = FrameSettings { sampling, background: [0.0; 3], ..frame };
+        pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5))
+    }
+
+    #[test]
+    fn a_constant_medium_is_beer_lambert_by_every_method_at_any_step() {
+        let levels = [cube(16, |_| 100.0)];
+        let transfer = transfer(vec![[0.0, 0.1]]);
+        let alpha = 1.0 - 0.9f64.powi(16);
+        for method in Method::ALL {
+            for filter in Filter::ALL {
+                for step in [0.13, 1.0, 3.0] {
+                    let found = middle(&levels, &transfer, Sampling { method, filter }, step);
+                    for (found, color) in found.into_iter().zip([1.0, 0.5, 0.25]) {
+                        // Running integrals are of the table, which has opacities in f32.
+                        assert!((found - alpha * color).abs() < 1e-7, "{method:?} {filter:?} {step}: {found}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// A ramp of 16 codes a voxel, of which one code is opaque: between two plain samples there are 15 that are not seen.
+    #[test]
+    fn pre_integration_is_the_limit_of_fine_sampling_where_plain_sampling_sees_nothing() {
+        let levels = [cube(16, |[x, ..]| 16.0 * x as f64)];
+        let spike = transfer(vec![[124.0, 0.0], [125.0, 0.9], [126.0, 0.0]]);
+        let at = |method, step| middle(&levels, &spike, Sampling { method, ..Sampling::default() }, step)[0];
+        // Over two codes, an eighth of a voxel, opacity goes from 0 to 0.9 and back: with u = 1 - opacity the mean extinction is the
+        // integral of -log2(u) from 0.1 to 1, over 0.9.
+        let depth = (0.9 + 0.1 * 0.1f64.ln()) / 0.9 / std::f64::consts::LN_2 * 2.0 / 16.0;
+        let exact = 1.0 - (-depth).exp2();
+        for method in [Method::Pdvr, Method::Plvs, Method::Pcvs] {
+            for step in [0.25, 1.0, 2.0] {
+                assert!((at(method, step) - exact).abs() < 1e-6, "{method:?} {step}: {} {exact}", at(method, step));
+            }
+        }
+        assert_eq!(at(Method::Udvr, 1.0), 0.0, "the spike falls between samples");
+        let fine = at(Method::Udvr, 0.001);
+        // A thousandth of a voxel is a hundredth of the spike.
+        assert!((fine - exact).abs() < 1e-3 * exact, "{fine} {exact}");
+    }
+
+    /// Where the field is a line between samples, lines are right, and where it is a parabola, cubic curves are.
+    #[test]
+    fn virtual_samples_follow_the_field() {
+        let peak = transfer(vec![[100.0, 0.0], [115.0, 0.5], [130.0, 0.0]]);
+        let line = [cube(16, |[x, ..]| 15.0 * x as f64)];
+        let parabola = [cube(16, |[x, ..]| x as f64 * x as f64)];
+        // Of several steps, as where samples fall decides much.
+        let error = |levels: &[Array], method: Method| {
+            let at = |method, step| middle(levels, &peak, Sampling { method, filter: Filter::Tricubic }, step)[0];
+            let exact = at(Method::Udvr, 0.002);
+            [1.7, 2.1, 2.6, 3.1].map(|step| (at(method, step) - exact).abs()).into_iter().sum::<f64>() / 4.0
+        };
+        assert!(error(&line, Method::Lvs) < 0.2 * error(&line, Method::Udvr));
+        // What is left are the table's opacities, in f32.
+        assert!(error(&line, Method::Pdvr) < 1e-6);
+        // Pre-integrated, for only then it is the curves that tell, and not where virtual samples fall.
+        assert!(error(&parabola, Method::Pcvs) < 0.5 * error(&parabola, Method::Plvs));
+    }
+
+    /// Mean angle in degrees between a field's normals and its exact gradients, at many places inside.
+    fn mean_error_deg(n: u32, field: impl Fn(DVec3) -> f64, gradient: Gradient, filter: Filter) -> f64 {
+        let level = cube(n, |v| field(DVec3::from_array(v.map(f64::from))));
+        let transfer = transfer(vec![[0.0, 1.0]]);
+        let frame = settings(Mode::Dvr, Geometry::default(), camera(DVec3::ZERO, DVec3::ONE), &transfer, 1.0);
+        let lighting = Lighting { model: LightingModel::Phong, gradient, ..Lighting::default() };
+        let frame = FrameSettings { lighting, sampling: Sampling { filter, ..Sampling::default() }, ..frame };
+        let (mut sum, mut count) = (0.0, 0);
+        for i in 0..4000u32 {
+            // A low-discrepancy sequence (Roberts, 2018) of places at least three voxels inside.
+            let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
+            let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
+            let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
+            let path = Path { origin: place + 0.5, direction: DVec3::X, world };
+            let found = Field { frame: &frame, level: &level, path: &path };
+            let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
+            let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);
+            let exact = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
+            if exact.length() > 1e-6 {
+                sum += normal.dot(exact.normalize()).clamp(-1.0, 1.0).acos().to_degrees();
+                count += 1;
+            }
+        }
+        assert!(count > 3000);
+        sum / count as f64
+    }
+
+    /// Marschner and Lobb's signal (1994) on `n` voxels of [-1, 1], scaled to 0..255.
+    fn marschner_lobb(n: f64) -> impl Fn(DVec3) -> f64 {
+        use std::f64::consts::PI;
+        move |p| {
+            let p = p / (n - 1.0) * 2.0 - 1.0;
+            let wave = (2.0 * PI * 6.0 * (PI * p.truncate().length() / 2.0).cos()).cos();
+            255.0 * (1.0 - (PI * p.z / 2.0).sin() + 0.25 * (1.0 + wave)) / (2.0 * 1.25)
+        }
+    }
+
+    /// What the documentation quotes. Upper bounds are what was measured, rounded up.
+    #[test]
+    fn gradients_point_where_they_should() {
+        let centre = DVec3::new(30.2, 31.7, 29.9);
+        let sphere = |p: DVec3| (p - centre).length() * 4.0;
+        for (gradient, filter, of_sphere, of_signal) in [
+            (Gradient::Central, Filter::Trilinear, 0.2, 15.0),
+            (Gradient::Sobel, Filter::Trilinear, 0.3, 20.0),
+            (Gradient::Central, Filter::Tricubic, 0.2, 20.0),
+            (Gradient::Sobel, Filter::Tricubic, 0.3, 25.0),
+        ] {
+            let sphere = mean_error_deg(64, sphere, gradient, filter);
+            let signal = mean_error_deg(64, marschner_lobb(64.0), gradient, filter);
+            println!("{gradient:?} {filter:?}: sphere {sphere:.3}, Marschner-Lobb {signal:.2} degrees");
+            assert!(sphere < of_sphere && signal < of_signal, "{gradient:?} {filter:?}: {sphere} {signal}");
+        }
+    }
+}
