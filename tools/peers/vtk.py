@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
 """Rendering beside VTK.
 
-  vtk.py FOLDER [--sizes 256,512] [--modes dvr,mip,isosurface] [--repetitions 3]
+  vtk.py FOLDER [--sizes 256,512] [--modes dvr,mip,isosurface] [--dtype u8|u16] [--repetitions 3]
 
-The same 8-bit volume, camera, transfer function and step (one voxel) by VTK's fixed-point mapper (on the CPU; it has no
+The same volume (8-bit unless said otherwise), camera, transfer function and step (one voxel) by VTK's fixed-point mapper (on the CPU; it has no
 isosurfaces), by VTK's GPU mapper (on Mesa's software OpenGL) and by brickyard's two backends: at level 0, and with the level chosen
 by the view. Unlit but for isosurfaces. Volumes (`brickyard synth ct`) and stores are made in the folder where they are missing.
 
 Each runs in a process of its own, in turn. CPU ms: processor time of all threads for a frame of an orbit, start-up excluded
 (brickyard: what twice as many frames take more). first: seconds from opening the files (the page cache is warm) to the first
 picture, VTK without importing; brickyard's first picture is complete but coarse (a frame goal of 100 ms), exact is when it
-is complete at full quality. PSNR: against VTK's GPU mapper. VTK draws between the outermost voxels' centres, brickyard half a voxel further. Medians over repetitions;
+is complete at full quality. A program that fails, or draws nothing (less than one pixel in a thousand is not black), is noted as such.
+PSNR: against VTK's GPU mapper. VTK draws between the outermost voxels' centres, brickyard half a voxel further. Medians over repetitions;
 ratios are to VTK's mapper of the same kind, within each repetition.
 """
 import argparse
@@ -47,8 +48,11 @@ def eye(turn_deg):
     return tuple(c + DISTANCE * d for c, d in zip(CENTRE, away))
 
 
-def transfer(mode):
-    return {"dvr": (COLOR, OPACITY), "mip": (GREY, OPAQUE), "isosurface": (COLOR, OPAQUE)}[mode]
+def transfer(a, mode):
+    """For values of 8 bits, stretched over those of 16, of which `synth` uses all."""
+    scale = 257 if a.dtype == "u16" else 1
+    lists = {"dvr": (COLOR, OPACITY), "mip": (GREY, OPAQUE), "isosurface": (COLOR, OPAQUE)}[mode]
+    return tuple([(scale * value, *rest) for value, *rest in points] for points in lists)
 
 
 def worker(a):
@@ -62,16 +66,16 @@ def worker(a):
 
     n, mode = a.sizes[0], a.modes[0]
     start = time.perf_counter()
-    voxels = np.fromfile(raw_file(a, n), np.uint8)
+    voxels = np.fromfile(raw_file(a, n), np.uint16 if a.dtype == "u16" else np.uint8)
     image = vtk.vtkImageData()
     image.SetDimensions(n, n, n)
     image.SetSpacing(1 / n, 1 / n, 1 / n)
     image.SetOrigin(0.5 / n, 0.5 / n, 0.5 / n)
     image.GetPointData().SetScalars(numpy_to_vtk(voxels, deep=0))
     color, opacity = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()
-    for point in transfer(mode)[0]:
+    for point in transfer(a, mode)[0]:
         color.AddRGBPoint(*point)
-    for point in transfer(mode)[1]:
+    for point in transfer(a, mode)[1]:
         opacity.AddPoint(*point)
     look = vtk.vtkVolumeProperty()
     look.SetColor(color)
@@ -142,16 +146,20 @@ def worker(a):
     os._exit(0)
 
 
+def suffix(a):
+    return "" if a.dtype == "u8" else f"-{a.dtype}"
+
+
 def raw_file(a, n):
-    return os.path.join(a.folder, f"ct-{n}.raw")
+    return os.path.join(a.folder, f"ct-{n}{suffix(a)}.raw")
 
 
 def store_of(a, n):
-    return os.path.join(a.folder, f"ct-{n}.zarr")
+    return os.path.join(a.folder, f"ct-{n}{suffix(a)}.zarr")
 
 
 def picture_file(a, n, mode, name):
-    return os.path.join(a.folder, f"{n}-{mode}-{name.replace(',', '').replace(' ', '-')}.png")
+    return os.path.join(a.folder, f"{n}{suffix(a)}-{mode}-{name.replace(',', '').replace(' ', '-')}.png")
 
 
 def output_of(command):
@@ -167,20 +175,20 @@ def output_of(command):
 
 def make_volume(a, n):
     if not os.path.exists(raw_file(a, n)):
-        output_of([a.brickyard, "synth", "ct", "--shape", f"{n},{n},{n}", "--dtype", "u8", raw_file(a, n)])
+        output_of([a.brickyard, "synth", "ct", "--shape", f"{n},{n},{n}", "--dtype", a.dtype, raw_file(a, n)])
     if not os.path.exists(store_of(a, n)):
         spacing, origin = (",".join([str(v)] * 3) for v in (1 / n, 0.5 / n))
-        output_of([a.brickyard, "pack", raw_file(a, n), store_of(a, n), "--shape", f"{n},{n},{n}", "--dtype", "u8", "--spacing", spacing,
+        output_of([a.brickyard, "pack", raw_file(a, n), store_of(a, n), "--shape", f"{n},{n},{n}", "--dtype", a.dtype, "--spacing", spacing,
                    "--origin", origin, "--progress", "none"])
 
 
 def brickyard(a, n, mode, name):
-    points = os.path.join(a.folder, f"{mode}.json")
+    points = os.path.join(a.folder, f"{mode}{suffix(a)}.json")
     with open(points, "w") as file:
-        json.dump(dict(zip(("color", "opacity"), transfer(mode)), unit_distance=UNIT_DISTANCE), file)
+        json.dump(dict(zip(("color", "opacity"), transfer(a, mode)), unit_distance=UNIT_DISTANCE), file)
     vector = lambda v: ",".join(map(repr, v))
     # A budget that holds the whole volume, as VTK has it, with what aprons and tables add.
-    budget = str(2 * n**3 + (256 << 20))
+    budget = a.gpu_memory or str(2 * n**3 + (256 << 20))
     scene = [store_of(a, n), "--eye", vector(eye(0)), "--target", vector(CENTRE), "--up", vector(UP), "--fov", str(FOV), "--mode", mode,
              "--transfer", points, "--size", f"{PX}x{PX}", "--gpu-memory", budget] + BRICKYARD[name][1]
     if mode == "isosurface":
@@ -207,11 +215,25 @@ def psnr_db(a, n, mode, name):
     return math.inf if error == 0 else 10 * math.log10(255**2 / error)
 
 
+def is_black(a, n, mode, name):
+    import numpy as np
+    from PIL import Image
+
+    path = picture_file(a, n, mode, name)
+    if not os.path.exists(path):
+        return True
+    return (np.asarray(Image.open(path).convert("RGB")).max(axis=2) > 0).mean() < 1e-3
+
+
 def measure(a, n, mode, name):
     if name in BRICKYARD:
         return brickyard(a, n, mode, name)
-    own = [sys.executable, os.path.abspath(__file__), a.folder, "--sizes", str(n), "--modes", mode, "--frames", str(a.frames)]
-    return json.loads(output_of(own + ["--worker", name])[0].splitlines()[-1])
+    own = [sys.executable, os.path.abspath(__file__), a.folder, "--sizes", str(n), "--modes", mode, "--frames", str(a.frames), "--dtype", a.dtype]
+    process = subprocess.run(own + ["--worker", name], stdout=subprocess.PIPE, text=True)
+    if process.returncode:
+        print(f"{name} at {n}³ {mode}: ended with {process.returncode}", file=sys.stderr)
+        return dict(cpu_ms=math.nan, first_s=math.nan)
+    return json.loads(process.stdout.splitlines()[-1])
 
 
 def compare(a):
@@ -226,6 +248,9 @@ def compare(a):
             for _ in range(a.repetitions):
                 rounds.append({name: measure(a, n, mode, name) for name in names})
                 print(n, mode, rounds[-1], "load", os.getloadavg()[0], file=sys.stderr, flush=True)
+            for name in names:
+                if is_black(a, n, mode, name):
+                    print(f"{name} at {n}³ {mode}: nothing is drawn", file=sys.stderr)
             cases.append(dict(size=n, mode=mode, names=names, rounds=rounds, psnr_db={name: psnr_db(a, n, mode, name) for name in names}))
 
     print("| volume | mode | program | CPU ms | of VTK's | first s | exact s | PSNR dB |")
@@ -247,6 +272,8 @@ def main():
     ap.add_argument("folder", type=os.path.abspath)
     ap.add_argument("--sizes", type=lambda s: [int(n) for n in s.split(",")], default=[256, 512])
     ap.add_argument("--modes", type=lambda s: s.split(","), default=["dvr", "mip"])
+    ap.add_argument("--dtype", choices=("u8", "u16"), default="u8")
+    ap.add_argument("--gpu-memory", help="brickyard's budget [default: what holds the whole volume]")
     ap.add_argument("--without", type=lambda s: s.split(";"), default=[], help="programs to leave out, separated by semicolons")
     ap.add_argument("--repetitions", type=int, default=3)
     ap.add_argument("--frames", type=int, default=6)
