@@ -19,10 +19,10 @@ pub const MAX_REACH: u32 = 4;
 /// Parts of a segment where there are virtual samples: the paper's optimum.
 pub const PARTS: usize = 3;
 
-/// Parts of a segment that [`Method::Adaptive`] takes, at most.
+/// Parts of a segment that [`Method::Asm`] takes, at most.
 pub const MOST_PARTS: usize = 8;
 
-/// Of the codes' whole range, the share by which the ends of a part of [`Method::Adaptive`] may differ.
+/// Of the codes' whole range, the share by which the ends of a part of [`Method::Asm`] may differ.
 pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
 
 /// How a segment becomes a medium.

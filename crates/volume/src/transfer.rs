@@ -1,7 +1,7 @@
 //! Transfer functions: piecewise linear colour and opacity over data values, and the table that every renderer looks up after
 //! interpolation.
 //!
-//! They come from a name ([`presets`](TransferFunction::preset)) or from a file ([`file`]): the JSON of [`TransferFunction`]
+//! They come from a name ([`presets`](TransferFunction::preset)) or from a file ([`mod@file`]): the JSON of [`TransferFunction`]
 //! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
 //! nothing behind this module knows of any other form.
 

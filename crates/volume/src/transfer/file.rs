@@ -3,8 +3,8 @@
 //! | form | who writes it | told by |
 //! | --- | --- | --- |
 //! | JSON of [`TransferFunction`] | brickyard | an object that is none of the others |
-//! | colour maps ([`paraview`](super::paraview)) | ParaView, and much else | a list of objects, or one with `RGBPoints` |
-//! | volume property, `.vp.json` ([`slicer`](super::slicer)) | 3D Slicer | an object with `volumeProperties` |
+//! | colour maps (`paraview`) | ParaView, and much else | a list of objects, or one with `RGBPoints` |
+//! | volume property, `.vp.json` (`slicer`) | 3D Slicer | an object with `volumeProperties` |
 //! | volume property, `.vp` (likewise) | 3D Slicer | text that begins with a number |
 
 use super::{TransferError, TransferFunction, paraview, slicer};
