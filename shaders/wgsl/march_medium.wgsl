@@ -16,17 +16,10 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);
     var pixel = pixel_start();
     var known: Known;
-    var is_first = true;
     var walk = enter_zone(tick_at(first), 0u, stretch);
     while (first < last && walk.middle < last && !is_final(pixel)) {
         let point = ray.origin + ray.direction * walk.middle;
         if (all(point >= low) && all(point < high)) {
-            if (is_first) {
-                known = known_of(field, walk.start, walk.end);
-            } else {
-                known = known_next(known, field, walk.start, walk.end);
-            }
-            is_first = false;
             let taken = take(pixel, known, field, ray, walk.start, walk.end);
             pixel = taken.pixel;
             known = taken.known;

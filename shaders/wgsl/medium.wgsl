@@ -70,10 +70,10 @@ fn known_of(field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-// The next segment's: of one as long, all but the last value are known.
+// The next segment's, or the first one's, of which nothing is known (a length of 0): of one as long, all but the last value are.
 fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     let length = end - start;
-    if (CURVE == CUBIC && abs(length - before.length) > 1e-3 * length) {
+    if (before.length == 0.0 || (CURVE == CUBIC && abs(length - before.length) > 1e-3 * length)) {
         return known_of(field, start, end);
     }
     var known = before;
@@ -242,15 +242,16 @@ fn on_curve(values: vec4f, s: f32) -> f32 {
     return clamp(value, min(values.y, values.z), max(values.y, values.z));
 }
 
-// Takes a segment. Returns what is known of the field then beside the pixel.
+// A pixel, and what is known of the field, behind a segment.
 struct Taken {
     pixel: Pixel,
     known: Known,
 }
 
+// Takes a segment, given what is known of the field from the one before it in the same brick.
 fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var pixel = before;
-    var known = so_far;
+    var known = known_next(so_far, field, start, end);
     let length = end - start;
     if (CURVE == MIDDLE) {
         return Taken(add_sampled(pixel, field, ray, 0.5 * (start + end), length), known);

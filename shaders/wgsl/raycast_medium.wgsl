@@ -41,14 +41,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             }
             let until = min(run.end, leave);
             var known: Known;
-            var is_first = true;
             while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {
-                if (is_first) {
-                    known = known_of(field, walk.start, walk.end);
-                } else {
-                    known = known_next(known, field, walk.start, walk.end);
-                }
-                is_first = false;
                 let taken = take(pixel, known, field, ray, walk.start, walk.end);
                 pixel = taken.pixel;
                 known = taken.known;

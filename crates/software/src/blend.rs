@@ -124,8 +124,7 @@ impl Blend for Dvr {
     }
 
     fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        let background = frame.settings.background;
-        std::array::from_fn(|k| sum[k] + sum.w * background[k])
+        over_background(frame, sum)
     }
 }
 
@@ -386,6 +385,12 @@ fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
         out[i] = Vec4::new(packet[4 * i], packet[4 * i + 1], packet[4 * i + 2], packet[4 * i + 3]);
     }
     out
+}
+
+/// What of the background passes premultiplied colour.
+pub(crate) fn over_background(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+    let background = frame.settings.background;
+    std::array::from_fn(|k| sum[k] + sum.w * background[k])
 }
 
 /// The table's colour at a code; the background where there is none.

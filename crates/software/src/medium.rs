@@ -5,9 +5,9 @@
 //! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
 //! operator), and taken only of what has opacity.
 
-use crate::blend::{Blend, Entries};
-use crate::frame::{Cell, Frame};
-use crate::macrocells::{Coverage, Reach};
+use crate::blend::{Blend, Entries, FAINTEST, over_background};
+use crate::frame::Frame;
+use crate::macrocells::Reach;
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, LANES, Packet, Unit};
 use crate::tile::{March, Stretch};
@@ -26,11 +26,6 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
     const REACH: Reach = if ENDS { Reach::Ends } else { Reach::Middles };
-
-    #[inline(always)]
-    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
-        cell.mask.coverage()
-    }
 
     #[inline(always)]
     fn take<C: Code, U: Unit, const INVALID: bool>(
@@ -55,12 +50,11 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
 
     #[inline(always)]
     fn is_final<C: Code>(sum: Vec4) -> bool {
-        sum.w < crate::blend::FAINTEST
+        sum.w < FAINTEST
     }
 
     fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        let background = frame.settings.background;
-        std::array::from_fn(|k| sum[k] + sum.w * background[k])
+        over_background(frame, sum)
     }
 }
 
