@@ -245,6 +245,19 @@ mod tests {
         }
     }
 
+    #[test]
+    fn expressions_are_valid_shaders() {
+        let every = "a + b * c / v3 - a ^ -2 + min(a, b) * max(b, c) + (a < b && b <= c || a == 1e300 || !c ? sin(a) : cos(b)) \
+                     + default(sqrt(a), exp(b)) + valid(log(c)) + abs(a) + sign(b) + floor(a) + ceil(b) + round(c) + 1e-7";
+        for text in [every, "a", "1"] {
+            let wgsl = brickyard_volume::Expression::parse(text, 4).unwrap().wgsl(4);
+            let module = parse(text, &wgsl);
+            use naga::valid::{Capabilities, ValidationFlags, Validator};
+            let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+            assert!(checked.is_ok(), "{text}: {:?}\n{wgsl}", checked.err());
+        }
+    }
+
     /// Members as (name, offset), and the span, of a struct.
     fn layout(module: &Module, name: &str) -> (Vec<(String, usize)>, usize) {
         for (_, ty) in module.types.iter() {

@@ -1,7 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces and the scene. Plain values and
-//! arithmetic: no
-//! I/O, no threads, no GPU.
+//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces, expressions and the scene.
+//! Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
@@ -13,6 +12,7 @@ pub mod apron;
 pub mod camera;
 pub mod clip;
 pub mod code;
+pub mod expression;
 pub mod geometry;
 pub mod integrals;
 pub mod lattice;
@@ -34,6 +34,7 @@ pub use apron::{Apron, MAX_APRON};
 pub use camera::{Camera, Frustum, Projection, Ray, ViewRays};
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use code::{SlotEncoding, SlotFormat};
+pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
 pub use geometry::Geometry;
 pub use integrals::{Integrals, Medium};
 pub use lattice::{Lattice, Segment};

@@ -1,0 +1,117 @@
+//! Which values an expression can have where volumes have values in given ranges: interval arithmetic (Moore, 1966), as plain
+//! as it can be while it errs only on the side of more.
+
+use super::{Binary, Expression, Operation, Unary};
+
+/// From the least to the greatest value; `None` where there is none.
+pub type Range = Option<[f64; 2]>;
+
+const ALL: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+impl Expression {
+    /// A range that holds every value that the expression has where volumes have values in these, or none. `None` says that it
+    /// has no value there.
+    ///
+    /// # Panics
+    /// If there are fewer than it was read for.
+    pub fn range(&self, volumes: &[Range]) -> Range {
+        let mut results: Vec<Range> = Vec::with_capacity(self.operations.len());
+        for operation in &self.operations {
+            let result = match *operation {
+                Operation::Number(number) => Some([number, number]),
+                Operation::Volume(volume) => volumes[volume],
+                Operation::Unary(unary, x) => unary.range(results[x]),
+                Operation::Binary(Binary::Default, x, y) => union(results[x], results[y]),
+                Operation::Binary(binary, x, y) => match (results[x], results[y]) {
+                    (Some(x), Some(y)) => Some(binary.range(x, y)),
+                    _ => None,
+                },
+                Operation::Choose(condition, yes, no) => match results[condition] {
+                    None => None,
+                    Some([0.0, 0.0]) => results[no],
+                    Some([low, high]) if low > 0.0 || high < 0.0 => results[yes],
+                    Some(_) => union(results[yes], results[no]),
+                },
+            };
+            results.push(result);
+        }
+        results.pop().flatten()
+    }
+}
+
+fn union(x: Range, y: Range) -> Range {
+    match (x, y) {
+        (Some([a, b]), Some([c, d])) => Some([a.min(c), b.max(d)]),
+        (x, y) => x.or(y),
+    }
+}
+
+/// The range of products, quotients or powers of ends; everything where one of them is no number.
+fn over_corners(x: [f64; 2], y: [f64; 2], of: impl Fn(f64, f64) -> f64) -> [f64; 2] {
+    let corners = [of(x[0], y[0]), of(x[0], y[1]), of(x[1], y[0]), of(x[1], y[1])];
+    if corners.iter().any(|corner| corner.is_nan()) {
+        return ALL;
+    }
+    corners.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], c| [low.min(c), high.max(c)])
+}
+
+/// 1 if it is always so, 0 if it never is.
+fn truths(always: bool, never: bool) -> [f64; 2] {
+    match (always, never) {
+        (true, _) => [1.0, 1.0],
+        (_, true) => [0.0, 0.0],
+        _ => [0.0, 1.0],
+    }
+}
+
+fn holds_zero([low, high]: [f64; 2]) -> bool {
+    low <= 0.0 && high >= 0.0
+}
+
+impl Unary {
+    fn range(self, x: Range) -> Range {
+        let Some([low, high]) = x else {
+            return (self == Self::Valid).then_some([0.0, 0.0]);
+        };
+        Some(match self {
+            Self::Negate => [-high, -low],
+            Self::Not => truths(low == 0.0 && high == 0.0, !holds_zero([low, high])),
+            Self::Abs if holds_zero([low, high]) => [0.0, high.max(-low)],
+            Self::Abs => [low.abs().min(high.abs()), low.abs().max(high.abs())],
+            Self::Sign => [self.of(low), self.of(high)],
+            Self::Floor => [low.floor(), high.floor()],
+            Self::Ceil => [low.ceil(), high.ceil()],
+            Self::Round => [low.round_ties_even(), high.round_ties_even()],
+            Self::Sqrt if high < 0.0 => return None,
+            Self::Sqrt => [low.max(0.0).sqrt(), high.sqrt()],
+            Self::Exp => [low.exp(), high.exp()],
+            Self::Log if high <= 0.0 => return None,
+            Self::Log => [low.max(0.0).ln(), high.ln()],
+            Self::Sin | Self::Cos => [-1.0, 1.0],
+            // A range may have places without a value in it.
+            Self::Valid => [0.0, 1.0],
+        })
+    }
+}
+
+impl Binary {
+    fn range(self, x: [f64; 2], y: [f64; 2]) -> [f64; 2] {
+        match self {
+            Self::Add => [x[0] + y[0], x[1] + y[1]],
+            Self::Subtract => [x[0] - y[1], x[1] - y[0]],
+            Self::Multiply => over_corners(x, y, |a, b| a * b),
+            Self::Divide if holds_zero(y) => ALL,
+            Self::Divide => over_corners(x, y, |a, b| a / b),
+            Self::Power if x[0] > 0.0 => over_corners(x, y, f64::powf),
+            Self::Power => ALL,
+            Self::Min => [x[0].min(y[0]), x[1].min(y[1])],
+            Self::Max => [x[0].max(y[0]), x[1].max(y[1])],
+            Self::Less => truths(x[1] < y[0], x[0] >= y[1]),
+            Self::LessOrEqual => truths(x[1] <= y[0], x[0] > y[1]),
+            Self::Equal => truths(x[0] == x[1] && x == y, x[1] < y[0] || y[1] < x[0]),
+            Self::And => truths(!holds_zero(x) && !holds_zero(y), x == [0.0, 0.0] || y == [0.0, 0.0]),
+            Self::Or => truths(!holds_zero(x) || !holds_zero(y), x == [0.0, 0.0] && y == [0.0, 0.0]),
+            Self::Default => [x[0].min(y[0]), x[1].max(y[1])],
+        }
+    }
+}
