@@ -3,8 +3,8 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice, TransferFunction,
-    Voxel,
+    Camera, ClipPlane, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice,
+    TransferFunction, Voxel,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, oracle, read_png, session, session_for,
@@ -96,10 +96,10 @@ fn planes_equal_the_oracle_in_all_modes() {
         ("six planes", six.to_vec()),
     ];
     for mode in Mode::ALL {
-        let isovalue = (mode == Mode::Isosurface).then_some(110.0);
+        let isosurfaces: Vec<_> = (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
         let scene = |camera: Camera, clip_planes: &[ClipPlane]| {
             let (camera, clip_planes) = (Some(camera), clip_planes.to_vec());
-            Scene { camera, clip_planes, mode, isovalue, ..scene.clone() }
+            Scene { camera, clip_planes, mode, isosurfaces: isosurfaces.clone(), ..scene.clone() }
         };
         let mut scenes = Vec::new();
         for (view, camera) in views {
@@ -131,8 +131,9 @@ fn what_planes_leave_nothing_of_is_the_background() {
         for way in WAYS {
             let Some(mut session) = session_for(&test.store, mode, way, SIZE) else { continue };
             for clip_planes in planes.clone() {
-                let isovalue = (mode == Mode::Isosurface).then_some(110.0);
-                let scene = Scene { clip_planes, mode, isovalue, ..scene.clone() };
+                let isosurfaces: Vec<_> =
+                    (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
+                let scene = Scene { clip_planes, mode, isosurfaces, ..scene.clone() };
                 let (picture, stats) = settled(&mut session, &scene, SIZE);
                 let background = Picture::quantise(scene.background.map(|c| c as f32));
                 assert!(picture.rgb.iter().all(|p| *p == background), "{mode:?} {way:?}");

@@ -6,7 +6,7 @@ use brickyard::render::GpuError;
 use brickyard::session::{SessionOptions, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
-use brickyard::volume::{Extent, Geometry, LevelPolicy, Mode, Picture, Scene, TransferFunction};
+use brickyard::volume::{Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, TransferFunction};
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, oracle, read_png};
 use serde_json::Value;
 use std::sync::Arc;
@@ -86,7 +86,8 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
             assert_eq!((stats.level_cells[0], stats.completeness), (216, 1.0));
         }
         // A surface, from cells that do not know of each other.
-        let surface = Scene { isovalue: Some(140.0), ..scene(Mode::Isosurface, LevelPolicy::Locked(0)) };
+        let surface =
+            Scene { isosurfaces: vec![Isosurface::at(140.0)], ..scene(Mode::Isosurface, LevelPolicy::Locked(0)) };
         let (picture, stats) = draw(&mut exact, &test.store, &surface);
         assert_same_surface(&picture, &oracle(&test.store, &surface, SIZE), &format!("surface in {gpu_bytes} bytes"));
         assert!(passes.contains(&stats.passes.expect("passes")), "{stats:?}");

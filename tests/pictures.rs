@@ -2,7 +2,8 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel, VoxelType,
+    Camera, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel,
+    VoxelType,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, oracle, read_png, session,
@@ -64,8 +65,8 @@ fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
 }
 
 /// What a scene of a mode needs: most values of these volumes are on one side of it or on the other, between 0 and 255.
-fn isovalue(mode: Mode) -> Option<f64> {
-    (mode == Mode::Isosurface).then_some(110.0)
+fn isosurfaces(mode: Mode) -> Vec<Isosurface> {
+    (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect()
 }
 
 /// The settled picture of every way to draw equals the oracle's.
@@ -98,8 +99,8 @@ fn check_volume<T: Voxel>(
             ..Scene::default()
         };
         check(&test.store, &scene, &format!("{} {extent} {name}", T::TYPE));
-        let isovalue = Some(window.0 + 0.37 * (window.1 - window.0));
-        let surface = Scene { mode: Mode::Isosurface, isovalue, ..scene };
+        let isosurfaces = vec![Isosurface::at(window.0 + 0.37 * (window.1 - window.0))];
+        let surface = Scene { mode: Mode::Isosurface, isosurfaces, ..scene };
         check(&test.store, &surface, &format!("surface in {} {extent} {name}", T::TYPE));
     }
 }
@@ -146,7 +147,8 @@ fn all_modes_equal_the_oracle() {
     for mode in Mode::ALL {
         for (name, camera) in cameras(low, high) {
             let transfer = Some(transfer(0.0, 255.0, 2.0));
-            let scene = Scene { camera: Some(camera), mode, isovalue: isovalue(mode), transfer, ..Scene::default() };
+            let scene =
+                Scene { camera: Some(camera), mode, isosurfaces: isosurfaces(mode), transfer, ..Scene::default() };
             check(&test.store, &scene, &format!("{mode:?} {name}"));
         }
     }
@@ -165,7 +167,7 @@ fn every_level_lock_and_step_equals_the_oracle() {
             let transfer = Some(transfer(0.0, 255.0, 2.0));
             let scene = Scene { camera, transfer, level: LevelPolicy::Locked(level), step, ..Scene::default() };
             check(&test.store, &scene, &format!("level {level} step {step}"));
-            let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene };
+            let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene };
             check(&test.store, &surface, &format!("surface, level {level} step {step}"));
         }
     }
@@ -196,7 +198,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");
         }
         check(&test.store, &scene, &format!("mixed levels at {pixel_error} px"));
-        let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene };
+        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene };
         check(&test.store, &surface, &format!("surface of mixed levels at {pixel_error} px"));
     }
 }
@@ -212,7 +214,7 @@ fn leaps_change_no_picture() {
     let (_, camera) = cameras(low, high).into_iter().next().expect("a camera");
     for mode in Mode::ALL {
         let transfer = Some(transfer(140.0, 255.0, geometry.voxel_size(extent) * 2.0));
-        let scene = Scene { camera: Some(camera), transfer, mode, isovalue: isovalue(mode), ..Scene::default() };
+        let scene = Scene { camera: Some(camera), transfer, mode, isosurfaces: isosurfaces(mode), ..Scene::default() };
         let expected = oracle(&test.store, &scene, SIZE);
         for way in WAYS {
             let Some(mut with) = session_for(&test.store, mode, way, SIZE) else { continue };
@@ -247,8 +249,8 @@ fn a_clip_box_equals_the_oracle() {
         for (i, &clip) in clips.iter().enumerate() {
             for mode in [Mode::Dvr, Mode::Average, Mode::Isosurface] {
                 let transfer = Some(transfer(0.0, 255.0, geometry.voxel_size(extent) * 2.0));
-                let (camera, clip, isovalue) = (Some(camera), Some(clip), isovalue(mode));
-                let scene = Scene { camera, transfer, mode, isovalue, clip, ..Scene::default() };
+                let (camera, clip, isosurfaces) = (Some(camera), Some(clip), isosurfaces(mode));
+                let scene = Scene { camera, transfer, mode, isosurfaces, clip, ..Scene::default() };
                 let expected = oracle(&test.store, &scene, SIZE);
                 if expected.rgb.iter().all(|p| *p == expected.rgb[0]) {
                     // This camera looks past what is left.
@@ -351,7 +353,7 @@ fn the_brick_size_does_not_show() {
             level: LevelPolicy::Locked(0),
             ..Scene::default()
         };
-        let surface = Scene { mode: Mode::Isosurface, isovalue: isovalue(Mode::Isosurface), ..scene.clone() };
+        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene.clone() };
         for backend in WAYS {
             for scene in [&scene, &surface] {
                 let picture = |test: &TestStore| {

@@ -4,8 +4,8 @@ use brickyard::offline::render_settled;
 use brickyard::session::{ResolvedScene, Session, SessionOptions};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{
-    Camera, Extent, FrameSettings, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, Stereo, StereoLayout,
-    TransferFunction,
+    Camera, Extent, FrameSettings, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, Stereo,
+    StereoLayout, TransferFunction,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, options, oracle, read_png, session,
@@ -69,8 +69,8 @@ fn both_eyes_equal_the_oracle_in_every_way() {
     for (name, camera, separation) in cameras() {
         for mode in [Mode::Dvr, Mode::Mip, Mode::Isosurface] {
             let stereo = Some(stereo(&camera, StereoLayout::SideBySide, separation));
-            let isovalue = (mode == Mode::Isosurface).then_some(110.0);
-            let scene = Scene { mode, isovalue, ..scene(camera, stereo) };
+            let isosurfaces: Vec<_> = (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
+            let scene = Scene { mode, isosurfaces, ..scene(camera, stereo) };
             let expected = oracle(&test.store, &scene, SIZE);
             assert_eq!((expected.width, expected.height), SIZE);
             let eye = |first: usize| expected.rgb.chunks_exact(48).skip(first).step_by(2).flatten().collect::<Vec<_>>();

@@ -79,6 +79,10 @@ pub struct FrameUniform {
     pub plane_count: u32,
     /// Padding.
     pub spare: [f32; 2],
+    /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
+    pub thresholds: [[f32; 4]; 2],
+    /// Of each surface its colour and opacity.
+    pub surfaces: [[f32; 4]; 8],
     /// Where the lights are: voxels from the volume's corner times the spacing.
     pub light_places: [[f32; 4]; 4],
     /// First tick of each zone.

@@ -58,6 +58,17 @@ pub enum Light {
     Tone,
 }
 
+/// What else there is to see of a composite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Surfaces {
+    /// Nothing.
+    None,
+    /// Isosurfaces in the fog.
+    InFog,
+    /// Isosurfaces and no fog.
+    Alone,
+}
+
 /// How segments become media.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Medium {
@@ -71,18 +82,36 @@ pub struct Medium {
     pub light: Light,
     /// Whether gradients are the Sobel operator's.
     pub is_sobel: bool,
+    /// What else there is to see.
+    pub surfaces: Surfaces,
 }
 
 impl Medium {
     /// One sample in the middle, unlit: what has shaders of its own.
-    pub const PLAIN: Self =
-        Self { curve: Curve::Middle, parts: 1, is_pre_integrated: false, light: Light::Unlit, is_sobel: false };
+    pub const PLAIN: Self = Self {
+        curve: Curve::Middle,
+        parts: 1,
+        is_pre_integrated: false,
+        light: Light::Unlit,
+        is_sobel: false,
+        surfaces: Surfaces::None,
+    };
 
     fn constants(&self) -> String {
+        // Surfaces are lit, whether the fog is or not.
+        let surface_light = if self.light == Light::Unlit { Light::BlinnPhong } else { self.light };
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
-             const LIGHTING: u32 = {}u;\nconst IS_SOBEL: bool = {};",
-            self.curve as u32, self.parts, self.is_pre_integrated, self.light as u32, self.is_sobel
+             const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\nconst IS_SOBEL: bool = {};\n\
+             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};",
+            self.curve as u32,
+            self.parts,
+            self.is_pre_integrated,
+            self.light as u32,
+            surface_light as u32,
+            self.is_sobel,
+            self.surfaces != Surfaces::Alone,
+            self.surfaces != Surfaces::None
         )
     }
 }
@@ -107,8 +136,8 @@ impl Variant {
     }
 
     const fn is_plain(&self) -> bool {
-        let Medium { curve, light, .. } = self.medium;
-        matches!((curve, light), (Curve::Middle, Light::Unlit))
+        let Medium { curve, light, surfaces, .. } = self.medium;
+        matches!((curve, light, surfaces), (Curve::Middle, Light::Unlit, Surfaces::None))
     }
 }
 
@@ -133,6 +162,7 @@ pub fn sorted(variant: &Variant) -> String {
 /// were entered (binding 9, a [`MARK_STEPS`]th a step).
 pub fn raycast(variant: &Variant, marks: bool) -> String {
     let sees = match variant.gather {
+        Gather::Composite if variant.medium.surfaces != Surfaces::None => include_str!("../wgsl/sees_surfaces.wgsl"),
         Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
         Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
         Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
@@ -178,6 +208,12 @@ fn marching(variant: &Variant) -> String {
         parts.push(&constants);
     }
     parts.push(accumulate);
+    if !variant.is_plain() {
+        parts.push(match variant.medium.surfaces {
+            Surfaces::None => include_str!("../wgsl/surfaces_none.wgsl"),
+            Surfaces::InFog | Surfaces::Alone => include_str!("../wgsl/surfaces.wgsl"),
+        });
+    }
     parts.join("\n")
 }
 
@@ -204,7 +240,10 @@ mod tests {
         for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
             for light in [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone] {
                 for (is_pre_integrated, is_sobel) in [(false, false), (true, false), (false, true)] {
-                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, is_sobel });
+                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, is_sobel, surfaces: Surfaces::None });
+                }
+                for surfaces in [Surfaces::InFog, Surfaces::Alone] {
+                    all.push(Medium { curve, light, surfaces, ..Medium::PLAIN });
                 }
             }
         }
@@ -282,7 +321,7 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count spare light_places zone_starts planes);
+                threshold shift plane_count spare thresholds surfaces light_places zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
@@ -301,6 +340,7 @@ mod tests {
         let variant = |gather, medium| Variant { gather, has_invalid: false, is_cubic: false, medium };
         let surface = variant(Gather::Isosurface, Medium::PLAIN);
         let lit = variant(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
+        let foggy = variant(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [
             ("PARTS", naga::Literal::U32(surface::PARTS as u32)),
@@ -325,7 +365,12 @@ mod tests {
             ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
         ];
         let of_media = of_media.map(|(name, value)| (&lit, name, value));
-        for (module, name, value) in expected.into_iter().chain(of_media) {
+        let foggy = parse("surfaces in fog", &raycast(&foggy, true));
+        let of_surfaces = [
+            (&foggy, "SEARCH_PARTS", naga::Literal::U32(surface::PARTS as u32)),
+            (&foggy, "ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
+        ];
+        for (module, name, value) in expected.into_iter().chain(of_media).chain(of_surfaces) {
             let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
             let found = &module.global_expressions[constant.init];
             assert!(matches!(found, naga::Expression::Literal(v) if *v == value), "{name}: {found:?}");

@@ -36,6 +36,9 @@ struct Frame {
     shift: f32,
     plane_count: u32,
     spare: array<f32, 2>,
+    // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
+    thresholds: array<vec4f, 2>,
+    surfaces: array<vec4f, 8>,
     light_places: array<vec4f, 4>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 8>,

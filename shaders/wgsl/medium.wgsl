@@ -1,6 +1,6 @@
 // Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
-// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING` and
-// `IS_SOBEL` leave out is no part of the compiled shader.
+// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
+// `IS_SOBEL` and `HAS_FOG` leave out is no part of the compiled shader.
 const FIRST_SHARE: f32 = 0.0;
 
 // Values of CURVE.
@@ -26,10 +26,12 @@ const TONE_KEPT: vec2f = vec2f(0.3, 0.7);
 struct Pixel {
     color: vec3f,
     transmittance: f32,
+    // How many surfaces the ray is past; negative where that is not known.
+    rank: i32,
 }
 
 fn pixel_start() -> Pixel {
-    return Pixel(vec3f(0.0), 1.0);
+    return Pixel(vec3f(0.0), 1.0, -1);
 }
 
 fn is_final(pixel: Pixel) -> bool {
@@ -123,10 +125,10 @@ fn toned(color: vec3f, cosine: f32) -> vec3f {
     return mix(COOL + color * TONE_KEPT.x, WARM + color * TONE_KEPT.y, 0.5 * (1.0 + cosine));
 }
 
-// A colour lit at a place of the ray.
-fn shade(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
+// A colour lit at a place of the ray, by one of LIGHTING's values.
+fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
     if (length(differences) * frame.last_code < FLAT_CODES) {
-        if (LIGHTING == TONE) {
+        if (lighting == TONE) {
             return toned(color, 1.0);
         }
         return color * (AMBIENT + DIFFUSE);
@@ -145,10 +147,10 @@ fn shade(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> ve
         }
         let cosine = dot(normal, to_light);
         facing = max(facing, cosine);
-        if (cosine > 0.0 && LIGHTING != TONE) {
+        if (cosine > 0.0 && lighting != TONE) {
             diffuse += cosine;
             var reflected = 0.0;
-            if (LIGHTING == PHONG) {
+            if (lighting == PHONG) {
                 reflected = dot(normal * (2.0 * cosine) - to_light, -view);
             } else {
                 reflected = dot(normal, normalize(to_light - view));
@@ -156,7 +158,7 @@ fn shade(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> ve
             specular += pow(clamp(reflected, 0.0, 1.0), SPECULAR_POWER);
         }
     }
-    if (LIGHTING == TONE) {
+    if (lighting == TONE) {
         return toned(color, facing);
     }
     return color * (AMBIENT + DIFFUSE * diffuse) + SPECULAR * specular;
@@ -211,7 +213,7 @@ fn mean_medium(one: f32, other: f32) -> Medium {
 
 fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
     let left = exp2(-medium.depth * length * frame.per_unit_distance);
-    return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left);
+    return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left, pixel.rank);
 }
 
 // A real sample, and what it stands for.
@@ -223,7 +225,7 @@ fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pix
     }
     var color = medium.color;
     if (LIGHTING != UNLIT) {
-        color = shade(field, ray, t, color, differences(field, t, value));
+        color = shade(LIGHTING, field, ray, t, color, differences(field, t, value));
     }
     return add(pixel, medium, color, length);
 }
@@ -248,8 +250,8 @@ struct Taken {
     known: Known,
 }
 
-// Takes a segment, given what is known of the field from the one before it in the same brick.
-fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
+// Takes the fog of a segment, given what is known of the field from the one before it in the same brick.
+fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var pixel = before;
     var known = known_next(so_far, field, start, end);
     let length = end - start;
@@ -291,7 +293,7 @@ fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f
                 if (CURVE == CUBIC) {
                     gradient = catmull_rom(known.g0, known.g1, known.g2, known.g3, s.y);
                 }
-                color = shade(field, ray, start + s.y * length, color, gradient);
+                color = shade(LIGHTING, field, ray, start + s.y * length, color, gradient);
             }
             pixel = add(pixel, medium, color, length / f32(PARTS));
         }

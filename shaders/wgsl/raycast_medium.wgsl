@@ -25,7 +25,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         }
         let field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
         // Longer segments reach out of macro-cells farther than their ranges hold.
-        let is_covered = CURVE == MIDDLE || overhang(ray, brick.texel_scale, walk.stride) == 0.0;
+        let is_covered = (CURVE == MIDDLE && !HAS_SURFACES) || overhang(ray, brick.texel_scale, walk.stride) == 0.0;
         let has_cells = is_brick_seen && is_covered && brick.first_range != NO_RANGES;
         var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
         loop {
@@ -38,6 +38,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
+                pixel.rank = select(pixel.rank, -1, HAS_INVALID);
             }
             let until = min(run.end, leave);
             var known: Known;

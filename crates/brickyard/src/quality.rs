@@ -192,7 +192,7 @@ mod tests {
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode: Mode::Dvr,
-            isovalue: 0.0,
+            surfaces: Vec::new(),
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             background: [0.0; 3],

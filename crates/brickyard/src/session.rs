@@ -7,9 +7,11 @@ use brickyard_pager::{
 };
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::lighting::MAX_LIGHTS;
+use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Camera, Extent, FrameSettings, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs, Picture, Scene,
-    SlotEncoding, StereoError, StereoLayout, Subject, TransferFunction, TransferTable, surface,
+    Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
+    Occupancy, Picture, Scene, SlotEncoding, StereoError, StereoLayout, Subject, Surface, TransferFunction,
+    TransferTable,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -346,12 +348,14 @@ pub fn resolve(
     let slack = 1.5 * encoding.code_width();
     let bins = source.occupancy_bins();
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
-    let isovalue = scene.isovalue.map_or(0.0, |isovalue| surface::threshold(isovalue, &encoding));
-    let opaque = match scene.mode {
+    let surfaces = Surface::all(&scene.isosurfaces, &transfer, &encoding);
+    let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));
+    let fog = match scene.mode {
         Mode::Dvr => Some(bins.opaque(&transfer, slack)),
-        Mode::Isosurface => Some(bins.mask(isovalue - slack, isovalue + slack)),
+        Mode::Isosurface => Some(Occupancy::NONE),
         Mode::Mip | Mode::MinIp | Mode::Average => None,
     };
+    let opaque = fog.map(|fog| passed.fold(fog, Occupancy::union));
     let background = scene.background.map(|c| c as f32);
     let appearance = appearance(&table, scene);
     let frame = FrameSettings {
@@ -361,7 +365,7 @@ pub fn resolve(
         encoding,
         table,
         mode: scene.mode,
-        isovalue,
+        surfaces,
         sampling: scene.sampling,
         lighting: scene.lighting.clone(),
         background,
@@ -393,7 +397,9 @@ fn appearance(table: &TransferTable, scene: &Scene) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);
     scene.sampling.hash(&mut hasher);
-    scene.isovalue.map(f64::to_bits).hash(&mut hasher);
+    for surface in &scene.isosurfaces {
+        [surface.value, surface.opacity].map(f64::to_bits).hash(&mut hasher);
+    }
     table.unit_distance.to_bits().hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
     hasher.finish()
@@ -415,26 +421,37 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
         }
     }
     check_look(scene)?;
-    match (scene.mode, scene.isovalue) {
-        (Mode::Isosurface, Some(value)) if value.is_finite() => {}
-        (Mode::Isosurface, Some(value)) => {
-            return Err(SessionError::Scene(format!("the isovalue is {value}: expected a finite number")));
-        }
-        (Mode::Isosurface, None) => {
-            let problem = "an isosurface needs the value whose surface it is: give --isovalue, in stored units";
-            return Err(SessionError::Scene(problem.into()));
-        }
-        (_, Some(value)) => {
-            let problem = format!("the isovalue {value} is for isosurfaces: leave it out, or add --mode isosurface");
-            return Err(SessionError::Scene(problem));
-        }
-        (_, None) => {}
-    }
+    check_surfaces(scene)?;
     scene.check_slice().map_err(|error| SessionError::Scene(error.to_string()))?;
     if let Some(transfer) = &scene.transfer {
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;
     }
     Ok(())
+}
+
+fn check_surfaces(scene: &Scene) -> Result<(), SessionError> {
+    let surfaces = &scene.isosurfaces;
+    let has_two_of = |surface: &Isosurface| surfaces.iter().filter(|other| other.value == surface.value).count() > 1;
+    let problem = if scene.mode == Mode::Isosurface && surfaces.is_empty() {
+        "an isosurface needs the value whose surface it is: give --isovalue, in stored units".to_string()
+    } else if surfaces.is_empty() {
+        return Ok(());
+    } else if !matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
+        let value = surfaces[0].value;
+        format!("the isovalue {value} is for --mode isosurface, or dvr: leave it out, or use one of those")
+    } else if surfaces.len() > MAX_SURFACES {
+        format!("{} isosurfaces: expected at most {MAX_SURFACES}", surfaces.len())
+    } else if let Some(surface) = surfaces.iter().find(|surface| !surface.value.is_finite()) {
+        format!("the isovalue is {}: expected a finite number", surface.value)
+    } else if let Some(surface) = surfaces.iter().find(|surface| !(0.0..=1.0).contains(&surface.opacity)) {
+        let Isosurface { value, opacity, .. } = surface;
+        format!("the isosurface at {value} has an opacity of {opacity}: expected a number from 0 to 1")
+    } else if let Some(surface) = surfaces.iter().find(|surface| has_two_of(surface)) {
+        format!("two isosurfaces have the value {}: leave one out", surface.value)
+    } else {
+        return Ok(());
+    };
+    Err(SessionError::Scene(problem))
 }
 
 /// Checks method and lighting.
@@ -446,13 +463,15 @@ fn check_look(scene: &Scene) -> Result<(), SessionError> {
             "the sampling method {:?} is for direct volume rendering: leave it out, or use --mode dvr",
             scene.sampling.method
         )
-    } else if *model != LightingModel::None && !is_dvr {
-        format!("the lighting {model:?} is for direct volume rendering: leave it out, or use --mode dvr")
+    } else if *model != LightingModel::None && !is_dvr && scene.mode != Mode::Isosurface {
+        format!(
+            "the lighting {model:?} is for direct volume rendering and isosurfaces: leave it out, or use --mode dvr"
+        )
     } else if lights.len() > MAX_LIGHTS {
         format!("{} lights: expected at most {MAX_LIGHTS}", lights.len())
     } else if let Some(light) = lights.iter().find(|light| !light.is_finite()) {
         format!("a light stands at {light}: expected finite numbers")
-    } else if *model == LightingModel::None && !lights.is_empty() {
+    } else if *model == LightingModel::None && !lights.is_empty() && scene.isosurfaces.is_empty() {
         "a light without lighting: leave it out, or add --lighting blinn-phong".to_string()
     } else {
         return Ok(());

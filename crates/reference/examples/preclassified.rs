@@ -101,7 +101,7 @@ fn frame(transfer: &TransferFunction) -> Result<FrameSettings, Box<dyn std::erro
         encoding,
         table: TransferTable::new(transfer, &encoding),
         mode: Mode::Dvr,
-        isovalue: 0.0,
+        surfaces: Vec::new(),
         sampling: Sampling::default(),
         lighting: Lighting::default(),
         background: [0.0; 3],

@@ -116,10 +116,7 @@ pub fn render(frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> Picture {
 /// The display-referred colour of one ray.
 pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> [f64; 3] {
     let background = frame.background.map(f64::from);
-    if frame.mode == Mode::Isosurface {
-        return surface::color(frame, volume, ray).unwrap_or(background);
-    }
-    if frame.mode == Mode::Dvr {
+    if matches!(frame.mode, Mode::Dvr | Mode::Isosurface) {
         return medium::color(frame, volume, ray, DVec3::from_array(background)).to_array();
     }
     let samples = samples_along(frame, volume, ray);
@@ -264,7 +261,7 @@ pub(crate) mod tests {
             encoding,
             table: TransferTable::new(transfer, &encoding),
             mode,
-            isovalue: 0.0,
+            surfaces: Vec::new(),
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             background: [0.25, 0.0, 1.0],

@@ -1,40 +1,51 @@
-//! Direct volume rendering by every method of [`brickyard_volume::sampling`], lit or not.
+//! Direct volume rendering by every method of [`brickyard_volume::sampling`], lit or not, with isosurfaces in it or them alone.
 
+use crate::surface::Crossings;
 use crate::{Array, Path, ReferenceVolume};
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{FrameSettings, Gradient, Integrals, LightingModel, Medium, Ray, Segment};
+use brickyard_volume::{
+    FrameSettings, Gradient, Integrals, Lighting, LightingModel, Medium, Mode, Ray, Segment, surface,
+};
 use glam::DVec3;
 
-/// The colour of a ray, over the background.
+/// The colour of a ray, over the background: of fog and surfaces, or of surfaces alone.
 pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray, background: DVec3) -> DVec3 {
     let integrals = frame.sampling.method.is_pre_integrated().then(|| Integrals::new(&frame.table));
     let path = Path::new(frame, ray);
-    let (mut color, mut transmittance) = (DVec3::ZERO, 1.0);
+    let mut light = Light { color: DVec3::ZERO, transmittance: 1.0 };
+    let mut crossings = Crossings::new(frame);
+    let of_surfaces = surface::lighting(&frame.lighting);
     for segment in path.segments(frame, volume) {
         let level = &volume.levels[(volume.level_at)(path.at(segment.middle()))];
-        let field = Field { frame, level, path: &path };
-        for part in field.parts(segment) {
-            let medium = match (&integrals, part.ends) {
-                (Some(integrals), Some([from, to])) => integrals.between(field.code(from), field.code(to)),
-                _ => Medium {
-                    rgb: volume.transfer.rgb(part.value),
-                    depth: -(1.0 - volume.transfer.alpha(part.value)).log2(),
-                },
-            };
-            let rgb = frame.lighting.shade(
-                DVec3::from_array(medium.rgb),
-                field.normal(part.differences),
-                ray.direction,
-                ray.origin + ray.direction * part.middle,
-            );
-            let left = (-medium.depth * part.length / volume.transfer.unit_distance).exp2();
-            color += transmittance * (1.0 - left) * rgb;
-            transmittance *= left;
+        let field = Field { frame, level, path: &path, lighting: &frame.lighting };
+        let mut start = segment.start;
+        for (t, surface) in crossings.within(segment, |t| field.value(t)) {
+            let fog = Segment { start, end: t };
+            field.add_fog(&mut light, fog, volume, integrals.as_ref());
+            let field = Field { lighting: &of_surfaces, ..field };
+            let color = DVec3::from_array(surface.color.map(f64::from));
+            light.add(field.shade(color, field.differences(t, surface.threshold), t), 1.0 - surface.opacity as f64);
+            start = t;
         }
+        field.add_fog(&mut light, Segment { start, ..segment }, volume, integrals.as_ref());
     }
-    color + transmittance * background
+    light.color + light.transmittance * background
+}
+
+/// What comes to the eye, and how much of what is behind does.
+struct Light {
+    color: DVec3,
+    transmittance: f64,
+}
+
+impl Light {
+    /// Adds what is behind all so far, and lets `left` of the light through.
+    fn add(&mut self, color: DVec3, left: f64) {
+        self.color += self.transmittance * (1.0 - left) * color;
+        self.transmittance *= left;
+    }
 }
 
 /// A part of a segment.
@@ -50,15 +61,47 @@ struct Part {
 }
 
 /// A level along a ray.
+#[derive(Clone, Copy)]
 struct Field<'a> {
     frame: &'a FrameSettings,
     level: &'a Array,
     path: &'a Path,
+    lighting: &'a Lighting,
 }
 
 impl Field<'_> {
     fn value(&self, t: f64) -> Option<f64> {
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
+    }
+
+    /// Adds a segment's medium, if there is fog.
+    fn add_fog(
+        &self,
+        light: &mut Light,
+        segment: Segment,
+        volume: &ReferenceVolume<'_>,
+        integrals: Option<&Integrals>,
+    ) {
+        if self.frame.mode != Mode::Dvr {
+            return;
+        }
+        for part in self.parts(segment) {
+            let medium = match (integrals, part.ends) {
+                (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),
+                _ => Medium {
+                    rgb: volume.transfer.rgb(part.value),
+                    depth: -(1.0 - volume.transfer.alpha(part.value)).log2(),
+                },
+            };
+            let color = self.shade(DVec3::from_array(medium.rgb), part.differences, part.middle);
+            light.add(color, (-medium.depth * part.length / volume.transfer.unit_distance).exp2());
+        }
+    }
+
+    /// A colour lit at a place.
+    fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
+        let Ray { origin, direction } = self.path.world;
+        self.lighting.shade(color, self.normal(differences), direction, origin + direction * t)
     }
 
     fn code(&self, value: f64) -> f64 {
@@ -122,14 +165,14 @@ impl Field<'_> {
     /// Differences of the field across two voxels along each axis, about a place with a value; those without one are as good as
     /// it. Zero where nothing is lit.
     fn differences(&self, t: f64, value: f64) -> DVec3 {
-        if self.frame.lighting.model == LightingModel::None {
+        if self.lighting.model == LightingModel::None {
             return DVec3::ZERO;
         }
         let voxel = DVec3::from_array(self.level.factor.map(f64::from));
         let around = |offset: DVec3| {
             self.level.sample(self.path.at(t) + offset * voxel, self.frame.sampling.filter).unwrap_or(value)
         };
-        let along = |a: usize| match self.frame.lighting.gradient {
+        let along = |a: usize| match self.lighting.gradient {
             Gradient::Central => around(DVec3::AXES[a]) - around(-DVec3::AXES[a]),
             Gradient::Sobel => {
                 let (u, v) = (DVec3::AXES[(a + 1) % 3], DVec3::AXES[(a + 2) % 3]);
@@ -155,7 +198,7 @@ mod tests {
     use super::*;
     use crate::tests::{camera, cube, settings};
     use crate::{one_level, pixel};
-    use brickyard_volume::{Filter, Geometry, Lighting, Method, Mode, Sampling, TransferFunction};
+    use brickyard_volume::{Filter, Geometry, Method, Sampling, TransferFunction};
 
     fn transfer(opacity: Vec<[f64; 2]>) -> TransferFunction {
         TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], opacity, unit_distance: 1.0 }
@@ -242,7 +285,7 @@ mod tests {
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
             let path = Path { origin: place + 0.5, direction: DVec3::X, world };
-            let found = Field { frame: &frame, level: &level, path: &path };
+            let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);
             let exact = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));

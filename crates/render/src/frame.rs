@@ -7,6 +7,7 @@ use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
+use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{Clip, ClipPlane, FrameSettings, MAX_PLANES, Mode, Pyramid};
 use glam::DVec3;
 
@@ -25,8 +26,7 @@ pub(crate) fn frame_uniform(
     let single = |v: DVec3| v.as_vec3().to_array();
     // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
     let (forward, shift) = if rays.orthographic { (rays.middle(), 0.0) } else { (rays.forward, rays.shift) };
-    let threshold = frame.encoding.unorm(frame.isovalue);
-    let [r, g, b, _] = frame.table.lookup(threshold as f32);
+    let (thresholds, surfaces) = surfaces(frame);
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
@@ -59,15 +59,29 @@ pub(crate) fn frame_uniform(
         slot_edge: atlas.slot_edge as f32,
         shown_high: single(shown_high),
         lights: frame.lighting.lights.len() as u32,
-        surface_color: [r, g, b],
-        threshold: threshold as f32,
+        surface_color: [0, 1, 2].map(|channel| surfaces[0][channel]),
+        threshold: thresholds[0][0],
         shift: shift as f32,
         plane_count: clip_planes(frame).len() as u32,
         spare: [0.0; 2],
+        thresholds,
+        surfaces,
         light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
     }
+}
+
+/// Of each surface where it begins, and its colour and opacity.
+fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) {
+    // No code is past what there is not.
+    let (mut thresholds, mut looks) = ([[1e30; 4]; 2], [[0.0; 4]; MAX_SURFACES]);
+    for (i, surface) in frame.surfaces.iter().enumerate().take(MAX_SURFACES) {
+        let [r, g, b] = surface.color;
+        thresholds[i / 4][i % 4] = frame.encoding.unorm(surface.threshold) as f32;
+        looks[i] = [r, g, b, surface.opacity];
+    }
+    (thresholds, looks)
 }
 
 /// Where the lights are, in the shaders' space times the spacing.

@@ -3,7 +3,7 @@
 
 use crate::adapter::{Gpu, GpuFormats};
 use crate::renderer::Compositor;
-use brickyard_shaders::{Curve, Gather, Light, Medium, Variant, raycast, resolve, sorted};
+use brickyard_shaders::{Curve, Gather, Light, Medium, Surfaces, Variant, raycast, resolve, sorted};
 use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
@@ -12,19 +12,19 @@ use wgpu::{
 /// Format of the finished picture. Colours are display-referred as they are: no sRGB conversion.
 pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
-/// How a mode gathers.
-pub(crate) fn gather_of(mode: Mode) -> Gather {
-    match mode {
-        Mode::Dvr => Gather::Composite,
+/// How a frame gathers.
+fn gather_of(frame: &FrameSettings) -> Gather {
+    match frame.mode {
         Mode::Mip | Mode::MinIp => Gather::Project,
         Mode::Average => Gather::Average,
-        Mode::Isosurface => Gather::Isosurface,
+        Mode::Isosurface if frame.is_one_opaque_surface() => Gather::Isosurface,
+        Mode::Dvr | Mode::Isosurface => Gather::Composite,
     }
 }
 
-/// The march that a frame needs.
-pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
-    let (gather, method) = (gather_of(frame.mode), frame.sampling.method);
+/// How a composite's segments become media.
+fn medium_of(frame: &FrameSettings) -> Medium {
+    let method = frame.sampling.method;
     let curve = match method.curve() {
         sampling::Curve::Middle => Curve::Middle,
         sampling::Curve::Line => Curve::Line,
@@ -37,11 +37,27 @@ pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
         LightingModel::BlinnPhong => Light::BlinnPhong,
         LightingModel::Tone => Light::Tone,
     };
+    let surfaces = match frame.mode {
+        Mode::Isosurface => Surfaces::Alone,
+        _ if frame.surfaces.is_empty() => Surfaces::None,
+        _ => Surfaces::InFog,
+    };
     // Without light a gradient is asked for by nothing: no variant of its own for each.
-    let is_sobel = light != Light::Unlit && frame.lighting.gradient == Gradient::Sobel;
-    let parts = method.parts(0.0) as u32;
+    let is_lit = light != Light::Unlit || surfaces != Surfaces::None;
+    let is_sobel = is_lit && frame.lighting.gradient == Gradient::Sobel;
+    if surfaces == Surfaces::Alone {
+        // Nor a method without fog.
+        return Medium { light, is_sobel, surfaces, ..Medium::PLAIN };
+    }
+    let (parts, is_pre_integrated) = (method.parts(0.0) as u32, method.is_pre_integrated());
+    Medium { curve, parts, is_pre_integrated, light, is_sobel, surfaces }
+}
+
+/// The march that a frame needs.
+pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
+    let gather = gather_of(frame);
     let medium = match gather {
-        Gather::Composite => Medium { curve, parts, is_pre_integrated: method.is_pre_integrated(), light, is_sobel },
+        Gather::Composite => medium_of(frame),
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
     let is_cubic = frame.sampling.filter == Filter::Tricubic;

@@ -137,10 +137,52 @@ fn bricks_of_other_sizes_show_the_same() {
         let sampling = Sampling { method, filter };
         for lighting in [Lighting::default(), lightings().swap_remove(2)] {
             for edge in [8, 64] {
-                let needs = Needs::new(Mode::Dvr, sampling, &lighting);
+                let needs = Needs::new(Mode::Dvr, sampling, &lighting, false);
                 let bricks = bricks([35, 29, 37], edge, encoding, needs, waves);
                 agree(&bricks, &[frame(&bricks, sampling, lighting.clone())], 0);
             }
+        }
+    }
+}
+
+/// Surfaces, translucent and not, in fog of several kinds and alone, by both compositors.
+#[test]
+fn surfaces_in_fog_and_alone_match_the_oracle() {
+    let whole = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let wide = SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true);
+    let hole = |voxel: [u32; 3]| {
+        let [x, y, z] = voxel.map(|v| v as f64 - 17.0);
+        if x * x + y * y + z * z < 40.0 { f64::NAN } else { waves(voxel) }
+    };
+    for (encoding, filter, edges) in
+        [(whole, Filter::Trilinear, &[16, 64][..]), (wide, Filter::Trilinear, &[16]), (whole, Filter::Tricubic, &[16])]
+    {
+        for &edge in edges {
+            let needs = Needs { apron: 4, filter, is_pre_integrated: true };
+            let value = |voxel: [u32; 3]| if encoding.has_invalid { hole(voxel) } else { waves(voxel) };
+            let bricks = bricks([35, 29, 37], edge, encoding, needs, value);
+            let at = |code: f64| encoding.low + code / 255.0 * (encoding.high - encoding.low);
+            let faint = Isosurface { value: at(105.0), color: Some([0.2, 1.0, 0.4]), opacity: 0.3 };
+            let half = Isosurface { value: at(150.5), color: None, opacity: 0.5 };
+            let solid = Isosurface { value: at(190.0), color: Some([1.0, 0.9, 0.2]), opacity: 1.0 };
+            let surfaces = Surface::all(&[solid, faint, half], &tinted(&encoding), &encoding);
+            let lit = lightings();
+            let frames: Vec<_> = [
+                (Mode::Isosurface, Method::Udvr, &lit[0]),
+                (Mode::Isosurface, Method::Udvr, &lit[2]),
+                (Mode::Dvr, Method::Udvr, &lit[0]),
+                (Mode::Dvr, Method::Plvs, &lit[1]),
+                (Mode::Dvr, Method::Pcvs, &lit[0]),
+                (Mode::Dvr, Method::Asm, &lit[3]),
+            ]
+            .into_iter()
+            .map(|(mode, method, lighting)| {
+                let plain = frame(&bricks, Sampling { method, filter }, lighting.clone());
+                FrameSettings { mode, surfaces: surfaces.clone(), ..plain }
+            })
+            .collect();
+            // Where a ray grazes a surface, or a place has just half of its weight, rounding decides.
+            agree(&bricks, &frames, 2);
         }
     }
 }

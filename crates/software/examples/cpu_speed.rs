@@ -72,7 +72,10 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         encoding: volume.encoding,
         table: TransferTable::new(&transfer, &volume.encoding),
         mode,
-        isovalue: value(0.4),
+        surfaces: match mode {
+            Mode::Isosurface => Surface::all(&[Isosurface::at(value(0.4))], &transfer, &volume.encoding),
+            _ => Vec::new(),
+        },
         sampling: Sampling::default(),
         lighting: Lighting::default(),
         background: [0.0; 3],

@@ -28,7 +28,7 @@ pub(crate) trait Blend {
 
     /// How much of a brick can change the sum: what its mask says, where that does not depend on the sum.
     #[inline(always)]
-    fn coverage(cell: &Cell<'_>, _: Vec4) -> Coverage {
+    fn coverage(cell: &Cell<'_>, _: &Ray) -> Coverage {
         cell.mask.coverage()
     }
 
@@ -220,9 +220,9 @@ impl Blend for Mip {
     const FRONT_TO_BACK: bool = false;
 
     #[inline(always)]
-    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+    fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         let [low, high] = cell.brick.cells.whole();
-        if low > high || high as f32 <= sum.x { Coverage::None } else { Coverage::Some }
+        if low > high || high as f32 <= ray.sum.x { Coverage::None } else { Coverage::Some }
     }
 
     #[inline(always)]
@@ -280,9 +280,9 @@ impl Blend for MinIp {
     const FRONT_TO_BACK: bool = false;
 
     #[inline(always)]
-    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+    fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         let [low, high] = cell.brick.cells.whole();
-        if low > high || low as f32 >= sum.x { Coverage::None } else { Coverage::Some }
+        if low > high || low as f32 >= ray.sum.x { Coverage::None } else { Coverage::Some }
     }
 
     #[inline(always)]

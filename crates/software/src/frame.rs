@@ -8,8 +8,9 @@ use crate::steps::StepTables;
 use crate::surface::{INSIDE, OUTSIDE};
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
-use brickyard_volume::{FrameSettings, Geometry, Integrals, Mode, Pyramid, ViewRays, VoxelBox, surface};
-use glam::{DVec3, Vec3};
+use brickyard_volume::surface::MAX_SURFACES;
+use brickyard_volume::{FrameSettings, Geometry, Integrals, Lighting, Mode, Pyramid, ViewRays, VoxelBox, surface};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::sync::Arc;
@@ -40,9 +41,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
     pub(crate) visible: [f32; 2],
-    /// Codes from this one on are inside of the surface, if the mode has one; and its colour.
-    pub(crate) threshold: f32,
-    pub(crate) surface_color: Vec3,
+    /// Of each surface the code from which on a place is past it, ascending; where there is none, more than any.
+    pub(crate) thresholds: [f32; MAX_SURFACES],
+    /// How surfaces are lit that stand in fog.
+    pub(crate) surface_lighting: Lighting,
 }
 
 /// One entry of the draw list.
@@ -62,6 +64,8 @@ pub(crate) struct Cell<'a> {
     pub(crate) mask: Mask,
     /// On which side of the surface the brick is; 0 if on both, or if there is none.
     pub(crate) side: f32,
+    /// How many of several surfaces all of it is past; negative if that is not one number.
+    pub(crate) rank: i32,
     /// In a maximum or minimum projection, the greatest or least code in each box of macro-cells.
     pub(crate) extremes: Box<[u16]>,
     /// The pixels that may see the cell, and those among them that draw this entry, if not all.
@@ -115,8 +119,6 @@ impl<'a> Frame<'a> {
         let ticks = Ticks::new(&settings.lattice);
         let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
         let lit = if occludes(settings.mode) { list.cells.len() } else { 0 };
-        let isovalue = settings.encoding.unorm(settings.isovalue) as f32;
-        let [r, g, b, _] = settings.table.lookup(isovalue);
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
@@ -131,8 +133,8 @@ impl<'a> Frame<'a> {
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
-            threshold: threshold(settings),
-            surface_color: Vec3::new(r, g, b),
+            thresholds: thresholds(settings),
+            surface_lighting: surface::lighting(&settings.lighting),
         }
     }
 }
@@ -145,9 +147,23 @@ pub(crate) fn occludes(mode: Mode) -> bool {
     }
 }
 
-/// The surface's threshold in codes.
-fn threshold(settings: &FrameSettings) -> f32 {
-    (settings.encoding.unorm(settings.isovalue) * settings.encoding.format.max_code() as f64) as f32
+fn thresholds(settings: &FrameSettings) -> [f32; MAX_SURFACES] {
+    let code = |value: f64| settings.encoding.unorm(value) * settings.encoding.format.max_code() as f64;
+    let mut thresholds = [f32::INFINITY; MAX_SURFACES];
+    for (threshold, surface) in thresholds.iter_mut().zip(&settings.surfaces) {
+        *threshold = code(surface.threshold) as f32;
+    }
+    thresholds
+}
+
+/// How many surfaces a code is past.
+#[inline(always)]
+pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
+    let mut rank = 0;
+    for threshold in thresholds {
+        rank += (*threshold <= code) as i32;
+    }
+    rank
 }
 
 impl Frame<'_> {
@@ -188,13 +204,17 @@ enum Shows {
     Opaque(OpaqueCodes),
     /// Those on both sides of a threshold.
     Surface(f32),
+    /// Those on both sides of one of several; and those with opacity, if there is fog.
+    Layers([f32; MAX_SURFACES], Option<OpaqueCodes>),
 }
 
 impl Shows {
     fn new(settings: &FrameSettings) -> Self {
         match settings.mode {
-            Mode::Dvr => Self::Opaque(OpaqueCodes::new(&settings.table)),
-            Mode::Isosurface => Self::Surface(threshold(settings)),
+            Mode::Dvr if settings.surfaces.is_empty() => Self::Opaque(OpaqueCodes::new(&settings.table)),
+            Mode::Dvr => Self::Layers(thresholds(settings), Some(OpaqueCodes::new(&settings.table))),
+            Mode::Isosurface if settings.is_one_opaque_surface() => Self::Surface(thresholds(settings)[0]),
+            Mode::Isosurface => Self::Layers(thresholds(settings), None),
             Mode::Mip | Mode::MinIp | Mode::Average => Self::All,
         }
     }
@@ -204,6 +224,10 @@ impl Shows {
             Self::All => true,
             Self::Opaque(opaque) => opaque.any(range),
             Self::Surface(threshold) => surface::straddles(range, *threshold),
+            Self::Layers(thresholds, fog) => {
+                let [low, high] = range.map(|code| rank_of(thresholds, code as f32));
+                range[0] <= range[1] && low != high || fog.as_ref().is_some_and(|opaque| opaque.any(range))
+            }
         }
     }
 
@@ -213,6 +237,17 @@ impl Shows {
             Self::All => Mask::All,
             _ if !self.any(cells.whole()) => Mask::None,
             _ => Mask::new(cells, edge, |range| self.any(range)),
+        }
+    }
+
+    /// How many surfaces all of a range is past; negative if that is not one number.
+    fn rank(&self, [low, high]: [u16; 2]) -> i32 {
+        match self {
+            Self::Layers(thresholds, _) if low <= high => {
+                let [low, high] = [low, high].map(|code| rank_of(thresholds, code as f32));
+                if low == high { low } else { -1 }
+            }
+            _ => -1,
         }
     }
 
@@ -249,7 +284,7 @@ impl<'a> Cell<'a> {
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
         let edge = pyramid.edge() as usize;
-        let (mask, side) = (shows.mask(&brick.cells, edge), shows.side(brick.cells.whole()));
+        let (mask, whole) = (shows.mask(&brick.cells, edge), brick.cells.whole());
         let extremes = extremes(settings.mode, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
@@ -264,7 +299,8 @@ impl<'a> Cell<'a> {
             offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
             brick,
             mask,
-            side,
+            side: shows.side(whole),
+            rank: shows.rank(whole),
             extremes,
             rect,
             pixels: (cell.pixels != Pixels::ALL).then_some(cell.pixels),

@@ -19,6 +19,7 @@
 mod blend;
 mod cubic;
 mod frame;
+mod layers;
 mod macrocells;
 mod medium;
 mod ray;

@@ -1,24 +1,26 @@
-//! Direct volume rendering by every method but the plain one: segments become media as
-//! [`brickyard_volume::sampling`] says, lit as [`brickyard_volume::lighting`] says.
+//! Direct volume rendering by every method but the plain one: segments become media as [`brickyard_volume::sampling`] says, lit
+//! as [`brickyard_volume::lighting`] says, with isosurfaces between them or not.
 //!
 //! A stretch goes through in rows of as many segments as one packet of places allows: all that a row's curves pass through is
 //! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
 //! operator), and taken only of what has opacity.
 
 use crate::blend::{Blend, Entries, FAINTEST, over_background};
-use crate::frame::Frame;
-use crate::macrocells::Reach;
+use crate::frame::{Cell, Frame};
+use crate::layers::{NO_RANK, Pieces};
+use crate::macrocells::{Coverage, Mask, Reach};
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, LANES, Packet, Unit};
 use crate::tile::{March, Stretch};
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{Gradient, LightingModel, Medium as Mean};
+use brickyard_volume::{Gradient, Lighting, LightingModel, Medium as Mean, Mode};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
-/// Emission and absorption: the sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end to end.
+/// Emission and absorption: the sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end to end,
+/// and surfaces found in them.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Blend for Medium<ENDS> {
@@ -26,6 +28,15 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
     const REACH: Reach = if ENDS { Reach::Ends } else { Reach::Middles };
+
+    #[inline(always)]
+    fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
+        match cell.mask {
+            // Past other surfaces than the brick before: they are where both meet.
+            Mask::None if ray.rank != NO_RANK && cell.rank != NO_RANK && ray.rank != cell.rank => Coverage::All,
+            _ => cell.mask.coverage(),
+        }
+    }
 
     #[inline(always)]
     fn take<C: Code, U: Unit, const INVALID: bool>(
@@ -36,15 +47,24 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
         segments: Range<i32>,
     ) {
         let path = Path::new(march, stretch, ray);
-        let curve = march.frame.settings.sampling.method.curve();
-        let mut next = segments.start;
-        while next < segments.end && !Self::is_final::<C>(ray.sum) {
-            next = match curve {
-                Curve::Middle => path.take_middles::<C, U, INVALID>(ray, next..segments.end),
-                Curve::Line => path.take_curves::<C, U, INVALID>(ray, next..segments.end, 0),
-                Curve::Cubic => path.take_curves::<C, U, INVALID>(ray, next..segments.end, 1),
-                Curve::Field => path.take_field::<C, U, INVALID>(ray, next..segments.end),
-            };
+        if !ENDS {
+            return path.take::<C, U, INVALID>(ray, segments);
+        }
+        if INVALID && ray.reached != stretch.start + ((segments.start as u32) << stretch.zone) {
+            ray.rank = NO_RANK;
+        }
+        ray.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+        let has_fog = march.frame.settings.mode == Mode::Dvr;
+        let mut pieces = Pieces::new(march, stretch, path, segments);
+        while !Self::is_final::<C>(ray.sum)
+            && let Some(piece) = pieces.next::<C, U, INVALID>(ray)
+        {
+            if has_fog {
+                piece.path.take::<C, U, INVALID>(ray, piece.segments);
+            }
+            if let Some((surface, along)) = piece.surface {
+                path.add_surface::<C, U, INVALID>(ray, surface, along);
+            }
         }
     }
 
@@ -59,12 +79,13 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
 }
 
 /// A ray's way along a stretch of a brick; places along it are counted in segments from the middle of the first.
-struct Path<'a> {
+#[derive(Clone, Copy)]
+pub(crate) struct Path<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
     /// Where the brick can be sampled.
-    low: f32,
-    high: f32,
+    pub(crate) low: f32,
+    pub(crate) high: f32,
     /// The ends of the ray's first and last segments, where they are the stretch's; else past all.
     first_start: f32,
     last_end: f32,
@@ -79,10 +100,10 @@ struct Path<'a> {
 }
 
 /// A row of values along the ray.
-struct Row {
+pub(crate) struct Row {
     along: Packet,
-    code: Packet,
-    weight: Packet,
+    pub(crate) code: Packet,
+    pub(crate) weight: Packet,
 }
 
 impl<'a> Path<'a> {
@@ -116,15 +137,20 @@ impl<'a> Path<'a> {
         }
     }
 
+    /// The same way, of which only a piece of one segment counts.
+    pub(crate) fn piece(&self, first_start: f32, last_end: f32) -> Self {
+        Self { first_start, last_end, ..*self }
+    }
+
     /// Where a segment begins and ends.
     #[inline(always)]
-    fn ends(&self, segment: i32) -> [f32; 2] {
+    pub(crate) fn ends(&self, segment: i32) -> [f32; 2] {
         [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
     }
 
     /// Segments from `first` on that are whole, at most `most`; or 1 if the first is not.
     #[inline(always)]
-    fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
+    pub(crate) fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
         let is_cut = |segment: i32| {
             let [a, b] = self.ends(segment);
             a > segment as f32 - 0.5 || b < segment as f32 + 0.5
@@ -140,7 +166,7 @@ impl<'a> Path<'a> {
     }
 
     #[inline(always)]
-    fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Row {
+    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Row {
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
         for i in 0..LANES {
             let along = along[i].max(self.low).min(self.high);
@@ -156,6 +182,22 @@ impl<'a> Path<'a> {
     fn filtered<C: Code, U: Unit, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         let filter = self.march.frame.settings.sampling.filter;
         self.march.brick.filtered_points::<C, U, INVALID>(filter, points, weight)
+    }
+
+    /// Takes segments until nothing behind them is seen.
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, segments: Range<i32>) {
+        let curve = self.march.frame.settings.sampling.method.curve();
+        let mut next = segments.start;
+        while next < segments.end && ray.sum.w >= FAINTEST {
+            next = match curve {
+                Curve::Middle => self.take_middles::<C, U, INVALID>(ray, next..segments.end),
+                Curve::Line | Curve::Cubic => {
+                    self.take_curves::<C, U, INVALID>(ray, next..segments.end, (curve == Curve::Cubic) as usize)
+                }
+                Curve::Field => self.take_field::<C, U, INVALID>(ray, next..segments.end),
+            };
+        }
     }
 
     /// One sample in the middle of each segment. Returns the first segment not taken.
@@ -206,7 +248,7 @@ impl<'a> Path<'a> {
 
     /// The places of a row of segments' ends, and so many more on each side.
     #[inline(always)]
-    fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
+    pub(crate) fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
         let mut along = [0.0; LANES];
         let [a, b] = self.ends(first);
         for i in 0..LANES {
@@ -300,11 +342,26 @@ impl<'a> Path<'a> {
         ray.sum = (ray.sum.truncate() + color * (light * (1.0 - left))).extend(light * left);
     }
 
+    #[inline(always)]
+    fn add_surface<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, surface: usize, along: f32) {
+        let frame = self.march.frame;
+        let look = &frame.settings.surfaces[surface];
+        let differences = self.differences::<C, U, INVALID>(along, frame.thresholds[surface]);
+        let color = self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences);
+        let light = ray.sum.w;
+        ray.sum = (ray.sum.truncate() + color * (light * look.opacity)).extend(light * (1.0 - look.opacity));
+    }
+
     fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
+        self.lit_by(&self.march.frame.settings.lighting, along, color, differences)
+    }
+
+    /// A colour lit at a place.
+    fn lit_by(&self, lighting: &Lighting, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
         let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
         let normal = (!is_flat).then(|| (differences.as_dvec3() / self.voxel).normalize());
         let place = self.eye + self.direction * (self.stretch.middle + along as f64 * self.stretch.length);
-        self.march.frame.settings.lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
+        lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
     }
 
     /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.
@@ -313,27 +370,19 @@ impl<'a> Path<'a> {
         let along = along.max(self.low).min(self.high);
         let centre: [f32; 3] = std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a]);
         let mut differences = Vec3::ZERO;
-        match self.march.frame.settings.lighting.gradient {
-            Gradient::Central => {
-                let offsets = std::array::from_fn(|i| match i {
-                    0..6 => std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 }),
-                    _ => [0.0; 3],
-                });
-                let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
-                differences = Vec3::new(codes[0] - codes[1], codes[2] - codes[3], codes[4] - codes[5]);
-            }
-            Gradient::Sobel => {
-                // The 27 places about the centre, the centre itself among them, in four packets.
-                for first in (0..27).step_by(LANES) {
-                    let offsets: [[f32; 3]; LANES] = std::array::from_fn(|i| offset_of((first + i).min(26)));
-                    let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
-                    for (i, offset) in offsets.iter().enumerate().take(27 - first) {
-                        let smooth: [f32; 3] = std::array::from_fn(|a| SMOOTH[(offset[a] + 1.0) as usize] as f32);
-                        differences.x += offset[0] * smooth[1] * smooth[2] * codes[i];
-                        differences.y += offset[1] * smooth[0] * smooth[2] * codes[i];
-                        differences.z += offset[2] * smooth[0] * smooth[1] * codes[i];
-                    }
-                }
+        // The 27 places about the centre, the centre itself among them, in four packets; or the six nearest in one.
+        let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
+            Gradient::Central => (false, 6),
+            Gradient::Sobel => (true, 27),
+        };
+        for first in (0..places).step_by(LANES) {
+            let offsets: [[f32; 3]; LANES] =
+                std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
+            let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
+            for (i, offset) in offsets.iter().enumerate().take(places - first) {
+                let smooth = |a: usize| if is_sobel { SMOOTH[(offset[a] + 1.0) as usize] as f32 } else { 1.0 };
+                let [x, y, z] = [smooth(0), smooth(1), smooth(2)];
+                differences += Vec3::new(offset[0] * y * z, offset[1] * x * z, offset[2] * x * y) * codes[i];
             }
         }
         differences
@@ -365,6 +414,12 @@ impl<'a> Path<'a> {
 #[inline(always)]
 fn offset_of(i: usize) -> [f32; 3] {
     [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 - 1.0)
+}
+
+/// The `i`-th of the six places next to a voxel.
+#[inline(always)]
+fn axis_offset(i: usize) -> [f32; 3] {
+    std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 })
 }
 
 /// Where only one of two has a value, it stands for the other.

@@ -5,6 +5,7 @@
 //! follow one another without gap or overlap, and cells have every segment exactly once between them, whatever is rounded.
 
 use crate::frame::{Cell, Frame};
+use crate::layers::NO_RANK;
 use crate::macrocells::Reach;
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
@@ -94,6 +95,8 @@ pub(crate) struct Ray {
     pub(crate) sum: Vec4,
     /// The segment behind the last one that was searched for a surface.
     pub(crate) reached: u32,
+    /// How many of several surfaces it is past.
+    pub(crate) rank: i32,
 }
 
 impl Ray {
@@ -109,6 +112,7 @@ impl Ray {
         cursor: 0,
         sum: Vec4::ZERO,
         reached: 0,
+        rank: NO_RANK,
     };
 
     /// The ray through a pixel's centre; one without segments if it misses the volume.

@@ -1,4 +1,4 @@
-//! Isosurfaces: where a ray first passes the isovalue, and what it sees there. The rule is
+//! One opaque isosurface: where a ray first passes the isovalue, and what it sees there. The rule is
 //! [`brickyard_volume::surface`]'s.
 //!
 //! The ends of segments are sampled in packets of eight, and the bits of which are inside, shifted by one, tell where the side
@@ -36,10 +36,10 @@ impl Blend for Isosurface {
     const REACH: Reach = Reach::Beyond;
 
     #[inline(always)]
-    fn coverage(cell: &Cell<'_>, sum: Vec4) -> Coverage {
+    fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         match cell.mask {
             // On the other side than the brick before: the surface is where they meet.
-            Mask::None if sum.x * cell.side < 0.0 => Coverage::All,
+            Mask::None if ray.sum.x * cell.side < 0.0 => Coverage::All,
             _ => cell.mask.coverage(),
         }
     }
@@ -69,7 +69,7 @@ impl Blend for Isosurface {
         }
         if ray.sum.x == 0.0 {
             let start = inside(stretch.along(ray.ends(ticks, first).0));
-            ray.sum.x = Line { march, stretch }.side::<C, U, INVALID>(start);
+            ray.sum.x = Line { march, stretch, threshold: march.frame.thresholds[0] }.side::<C, U, INVALID>(start);
         }
         let mut done = segments.start;
         while done < segments.end {
@@ -95,7 +95,8 @@ impl Blend for Isosurface {
             );
             for p in 0..chunk.packets.min(TOGETHER) {
                 let lanes = left - (p * LANES) as i32;
-                let Some(i) = crossing(march.frame.threshold, &mut ray.sum.x, &chunk.code[p], &chunk.weight[p], lanes)
+                let Some(i) =
+                    crossing(march.frame.thresholds[0], &mut ray.sum.x, &chunk.code[p], &chunk.weight[p], lanes)
                 else {
                     continue;
                 };
@@ -103,7 +104,7 @@ impl Blend for Isosurface {
                 let tick = stretch.start + ((segment as u32) << stretch.zone);
                 let from = inside(stretch.along(ray.ends(ticks, tick).0));
                 let end = [chunk.along[p][i], chunk.code[p][i]];
-                let line = Line { march, stretch };
+                let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
                 let hit = line.locate::<C, U, INVALID>(from, end);
                 ray.sum = line.lit::<C, U, INVALID>(ray, hit).extend(0.0);
                 return;
@@ -142,9 +143,11 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
 }
 
 /// A ray's way through a brick, in segments from the middle of a stretch's first.
-struct Line<'a> {
-    march: &'a March<'a>,
-    stretch: &'a Stretch,
+pub(crate) struct Line<'a> {
+    pub(crate) march: &'a March<'a>,
+    pub(crate) stretch: &'a Stretch,
+    /// The surface's threshold in codes.
+    pub(crate) threshold: f32,
 }
 
 impl Line<'_> {
@@ -153,7 +156,7 @@ impl Line<'_> {
     fn side<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> f32 {
         let (code, weight) = self.sample::<C, U, INVALID>(&[along; LANES]);
         match weight[0] > 0.0 {
-            true if code[0] >= self.march.frame.threshold => INSIDE,
+            true if code[0] >= self.threshold => INSIDE,
             true => OUTSIDE,
             false => 0.0,
         }
@@ -161,8 +164,12 @@ impl Line<'_> {
 
     /// The surface between two places, of which the one behind is given with its code.
     #[inline(always)]
-    fn locate<C: Code, U: Unit, const INVALID: bool>(&self, mut from: f32, [mut to, mut to_code]: [f32; 2]) -> f32 {
-        let threshold = self.march.frame.threshold;
+    pub(crate) fn locate<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        mut from: f32,
+        [mut to, mut to_code]: [f32; 2],
+    ) -> f32 {
+        let threshold = self.threshold;
         let is_inside = to_code >= threshold;
         // Behind by nothing: the place behind is the surface, if the one in front turns out to have no value.
         let mut from_code = to_code;
@@ -209,7 +216,7 @@ impl Line<'_> {
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {
-            code[i] = if weight[i] > 0.0 { code[i] } else { frame.threshold };
+            code[i] = if weight[i] > 0.0 { code[i] } else { self.threshold };
         }
         for a in 0..3 {
             let distance = points[a][2 * a] - points[a][2 * a + 1];
@@ -219,7 +226,7 @@ impl Line<'_> {
         }
         let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
         let (own, white) = headlight((!is_flat).then(|| (gradient.dot(direction) / gradient.length()) as f64));
-        frame.surface_color * own as f32 + Vec3::splat(white as f32)
+        Vec3::from(frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }
 
     /// The codes at these places; what has no value weighs nothing.

@@ -49,13 +49,15 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
         let is_lit = settings.lighting.model != LightingModel::None;
         let is_plain = method == Method::Udvr && filter == Filter::Trilinear && !is_lit;
         match settings.mode {
+            Mode::Isosurface if settings.is_one_opaque_surface() => for_machine::<C, Isosurface, INVALID>(),
+            Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
+            Mode::Dvr if !settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Dvr if is_plain => for_machine::<C, Dvr, INVALID>(),
             Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
             Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Mip => for_machine::<C, Mip, INVALID>(),
             Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
             Mode::Average => for_machine::<C, Average, INVALID>(),
-            Mode::Isosurface => for_machine::<C, Isosurface, INVALID>(),
         }
     }
     let settings = frame.settings;
@@ -110,7 +112,7 @@ fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile
                 if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
                     continue;
                 }
-                if B::coverage(cell, ray.sum) == Coverage::None {
+                if B::coverage(cell, ray) == Coverage::None {
                     if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell, B::REACH).is_some() {
                         brightest = ray.sum.w;
                     }
@@ -187,9 +189,9 @@ impl Queue {
         let stretches = &mut self.stretches[..self.len];
         self.len = 0;
         for stretch in &mut *stretches {
-            let sum = rays[stretch.ray].sum;
-            if B::coverage(cell, sum) != Coverage::All {
-                stretch.look::<B>(cell, sum, &mut self.boxes);
+            let ray = &rays[stretch.ray];
+            if B::coverage(cell, ray) != Coverage::All {
+                stretch.look::<B>(cell, ray.sum, &mut self.boxes);
             }
         }
         let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
@@ -398,6 +400,8 @@ fn longest(step: [f32; 3]) -> f32 {
 mod tests {
     use super::*;
     use crate::frame::Resident;
+    use crate::medium::Medium;
+    use crate::surface::Isosurface;
     use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
@@ -415,13 +419,16 @@ mod tests {
     }
 
     /// The vector unit must not show in the picture.
-    fn same_on_all_units<C: Code, B: Blend, const INVALID: bool>(mode: Mode) {
+    fn same_on_all_units<C: Code, B: Blend, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
         let voxel_type = if C::BYTES == 1 { VoxelType::U8 } else { VoxelType::U16 };
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
         encoding.has_invalid = INVALID;
         let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };
         let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
+        let surfaces: Vec<_> =
+            surfaces.iter().map(|share| brickyard_volume::Isosurface::at(share * encoding.high)).collect();
+        let surfaces = Surface::all(&surfaces, &transfer, &encoding);
         let settings = FrameSettings {
             rays: camera.rays(TILE_PX, TILE_PX).unwrap(),
             lattice: Lattice::uniform(0.37, 0),
@@ -429,7 +436,7 @@ mod tests {
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode,
-            isovalue: 0.4 * encoding.high,
+            surfaces,
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             background: [0.1, 0.2, 0.3],
@@ -459,12 +466,14 @@ mod tests {
 
     #[test]
     fn all_vector_units_draw_the_same() {
-        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr);
-        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr);
-        same_on_all_units::<Code8, Mip, true>(Mode::Mip);
-        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp);
-        same_on_all_units::<Code16, Average, false>(Mode::Average);
-        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface);
-        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface);
+        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr, &[]);
+        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr, &[]);
+        same_on_all_units::<Code8, Mip, true>(Mode::Mip, &[]);
+        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp, &[]);
+        same_on_all_units::<Code16, Average, false>(Mode::Average, &[]);
+        same_on_all_units::<Code8, Medium<true>, false>(Mode::Dvr, &[0.4]);
+        same_on_all_units::<Code16, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface, &[0.4]);
     }
 }

@@ -64,13 +64,20 @@ impl View {
             encoding: volume.encoding,
             table: TransferTable::new(transfer, &volume.encoding),
             mode: self.mode,
-            isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &volume.encoding),
+            surfaces: match self.mode {
+                Mode::Isosurface => surface_at(transfer.color[transfer.color.len() / 2][0], transfer, volume),
+                _ => Vec::new(),
+            },
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             background: [0.1, 0.2, 0.35],
             clip: None,
         }
     }
+}
+
+fn surface_at(isovalue: f64, transfer: &TransferFunction, volume: &Volume) -> Vec<Surface> {
+    Surface::all(&[Isosurface::at(isovalue)], transfer, &volume.encoding)
 }
 
 /// How many pixels are past the tolerance.
@@ -324,7 +331,8 @@ fn surfaces_have_no_pinholes() {
         let mut view = View { mode: Mode::Isosurface, step, ..View::new(eye.into(), target.into()) };
         view.camera.projection = Projection::Orthographic { height: 60.0 };
         view.size = [160, 160];
-        let frame = FrameSettings { isovalue, ..view.frame(&volume, &transfer) };
+        let surfaces = vec![Surface { threshold: isovalue, color: [1.0; 3], opacity: 1.0 }];
+        let frame = FrameSettings { surfaces, ..view.frame(&volume, &transfer) };
         let all = finest(&volume)(&frame);
         let mut cells = all.clone();
         cells.retain(|c| {
@@ -360,8 +368,9 @@ fn a_plateau_at_the_isovalue_is_inside() {
     // From inside of the plateau nothing is met but its end.
     for (target, is_met) in [([39.0, 21.0, 19.0], false), ([0.0, 21.0, 19.0], true)] {
         let view = View { mode: Mode::Isosurface, ..View::new([30.0, 20.0, 20.0], target) };
-        let isovalue = surface::threshold(90.0, &volume.encoding);
-        let frame = FrameSettings { isovalue, ..view.frame(&volume, &vivid((0.0, 255.0))) };
+        let transfer = vivid((0.0, 255.0));
+        let surfaces = surface_at(90.0, &transfer, &volume);
+        let frame = FrameSettings { surfaces, ..view.frame(&volume, &transfer) };
         let picture = volume.render(&frame, &finest(&volume)(&frame), 2);
         let met = picture.rgb.iter().filter(|&&p| p != Picture::quantise(frame.background)).count();
         assert_eq!(met, if is_met { picture.rgb.len() } else { 0 });

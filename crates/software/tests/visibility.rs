@@ -34,7 +34,10 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         encoding,
         table: TransferTable::new(&transfer, &encoding),
         mode,
-        isovalue: 150.0,
+        surfaces: match mode {
+            Mode::Isosurface => vec![Surface { threshold: 150.0, color: [1.0; 3], opacity: 1.0 }],
+            _ => Vec::new(),
+        },
         sampling: Sampling::default(),
         lighting: Lighting::default(),
         background: [0.0; 3],

@@ -196,8 +196,9 @@ impl Unary {
 impl Binary {
     fn of(self, x: f64, y: f64) -> f64 {
         match self {
-            Self::Default => return if x.is_nan() { y } else { x },
-            _ if x.is_nan() || y.is_nan() => return f64::NAN,
+            Self::Default if x.is_nan() => y,
+            Self::Default => x,
+            _ if x.is_nan() || y.is_nan() => f64::NAN,
             Self::Add => x + y,
             Self::Subtract => x - y,
             Self::Multiply => x * y,

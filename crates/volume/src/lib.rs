@@ -48,6 +48,7 @@ pub use scene::{LevelPolicy, Mode, Scene};
 pub use slice::Slice;
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
+pub use surface::{Isosurface, Surface};
 pub use transfer::{Subject, TransferFunction, TransferTable};
 pub use voxel_type::{Voxel, VoxelType};
 

@@ -9,6 +9,7 @@ use crate::lighting::Lighting;
 use crate::sampling::{Needs, Sampling};
 use crate::scene::Mode;
 use crate::space::Extent;
+use crate::surface::Surface;
 use crate::transfer::TransferTable;
 use glam::DVec3;
 
@@ -27,8 +28,9 @@ pub struct FrameSettings {
     pub table: TransferTable,
     /// How samples become a pixel.
     pub mode: Mode,
-    /// The value at which [`Mode::Isosurface`] has its surface; of no meaning in other modes.
-    pub isovalue: f64,
+    /// The surfaces of [`Mode::Isosurface`], at least one, and of [`Mode::Dvr`]: at most
+    /// [`MAX_SURFACES`](crate::surface::MAX_SURFACES), in the order of their values.
+    pub surfaces: Vec<Surface>,
     /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
     pub sampling: Sampling,
     /// How [`Mode::Dvr`] is lit.
@@ -42,7 +44,14 @@ pub struct FrameSettings {
 impl FrameSettings {
     /// What the picture needs bricks to have.
     pub fn needs(&self) -> Needs {
-        Needs::new(self.mode, self.sampling, &self.lighting)
+        Needs::new(self.mode, self.sampling, &self.lighting, !self.surfaces.is_empty())
+    }
+
+    /// Whether all there is to see is one surface that hides what is behind it, lit from the eye: what has shaders of its own.
+    pub fn is_one_opaque_surface(&self) -> bool {
+        let is_lit_from_the_eye = self.lighting == Lighting::default();
+        let is_opaque = matches!(&self.surfaces[..], [surface] if surface.opacity >= 1.0);
+        self.mode == Mode::Isosurface && is_opaque && is_lit_from_the_eye
     }
 
     /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is. Clip planes

@@ -167,15 +167,17 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// Of a picture.
-    pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting) -> Self {
+    /// Of a picture, with isosurfaces in it or not.
+    pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool) -> Self {
         let filter = sampling.filter;
         let along = match mode {
+            Mode::Dvr if has_surfaces => sampling.method.reach().max(Method::Lvs.reach()),
             Mode::Dvr => sampling.method.reach(),
             Mode::Mip | Mode::MinIp | Mode::Average => 0.0,
             Mode::Isosurface => Method::Lvs.reach(),
         };
-        let is_lit = mode == Mode::Isosurface || mode == Mode::Dvr && lighting.model != LightingModel::None;
+        let is_fog_lit = mode == Mode::Dvr && lighting.model != LightingModel::None;
+        let is_lit = mode == Mode::Isosurface || has_surfaces || is_fog_lit;
         let across = if is_lit { Gradient::REACH } else { 0.0 };
         let is_pre_integrated = mode == Mode::Dvr && sampling.method.is_pre_integrated();
         Self { apron: (along + across + filter.reach()).ceil() as u32, filter, is_pre_integrated }
@@ -216,8 +218,9 @@ mod tests {
     #[test]
     fn aprons_follow_what_is_read() {
         let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
-        let apron =
-            |mode, method, filter, lighting: &Lighting| Needs::new(mode, Sampling { method, filter }, lighting).apron;
+        let apron = |mode, method, filter, lighting: &Lighting| {
+            Needs::new(mode, Sampling { method, filter }, lighting, false).apron
+        };
         let (none, linear, cubic) = (Lighting::default(), Filter::Trilinear, Filter::Tricubic);
         assert_eq!(apron(Mode::Dvr, Method::Udvr, linear, &none), 1);
         assert_eq!(apron(Mode::Mip, Method::Pcvs, linear, &lit), 1);
@@ -226,6 +229,7 @@ mod tests {
         assert_eq!(apron(Mode::Dvr, Method::Plvs, linear, &lit), 2);
         assert_eq!(apron(Mode::Dvr, Method::Pcvs, linear, &none), 2);
         assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), MAX_REACH);
+        assert_eq!(Needs::new(Mode::Dvr, Sampling::default(), &none, true).apron, 2);
     }
 
     #[test]

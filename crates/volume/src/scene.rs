@@ -8,6 +8,7 @@ use crate::sampling::{Needs, Sampling};
 use crate::slice::Slice;
 use crate::space::Extent;
 use crate::stereo::Stereo;
+use crate::surface::Isosurface;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -25,8 +26,7 @@ pub enum Mode {
     MinIp,
     /// The length-weighted mean of the samples, likewise.
     Average,
-    /// The first place where the value passes the scene's isovalue, as an opaque surface, lit from the eye
-    /// (see [`surface`](crate::surface)).
+    /// Nothing but the scene's isosurfaces (see [`surface`](crate::surface)).
     Isosurface,
 }
 
@@ -56,13 +56,13 @@ pub struct Scene {
     pub stereo: Option<Stereo>,
     /// The mode.
     pub mode: Mode,
-    /// The value at which [`Mode::Isosurface`] has its surface, in stored units: given there and nowhere else.
-    pub isovalue: Option<f64>,
+    /// Surfaces: those of [`Mode::Isosurface`], at least one, or those that stand in the fog of [`Mode::Dvr`].
+    pub isosurfaces: Vec<Isosurface>,
     /// The transfer function; `None` is a gray ramp over the store's default window.
     pub transfer: Option<TransferFunction>,
     /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit.
+    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise.
     pub lighting: Lighting,
     /// Sampling step in units of the finest voxel size.
     pub step: f64,
@@ -90,7 +90,7 @@ impl Default for Scene {
             camera: None,
             stereo: None,
             mode: Mode::Dvr,
-            isovalue: None,
+            isosurfaces: Vec::new(),
             transfer: None,
             sampling: Sampling::default(),
             lighting: Lighting::default(),
@@ -151,7 +151,7 @@ impl Scene {
 impl Scene {
     /// What the picture needs bricks to have.
     pub fn needs(&self) -> Needs {
-        Needs::new(self.mode, self.sampling, &self.lighting)
+        Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty())
     }
 }
 
@@ -174,7 +174,7 @@ mod tests {
             }),
             stereo: Some(Stereo { layout: StereoLayout::SideBySide, eye_separation: Some(0.25), convergence: None }),
             mode: Mode::Isosurface,
-            isovalue: Some(-7.5),
+            isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
             sampling: Sampling { method: Method::Plvs, filter: Filter::Tricubic },
             lighting: Lighting { model: LightingModel::Tone, lights: vec![DVec3::X], ..Lighting::default() },

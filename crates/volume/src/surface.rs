@@ -1,5 +1,7 @@
-//! Surfaces of one value: where a ray meets them, and how they are lit. What all renderers of
-//! [`Mode::Isosurface`](crate::Mode::Isosurface) have in common.
+//! Surfaces of one value: where a ray meets them, and how they are lit. What all renderers have in common.
+//!
+//! A picture has one opaque surface ([`Mode::Isosurface`](crate::Mode::Isosurface)), or several translucent ones, alone or in the
+//! fog of [`Mode::Dvr`](crate::Mode::Dvr).
 //!
 //! The field is read at the ends of a ray's segments (see [`lattice`](crate::lattice)), each in the brick that owns the segment
 //! it ends; the start of the first one in that one's brick. Where an end is on another side of the isovalue than the end before
@@ -10,9 +12,82 @@
 //! Where in its segment the crossing is, is found in the segment's own brick: of [`PARTS`] equal parts the first whose ends are
 //! on two sides, the same once more within it, then a straight line between its ends. A 64th of a segment holds the crossing
 //! before that last step, and the line is far better.
+//!
+//! Of several surfaces, a place is past so many as its value is at or above: its *rank*. From one rank to another a ray crosses all
+//! surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its segment: the fog in front of it
+//! and that behind it are segments of their own, with the surface between them.
 
 use crate::code::SlotEncoding;
-use crate::lighting::{AMBIENT, DIFFUSE, SPECULAR, SPECULAR_POWER};
+use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
+use crate::transfer::TransferFunction;
+use serde::{Deserialize, Serialize};
+
+/// Surfaces of a picture, at most.
+pub const MAX_SURFACES: usize = 8;
+
+/// A surface as a scene asks for it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Isosurface {
+    /// The value that it has, in stored units.
+    pub value: f64,
+    /// Its colour; `None` is the transfer function's there.
+    #[serde(default)]
+    pub color: Option<[f64; 3]>,
+    /// What it takes of the light that passes it, 0 to 1.
+    #[serde(default = "opaque")]
+    pub opacity: f64,
+}
+
+fn opaque() -> f64 {
+    1.0
+}
+
+impl Isosurface {
+    /// An opaque surface in the transfer function's colour.
+    pub fn at(value: f64) -> Self {
+        Self { value, color: None, opacity: opaque() }
+    }
+}
+
+/// A surface as renderers have it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// The value at or above which a place is inside; see [`threshold`].
+    pub threshold: f64,
+    /// Its colour before it is lit.
+    pub color: [f32; 3],
+    /// What it takes of the light that passes it.
+    pub opacity: f32,
+}
+
+impl Surface {
+    /// Surfaces in the order of their values.
+    pub fn all(surfaces: &[Isosurface], transfer: &TransferFunction, encoding: &SlotEncoding) -> Vec<Self> {
+        let surface = |surface: &Isosurface| {
+            let threshold = threshold(surface.value, encoding);
+            let color = surface.color.unwrap_or_else(|| transfer.rgb(threshold)).map(|c| c as f32);
+            Self { threshold, color, opacity: surface.opacity as f32 }
+        };
+        let mut all: Vec<_> = surfaces.iter().map(surface).collect();
+        all.sort_by(|a, b| a.threshold.total_cmp(&b.threshold));
+        all
+    }
+}
+
+/// How many surfaces a value is past.
+pub fn rank(surfaces: &[Surface], value: f64) -> usize {
+    surfaces.iter().take_while(|surface| surface.threshold <= value).count()
+}
+
+/// How surfaces are lit in a scene with this lighting: as the fog, or if that is not, from the eye.
+pub fn lighting(lighting: &Lighting) -> Lighting {
+    let model = match lighting.model {
+        LightingModel::None => LightingModel::BlinnPhong,
+        model => model,
+    };
+    Lighting { model, ..lighting.clone() }
+}
 
 /// Parts that a stretch is searched in, each of [`ROUNDS`] times.
 pub const PARTS: usize = 8;
@@ -70,6 +145,18 @@ mod tests {
         let threshold = encoding.unorm(threshold(-24.0, &encoding)) * 65535.0;
         let code = 32768.0 - 24.0;
         assert!(threshold < code - 0.01 && threshold > code - 0.02, "{threshold}");
+    }
+
+    #[test]
+    fn surfaces_stand_in_the_order_of_their_values() {
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+        let transfer = TransferFunction::preset("gray", (0.0, 255.0), 1.0).unwrap();
+        let red = Isosurface { value: 40.0, color: Some([1.0, 0.0, 0.0]), opacity: 0.5 };
+        let all = Surface::all(&[Isosurface::at(51.0), red], &transfer, &encoding);
+        assert_eq!((all[0].color, all[0].opacity, all[1].opacity), ([1.0, 0.0, 0.0], 0.5, 1.0));
+        // Less by a 64th of a code.
+        assert!((all[1].color[0] - 0.2).abs() < 1e-4);
+        assert_eq!([39.0, 40.0, 50.9, 51.0, 99.0].map(|value| rank(&all, value)), [0, 1, 1, 2, 2]);
     }
 
     #[test]

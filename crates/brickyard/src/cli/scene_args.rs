@@ -7,8 +7,8 @@ use brickyard::session::subject;
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Filter, Gradient, LevelPolicy, LightingModel, Method, Mode, Projection, Scene, Slice,
-    Stereo, StereoLayout, TransferFunction,
+    Camera, ClipPlane, Extent, Filter, Gradient, Isosurface, LevelPolicy, LightingModel, Method, Mode, Projection,
+    Scene, Slice, Stereo, StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -47,9 +47,9 @@ pub(crate) struct SceneArguments {
     /// How samples become a pixel
     #[arg(long, value_enum)]
     mode: Option<ModeArgument>,
-    /// The value whose surface `--mode isosurface` shows, in stored units
-    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
-    isovalue: Option<f64>,
+    /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; repeatable
+    #[arg(long, value_name = "VALUE[,opacity=A][,color=R:G:B]", value_parser = values::isosurface, allow_hyphen_values = true)]
+    isovalue: Vec<Isosurface>,
     #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
     /// How `--mode dvr` samples and classifies a step of a ray
@@ -285,10 +285,13 @@ impl SceneArguments {
         if !self.light.is_empty() {
             scene.lighting.lights = self.light.clone();
         }
-        // Another mode's flag takes the file's isovalue away with its mode; one that is given must suit.
+        // A projection's flag takes the file's surfaces away with its mode; those that are given must suit.
         let is_of_file = self.mode.is_none() && self.slice.is_none();
-        let of_file = scene.isovalue.filter(|_| is_of_file || scene.mode == Mode::Isosurface);
-        scene.isovalue = self.isovalue.or(of_file);
+        if !self.isovalue.is_empty() {
+            scene.isosurfaces.clone_from(&self.isovalue);
+        } else if !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
+            scene.isosurfaces.clear();
+        }
         scene.step = self.step.unwrap_or(scene.step);
         scene.background = self.background.unwrap_or(scene.background);
         scene.level = self.level.unwrap_or(scene.level);

@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{ClipPlane, Extent, Slice, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Isosurface, Slice, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -72,6 +72,24 @@ pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
 pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
     let c: [f64; 3] = list(text, ',', "three numbers R,G,B in 0..1")?;
     if c.iter().all(|v| (0.0..=1.0).contains(v)) { Ok(c) } else { Err(format!("'{text}': expected R,G,B in 0..1")) }
+}
+
+/// `VALUE[,opacity=A][,color=R:G:B]`.
+pub(crate) fn isosurface(text: &str) -> Result<Isosurface, String> {
+    let form = "VALUE[,opacity=A][,color=R:G:B], as in 300,opacity=0.4,color=1:0.8:0.6";
+    let mut parts = text.split(',');
+    let value = parts.next().and_then(|value| value.trim().parse().ok());
+    let mut surface = Isosurface::at(value.ok_or_else(|| format!("'{text}': expected {form}"))?);
+    for part in parts {
+        match part.split_once('=').map(|(key, value)| (key.trim(), value.trim())) {
+            Some(("opacity", opacity)) => {
+                surface.opacity = opacity.parse().map_err(|_| format!("'{opacity}': expected an opacity in 0..1"))?;
+            }
+            Some(("color", rgb)) => surface.color = Some(color(&rgb.replace(':', ","))?),
+            _ => return Err(format!("'{part}': expected {form}")),
+        }
+    }
+    Ok(surface)
 }
 
 /// `x0:x1,y0:y1,z0:z1` in voxels of the level, half-open.

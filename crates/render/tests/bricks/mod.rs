@@ -168,7 +168,13 @@ impl Bricks {
             encoding: self.encoding,
             table: TransferTable::new(transfer, &self.encoding),
             mode,
-            isovalue: surface::threshold(transfer.color[transfer.color.len() / 2][0], &self.encoding),
+            surfaces: match mode {
+                Mode::Isosurface => {
+                    let surface = Isosurface::at(transfer.color[transfer.color.len() / 2][0]);
+                    Surface::all(&[surface], transfer, &self.encoding)
+                }
+                _ => Vec::new(),
+            },
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             background: [0.2, 0.1, 0.4],
