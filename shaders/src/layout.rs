@@ -77,8 +77,10 @@ pub struct FrameUniform {
     pub shift: f32,
     /// Clip planes in use.
     pub plane_count: u32,
-    /// Padding.
-    pub spare: [f32; 2],
+    /// 0 without jitter, 1 for a number of each pixel's own, 2 for the mask.
+    pub jitter: u32,
+    /// The numbers' seed, or where in the table's buffer the mask begins, in entries.
+    pub jitter_seed: u32,
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
     pub thresholds: [[f32; 4]; 2],
     /// Of each surface its colour and opacity.

@@ -199,7 +199,8 @@ fn marching(variant: &Variant) -> String {
     };
     let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
     let dither = include_str!("../wgsl/dither.wgsl");
-    let mut parts = vec![FRAME, ray, dither, lattice, sample, CLASSIFY];
+    let jitter = include_str!("../wgsl/jitter.wgsl");
+    let mut parts = vec![FRAME, ray, dither, lattice, jitter, sample, CLASSIFY];
     let constants = variant.medium.constants();
     if !variant.has_samples() {
         parts.extend([include_str!("../wgsl/field.wgsl"), include_str!("../wgsl/lighting.wgsl")]);
@@ -230,7 +231,7 @@ pub fn resolve(gather: Gather) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{integrals, lighting, sampling, surface};
+    use brickyard_volume::{integrals, jitter, lighting, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -321,7 +322,7 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count spare thresholds surfaces light_places zone_starts planes);
+                threshold shift plane_count jitter jitter_seed thresholds surfaces light_places zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
@@ -343,6 +344,8 @@ mod tests {
         let foggy = variant(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [
+            ("BLUE_EDGE", naga::Literal::U32(jitter::BLUE_EDGE as u32)),
+            ("JITTER_STEPS", naga::Literal::U32(jitter::STEPS)),
             ("PARTS", naga::Literal::U32(surface::PARTS as u32)),
             ("ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
             ("AMBIENT", single(lighting::AMBIENT)),

@@ -1,6 +1,6 @@
 // The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
 // one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Behind the last place are running
-// integrals: for each code, of three channels and of depth, the low and the high word.
+// integrals: for each code, of three channels and of depth, the low and the high word. Behind all is the mask of jitter.
 @group(0) @binding(4) var<storage, read> table: array<vec2u>;
 
 struct Medium {

@@ -35,7 +35,8 @@ struct Frame {
     threshold: f32,
     shift: f32,
     plane_count: u32,
-    spare: array<f32, 2>,
+    jitter: u32,
+    jitter_seed: u32,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,

@@ -2,8 +2,9 @@
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frame_settings;
-    let ray = pixel_ray(in.position.xy);
-    let stretch = shown(ray);
+    let seen = sight(in.position.xy);
+    let ray = seen.ray;
+    let stretch = seen.stretch;
     // Where middles of this cell's segments can be: its box, widened by what rounding moves a point.
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
     let first = max(own.x, stretch.x);

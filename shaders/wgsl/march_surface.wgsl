@@ -5,8 +5,9 @@
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frame_settings;
-    let ray = pixel_ray(in.position.xy);
-    let stretch = shown(ray);
+    let seen = sight(in.position.xy);
+    let ray = seen.ray;
+    let stretch = seen.stretch;
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
     let first = max(own.x, stretch.x);
     let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);

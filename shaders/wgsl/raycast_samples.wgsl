@@ -4,9 +4,10 @@
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     frame = frame_settings;
-    let ray = pixel_ray(position.xy);
+    let seen = sight(position.xy);
+    let ray = seen.ray;
     let threshold = dither(position.xy);
-    let whole = shown(ray);
+    let whole = seen.stretch;
     let t_in = whole.x;
     var pixel = pixel_start();
     // Now up to `until`; what lies before `rest` later.

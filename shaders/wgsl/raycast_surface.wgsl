@@ -3,9 +3,10 @@
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
     frame = frame_settings;
-    let ray = pixel_ray(position.xy);
+    let seen = sight(position.xy);
+    let ray = seen.ray;
     let threshold = dither(position.xy);
-    let stretch = shown(ray);
+    let stretch = seen.stretch;
     var pixel = pixel_start();
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);

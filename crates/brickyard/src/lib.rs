@@ -3,7 +3,7 @@
 //!
 //! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend;
 //! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`projection`] chooses the pyramid
-//! that a mode is drawn from. The parts are re-exported under their own names.
+//! that a mode is drawn from, [`survey`] compares ways to sample. The parts are re-exported under their own names.
 
 pub mod backend;
 pub mod exact;
@@ -17,6 +17,7 @@ pub mod quality;
 pub mod scenario;
 pub mod session;
 pub mod stats;
+pub mod survey;
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;

@@ -106,20 +106,21 @@ pub fn render(frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> Picture {
     let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
     for y in 0..rays.height {
         for x in 0..rays.width {
-            let color = pixel(frame, volume, &rays.ray(x as f64 + 0.5, y as f64 + 0.5));
+            let color = pixel(frame, volume, x, y);
             rgb.push(Picture::quantise(color.map(|c| c as f32)));
         }
     }
     Picture { width: rays.width, height: rays.height, rgb }
 }
 
-/// The display-referred colour of one ray.
-pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> [f64; 3] {
+/// The display-referred colour of one pixel.
+pub fn pixel(frame: &FrameSettings, volume: &ReferenceVolume<'_>, x: u32, y: u32) -> [f64; 3] {
+    let path = &Path::new(frame, x, y);
     let background = frame.background.map(f64::from);
     if matches!(frame.mode, Mode::Dvr | Mode::Isosurface) {
-        return medium::color(frame, volume, ray, DVec3::from_array(background)).to_array();
+        return medium::color(frame, volume, path, DVec3::from_array(background)).to_array();
     }
-    let samples = samples_along(frame, volume, ray);
+    let samples = samples_along(frame, volume, path);
     let values = || samples.iter().map(|s| s.value);
     let value = match frame.mode {
         Mode::Mip => values().reduce(f64::max),
@@ -140,8 +141,7 @@ struct Sample {
     length: f64,
 }
 
-fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> Vec<Sample> {
-    let path = Path::new(frame, ray);
+fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path) -> Vec<Sample> {
     let sample = |s: Segment| {
         let point = path.at(s.middle());
         let value = volume.levels[(volume.level_at)(point)].sample(point, frame.sampling.filter)?;
@@ -155,12 +155,17 @@ struct Path {
     world: Ray,
     origin: DVec3,
     direction: DVec3,
+    /// How far its lattice is moved, in segments.
+    jitter: f64,
 }
 
 impl Path {
-    fn new(frame: &FrameSettings, ray: &Ray) -> Self {
-        let origin = frame.geometry.voxel_from_world(ray.origin);
-        Self { world: *ray, origin, direction: ray.direction / frame.geometry.spacing }
+    /// That of a pixel's centre.
+    fn new(frame: &FrameSettings, x: u32, y: u32) -> Self {
+        let world = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+        let origin = frame.geometry.voxel_from_world(world.origin);
+        let jitter = frame.sampling.jitter.share(x, y);
+        Self { world, origin, direction: world.direction / frame.geometry.spacing, jitter }
     }
 
     fn at(&self, t: f64) -> DVec3 {
@@ -171,7 +176,11 @@ impl Path {
     fn segments(&self, frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> impl Iterator<Item = Segment> {
         let inside = clip(self.origin, self.direction, frame.shown_box(volume.levels[0].extent));
         let inside = inside.and_then(|stretch| clip_by_planes(&self.world, frame, stretch));
-        inside.into_iter().flat_map(|(t_in, t_out)| frame.lattice.segments(t_in, t_out))
+        inside.into_iter().flat_map(|(t_in, t_out)| {
+            let shift = frame.lattice.shift(self.jitter, t_in);
+            let segments = frame.lattice.segments(t_in + shift, t_out + shift);
+            segments.map(move |s| Segment { start: s.start - shift, end: s.end - shift })
+        })
     }
 }
 
@@ -291,11 +300,10 @@ pub(crate) mod tests {
         let (low, high) = geometry.world_box(levels[0].extent);
         for step in [0.1, 0.7, 3.0] {
             let frame = settings(Mode::Dvr, geometry.clone(), camera(low * 2.0 - high, high), &transfer, step);
-            let ray = frame.rays.ray(16.5, 16.5);
             // The central ray runs along the box's long diagonal, corner to corner.
             let alpha = 1.0 - 0.8f64.powf((high - low).length() / 2.0);
             let expected = [alpha + (1.0 - alpha) * 0.25, alpha * 0.5, 1.0 - alpha];
-            let found = pixel(&frame, &volume, &ray);
+            let found = pixel(&frame, &volume, 16, 16);
             for k in 0..3 {
                 assert!((found[k] - expected[k]).abs() < 1e-9, "step {step}: {found:?} {expected:?}");
             }
@@ -314,12 +322,12 @@ pub(crate) mod tests {
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::new(7.5, 7.5, 7.5));
         for (mode, expected) in [(Mode::Mip, 1.0), (Mode::MinIp, 0.0), (Mode::Average, 0.5)] {
             let frame = settings(mode, Geometry::default(), view, &transfer, 0.05);
-            let found = pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5))[0];
+            let found = pixel(&frame, &volume, 16, 16)[0];
             // Samples stand half a step inside; the outermost half voxel is constant.
             assert!((found - expected).abs() < 1e-3, "{mode:?}: {found}");
         }
         let frame = settings(Mode::Mip, Geometry::default(), view, &transfer, 0.5);
-        assert_eq!(pixel(&frame, &volume, &frame.rays.ray(0.5, 0.5)), [0.25, 0.0, 1.0], "a miss shows the background");
+        assert_eq!(pixel(&frame, &volume, 0, 0), [0.25, 0.0, 1.0], "a miss shows the background");
     }
 
     #[test]

@@ -11,15 +11,14 @@ use brickyard_volume::{
 use glam::DVec3;
 
 /// The colour of a ray, over the background: of fog and surfaces, or of surfaces alone.
-pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray, background: DVec3) -> DVec3 {
+pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path, background: DVec3) -> DVec3 {
     let integrals = frame.sampling.method.is_pre_integrated().then(|| Integrals::new(&frame.table));
-    let path = Path::new(frame, ray);
     let mut light = Light { color: DVec3::ZERO, transmittance: 1.0 };
     let mut crossings = Crossings::new(frame);
     let of_surfaces = surface::lighting(&frame.lighting);
     for segment in path.segments(frame, volume) {
         let level = &volume.levels[(volume.level_at)(path.at(segment.middle()))];
-        let field = Field { frame, level, path: &path, lighting: &frame.lighting };
+        let field = Field { frame, level, path, lighting: &frame.lighting };
         let mut start = segment.start;
         for (t, surface) in crossings.within(segment, |t| field.value(t)) {
             let fog = Segment { start, end: t };
@@ -210,7 +209,7 @@ mod tests {
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::splat(7.5));
         let frame = settings(Mode::Dvr, Geometry::default(), view, transfer, step);
         let frame = FrameSettings { sampling, background: [0.0; 3], ..frame };
-        pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5))
+        pixel(&frame, &volume, 16, 16)
     }
 
     #[test]
@@ -221,7 +220,7 @@ mod tests {
         for method in Method::ALL {
             for filter in Filter::ALL {
                 for step in [0.13, 1.0, 3.0] {
-                    let found = middle(&levels, &transfer, Sampling { method, filter }, step);
+                    let found = middle(&levels, &transfer, Sampling { method, filter, ..Sampling::default() }, step);
                     for (found, color) in found.into_iter().zip([1.0, 0.5, 0.25]) {
                         // Running integrals are of the table, which has opacities in f32.
                         assert!((found - alpha * color).abs() < 1e-7, "{method:?} {filter:?} {step}: {found}");
@@ -260,7 +259,9 @@ mod tests {
         let parabola = [cube(16, |[x, ..]| x as f64 * x as f64)];
         // Of several steps, as where samples fall decides much.
         let error = |levels: &[Array], method: Method| {
-            let at = |method, step| middle(levels, &peak, Sampling { method, filter: Filter::Tricubic }, step)[0];
+            let at = |method, step| {
+                middle(levels, &peak, Sampling { method, filter: Filter::Tricubic, ..Sampling::default() }, step)[0]
+            };
             let exact = at(Method::Udvr, 0.002);
             [1.7, 2.1, 2.6, 3.1].map(|step| (at(method, step) - exact).abs()).into_iter().sum::<f64>() / 4.0
         };
@@ -284,7 +285,7 @@ mod tests {
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path = Path { origin: place + 0.5, direction: DVec3::X, world };
+            let path = Path { origin: place + 0.5, direction: DVec3::X, world, jitter: 0.0 };
             let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);

@@ -59,12 +59,12 @@ mod tests {
     use crate::tests::{camera, cube, settings};
     use crate::{Path, ReferenceVolume, one_level, pixel};
     use brickyard_volume::lighting::{AMBIENT, DIFFUSE, SPECULAR};
-    use brickyard_volume::{Clip, ClipPlane, Geometry, Lighting, Method, Mode, Ray, Sampling, TransferFunction};
+    use brickyard_volume::{Clip, ClipPlane, Geometry, Lighting, Method, Mode, Sampling, TransferFunction};
     use glam::DVec3;
 
-    /// The distance of the first surface.
-    fn hit(frame: &FrameSettings, volume: &ReferenceVolume<'_>, ray: &Ray) -> Option<f64> {
-        let path = Path::new(frame, ray);
+    /// The distance of a pixel's first surface.
+    fn hit(frame: &FrameSettings, volume: &ReferenceVolume<'_>, x: u32, y: u32) -> Option<f64> {
+        let path = Path::new(frame, x, y);
         let mut crossings = Crossings::new(frame);
         let field = |t: f64| volume.levels[0].sample(path.at(t), frame.sampling.filter);
         path.segments(frame, volume).find_map(|segment| crossings.within(segment, field).first().map(|hit| hit.0))
@@ -103,7 +103,7 @@ mod tests {
                 let ray = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
                 let nearest = (centre - ray.origin).dot(ray.direction);
                 let half = radius.powi(2) - (ray.origin + ray.direction * nearest - centre).length_squared();
-                let found = hit(&frame, &volume, &ray);
+                let found = hit(&frame, &volume, x, y);
                 if half < 0.0 {
                     assert!(half > -2.0 || found.is_none(), "{x} {y}");
                 } else if half > 4.0 {
@@ -132,12 +132,12 @@ mod tests {
             let view = brickyard_volume::Camera { up: DVec3::Y, ..camera(target + away * 50.0, target) };
             let frame = at(100.0, geometry.clone(), view, 0.7);
             let ray = frame.rays.ray(16.5, 16.5);
-            let t = hit(&frame, &volume, &ray).expect("the plane is in the way");
+            let t = hit(&frame, &volume, 16, 16).expect("the plane is in the way");
             let point = ray.origin + ray.direction * t;
             assert!((3.0 * (point.x + point.z) - 100.0).abs() < 1e-9, "{point}");
             let cosine = (ray.direction.x + ray.direction.z).abs() / 2f64.sqrt();
             let (own, white) = (AMBIENT + DIFFUSE * cosine, SPECULAR * cosine.powi(10));
-            let found = pixel(&frame, &volume, &ray);
+            let found = pixel(&frame, &volume, 16, 16);
             for (k, c) in [0.5, 0.5, 0.5].into_iter().enumerate() {
                 // Colours of surfaces are in f32.
                 assert!((found[k] - (own * c + white)).abs() < 1e-7, "{away}: {found:?}");
@@ -155,7 +155,7 @@ mod tests {
         let mut frame = at(100.0, Geometry::default(), view, 0.7);
         let central = |frame: &FrameSettings| {
             let ray = frame.rays.ray(16.5, 16.5);
-            hit(frame, &volume, &ray).map(|t| (ray.origin + ray.direction * t).x)
+            hit(frame, &volume, 16, 16).map(|t| (ray.origin + ray.direction * t).x)
         };
         // The ray starts inside, at 248, and comes out at x = 12.5.
         assert!((central(&frame).expect("the way out") - 12.5).abs() < 1e-9);
@@ -164,7 +164,7 @@ mod tests {
             frame.clip = Some(clip.expect("a clip"));
             assert_eq!(central(&frame), None);
         }
-        assert_eq!(pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5)), [0.25, 0.0, 1.0], "the background");
+        assert_eq!(pixel(&frame, &volume, 16, 16), [0.25, 0.0, 1.0], "the background");
     }
 
     #[test]
@@ -177,8 +177,7 @@ mod tests {
             let levels = [cube(32, wall(gap))];
             let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &transfer };
             let frame = at(155.0, Geometry::default(), camera(middle - DVec3::X * 60.0, middle), 0.7);
-            let ray = frame.rays.ray(16.5, 16.5);
-            assert_eq!(hit(&frame, &volume, &ray).is_some(), is_met);
+            assert_eq!(hit(&frame, &volume, 16, 16).is_some(), is_met);
         }
     }
 
@@ -220,7 +219,7 @@ mod tests {
                     let frame = settings(Mode::Dvr, Geometry::default(), view, &fog, step);
                     let sampling = Sampling { method, ..Sampling::default() };
                     let frame = FrameSettings { surfaces: surfaces.clone(), sampling, ..frame };
-                    let found = DVec3::from_array(pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5)));
+                    let found = DVec3::from_array(pixel(&frame, &volume, 16, 16));
                     // Opacities and running integrals are of f32.
                     assert!((found - color).abs().max_element() < 1e-6, "{method:?} {step}: {found} {color}");
                 }
@@ -239,7 +238,7 @@ mod tests {
         // A light that the surface faces.
         let lights = vec![middle - DVec3::new(1.0, 1.0, 0.0) * 1e6];
         frame.lighting = Lighting { model, lights, ..Lighting::default() };
-        let found = pixel(&frame, &volume, &frame.rays.ray(16.5, 16.5));
+        let found = pixel(&frame, &volume, 16, 16);
         // It reflects past the eye, at 45 degrees.
         let own = AMBIENT + DIFFUSE;
         let expected = frame.surfaces[0].color.map(|c| own * c as f64 + SPECULAR * 0.5f64.sqrt().powi(10));
@@ -265,7 +264,7 @@ mod tests {
                 let aside = (ray.origin + ray.direction * nearest - centre).length();
                 if aside < radius * 60f64.to_radians().sin() {
                     let exact = nearest - (radius * radius - aside * aside).sqrt();
-                    worst = worst.max((hit(&frame, &volume, &ray).expect("the sphere") - exact).abs());
+                    worst = worst.max((hit(&frame, &volume, x, y).expect("the sphere") - exact).abs());
                     met += 1;
                 }
             }

@@ -8,15 +8,16 @@ use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
-use brickyard_volume::{Clip, ClipPlane, FrameSettings, MAX_PLANES, Mode, Pyramid};
+use brickyard_volume::{Clip, ClipPlane, FrameSettings, Jitter, MAX_PLANES, Mode, Pyramid};
 use glam::DVec3;
 
-/// The uniform of a frame of a volume in this atlas.
+/// The uniform of a frame of a volume in this atlas, with a transfer table whose integrals have this unit, and whose mask is there.
 pub(crate) fn frame_uniform(
     frame: &FrameSettings,
     pyramid: &Pyramid,
     atlas: &AtlasPlan,
     sum_unit: f32,
+    mask_at: u32,
 ) -> FrameUniform {
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
@@ -27,6 +28,11 @@ pub(crate) fn frame_uniform(
     // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
     let (forward, shift) = if rays.orthographic { (rays.middle(), 0.0) } else { (rays.forward, rays.shift) };
     let (thresholds, surfaces) = surfaces(frame);
+    let (jitter, jitter_seed) = match frame.sampling.jitter {
+        Jitter::None => (0, 0),
+        Jitter::White(seed) => (1, seed),
+        Jitter::Blue => (2, mask_at),
+    };
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
@@ -63,7 +69,8 @@ pub(crate) fn frame_uniform(
         threshold: thresholds[0][0],
         shift: shift as f32,
         plane_count: clip_planes(frame).len() as u32,
-        spare: [0.0; 2],
+        jitter,
+        jitter_seed,
         thresholds,
         surfaces,
         light_places: light_places(frame),

@@ -300,7 +300,8 @@ impl GpuRenderer {
         self.check(frame, pyramid)?;
         let variant = variant_of(frame);
         self.prepare(&variant, frame)?;
-        let uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit);
+        let mask_at = table::mask_at(frame.encoding.format, self.recipe.needs.is_pre_integrated);
+        let uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit, mask_at);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         self.entered = None;
         Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0 })

@@ -2,6 +2,7 @@
 //! one entry per code and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
 //! the depth that an exponential takes.
 
+use brickyard_volume::jitter::{self, BLUE_EDGE};
 use brickyard_volume::{Integrals, SlotFormat, TransferTable};
 
 /// Bytes of a place: colour, then depth.
@@ -28,16 +29,21 @@ pub(crate) fn last_place(codes: SlotFormat) -> u32 {
 /// Channels of running integrals: three of colour, and depth.
 const CHANNELS: u64 = 4;
 
-/// Bytes of all places, and of the running integrals behind them.
+/// Bytes of all places, of the running integrals behind them, and of the mask of [jitter](brickyard_volume::jitter) behind those.
 pub(crate) fn bytes(codes: SlotFormat, has_integrals: bool) -> u64 {
+    mask_at(codes, has_integrals) as u64 * PLACE_BYTES + (BLUE_EDGE * BLUE_EDGE) as u64
+}
+
+/// Where the mask begins, in places.
+pub(crate) fn mask_at(codes: SlotFormat, has_integrals: bool) -> u32 {
     let sums = if has_integrals { (codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
-    (last_place(codes) as u64 + 1 + sums) * PLACE_BYTES
+    last_place(codes) + 1 + sums as u32
 }
 
 /// All that the buffer holds.
 #[derive(Debug)]
 pub(crate) struct Words {
-    /// Places, then, if wanted, for each code the low and the high word of each integral.
+    /// Places, then, if wanted, for each code the low and the high word of each integral, then the mask, a byte a step.
     pub(crate) words: Vec<[u32; 2]>,
     /// Depth over a code that a one in the low word of an integral stands for.
     pub(crate) sum_unit: f32,
@@ -46,7 +52,8 @@ pub(crate) struct Words {
 /// A table's words.
 pub(crate) fn words(table: &TransferTable, codes: SlotFormat, has_integrals: bool) -> Words {
     if !has_integrals {
-        return Words { words: places(table, codes), sum_unit: 0.0 };
+        let words = places(table, codes).into_iter().chain(mask()).collect();
+        return Words { words, sum_unit: 0.0 };
     }
     let integrals = Integrals::new(table);
     let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
@@ -57,7 +64,14 @@ pub(crate) fn words(table: &TransferTable, codes: SlotFormat, has_integrals: boo
         let count = (sum / unit as f64) as u64;
         words.push([count as u32, (count >> 32) as u32]);
     }
+    words.extend(mask());
     Words { words, sum_unit: unit }
+}
+
+/// The mask's words, lowest bytes first.
+fn mask() -> impl Iterator<Item = [u32; 2]> {
+    let word = |bytes: &[u8]| bytes.iter().rev().fold(0, |word, &byte| word << 8 | byte as u32);
+    jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
 /// A table's places.

@@ -84,7 +84,7 @@ fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
 /// The bricks that these frames need at most, with the frames.
 fn all_frames(filter: Filter, make: impl Fn(Needs) -> Bricks, lightings: &[Lighting]) -> (Bricks, Vec<FrameSettings>) {
     let bricks = make(Needs { apron: 4, filter, is_pre_integrated: true });
-    let methods = Method::ALL.iter().map(|&method| Sampling { method, filter });
+    let methods = Method::ALL.iter().map(|&method| Sampling { method, filter, ..Sampling::default() });
     let looks = methods.flat_map(|sampling| lightings.iter().map(move |lighting| (sampling, lighting.clone())));
     let frames = looks.map(|(sampling, lighting)| frame(&bricks, sampling, lighting)).collect();
     (bricks, frames)
@@ -134,7 +134,7 @@ fn bricks_of_other_sizes_show_the_same() {
         (Method::Asm, Filter::Trilinear),
         (Method::Plvs, Filter::Tricubic),
     ] {
-        let sampling = Sampling { method, filter };
+        let sampling = Sampling { method, filter, ..Sampling::default() };
         for lighting in [Lighting::default(), lightings().swap_remove(2)] {
             for edge in [8, 64] {
                 let needs = Needs::new(Mode::Dvr, sampling, &lighting, false);
@@ -177,12 +177,41 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
             ]
             .into_iter()
             .map(|(mode, method, lighting)| {
-                let plain = frame(&bricks, Sampling { method, filter }, lighting.clone());
+                let plain = frame(&bricks, Sampling { method, filter, ..Sampling::default() }, lighting.clone());
                 FrameSettings { mode, surfaces: surfaces.clone(), ..plain }
             })
             .collect();
             // Where a ray grazes a surface, or a place has just half of its weight, rounding decides.
             agree(&bricks, &frames, 2);
         }
+    }
+}
+
+/// The surface that a mode has.
+fn surface_of(mode: Mode) -> Vec<Surface> {
+    let surface = Surface { threshold: 131.0, color: [0.3, 1.0, 0.2], opacity: 1.0 };
+    if mode == Mode::Isosurface { vec![surface] } else { Vec::new() }
+}
+
+#[test]
+fn jittered_pictures_match_the_oracle() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let needs = Needs { apron: 4, filter: Filter::Trilinear, is_pre_integrated: true };
+    for needs in [needs, Needs { is_pre_integrated: false, ..needs }] {
+        let bricks = bricks([35, 29, 37], 16, encoding, needs, waves);
+        let mut frames = Vec::new();
+        for jitter in [Jitter::White(0), Jitter::White(99), Jitter::Blue] {
+            let method = if needs.is_pre_integrated { Method::Plvs } else { Method::Asm };
+            let sampling = |method| Sampling { method, jitter, ..Sampling::default() };
+            frames.push(frame(&bricks, sampling(method), lightings().swap_remove(2)));
+            for mode in Mode::ALL {
+                let frame = frame(&bricks, sampling(Method::Udvr), Lighting::default());
+                frames.push(FrameSettings { mode, surfaces: surface_of(mode), ..frame.clone() });
+                // Zones that start amid the volume.
+                let lattice = Lattice::for_view(0.9, 1.0, &frame.rays, 0.25, 3);
+                frames.push(FrameSettings { mode, surfaces: surface_of(mode), lattice, ..frame });
+            }
+        }
+        agree(&bricks, &frames, 0);
     }
 }

@@ -138,7 +138,11 @@ impl Ray {
         }
         if t_in < t_out {
             let ticks = &frame.ticks;
-            (ray.t_in, ray.t_out) = (t_in, t_out);
+            // Jitter: the lattice starts as far behind the eye as it is moved, and so does the ray.
+            let shift = settings.lattice.shift(settings.sampling.jitter.share(x, y), t_in);
+            (ray.t_in, ray.t_out) = (t_in + shift, t_out + shift);
+            (0..3).for_each(|a| ray.origin[a] -= direction[a] * shift);
+            let (t_in, t_out) = (ray.t_in, ray.t_out);
             ray.first = ticks.about(t_in);
             ray.end = ticks.about(t_out);
             while ray.end < Lattice::NEVER && ray.end as f64 * ticks.step < t_out {

@@ -45,7 +45,7 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
 /// The function for this frame on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
     fn with_code<C: Code, const INVALID: bool>(settings: &FrameSettings) -> DrawTile {
-        let Sampling { method, filter } = settings.sampling;
+        let Sampling { method, filter, .. } = settings.sampling;
         let is_lit = settings.lighting.model != LightingModel::None;
         let is_plain = method == Method::Udvr && filter == Filter::Trilinear && !is_lit;
         match settings.mode {

@@ -77,7 +77,7 @@ fn every_method_filter_and_lighting_matches_the_oracle_in_bricks_of_any_size() {
     for method in Method::ALL {
         for filter in Filter::ALL {
             for lighting in lightings() {
-                let sampling = Sampling { method, filter };
+                let sampling = Sampling { method, filter, ..Sampling::default() };
                 let frame = frame(&volumes[0], sampling, lighting, 0.8);
                 let mut expected = None;
                 for volume in &volumes {
@@ -98,7 +98,7 @@ fn invalid_voxels_and_wide_codes_match_the_oracle() {
     let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
     for method in Method::ALL {
         for (filter, lighting) in [(Filter::Trilinear, Lighting::default()), (Filter::Tricubic, lit.clone())] {
-            let sampling = Sampling { method, filter };
+            let sampling = Sampling { method, filter, ..Sampling::default() };
             let frame = frame(&volumes[0], sampling, lighting, 0.8);
             let mut expected = None;
             for volume in &volumes[..2] {
@@ -149,7 +149,8 @@ fn surfaces_in_fog_and_alone_match_the_oracle_in_bricks_of_any_size() {
             (Mode::Dvr, Method::Pcvs, Filter::Trilinear, 1, 0.8),
             (Mode::Dvr, Method::Asm, Filter::Trilinear, 5, 0.8),
         ] {
-            let plain = frame(&volumes[0], Sampling { method, filter }, lit[lighting].clone(), step);
+            let plain =
+                frame(&volumes[0], Sampling { method, filter, ..Sampling::default() }, lit[lighting].clone(), step);
             let frame = FrameSettings { mode, surfaces: surfaces(&volumes[0].encoding), ..plain };
             let mut expected = None;
             for volume in &volumes {
@@ -166,4 +167,72 @@ fn surfaces_in_fog_and_alone_match_the_oracle_in_bricks_of_any_size() {
         }
     }
     assert!(pictures.len() >= 14, "all show the same");
+}
+
+/// The surface that a mode has.
+fn surface_of(mode: Mode) -> Vec<Surface> {
+    let surface = Surface { threshold: 131.0, color: [0.3, 1.0, 0.2], opacity: 1.0 };
+    if mode == Mode::Isosurface { vec![surface] } else { Vec::new() }
+}
+
+#[test]
+fn jittered_pictures_match_the_oracle_in_bricks_of_any_size() {
+    let volumes = volumes(SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false), |p| 255.0 * blobs(p));
+    let lit =
+        Lighting { model: LightingModel::Phong, lights: vec![DVec3::new(-30.0, 10.0, 40.0)], ..Lighting::default() };
+    for jitter in [Jitter::White(3), Jitter::Blue] {
+        for (mode, method, lighting) in [
+            (Mode::Dvr, Method::Udvr, Lighting::default()),
+            (Mode::Dvr, Method::Pcvs, lit.clone()),
+            (Mode::Dvr, Method::Asm, Lighting::default()),
+            (Mode::Mip, Method::Udvr, Lighting::default()),
+            (Mode::Average, Method::Udvr, Lighting::default()),
+            (Mode::Isosurface, Method::Udvr, Lighting::default()),
+        ] {
+            let sampling = Sampling { method, jitter, ..Sampling::default() };
+            let plain = frame(&volumes[0], sampling, lighting, 1.7);
+            // In one zone, and with zones that start amid the volume.
+            for lattice in [plain.lattice, Lattice::for_view(0.9, 1.0, &plain.rays, 0.25, 3)] {
+                let frame = FrameSettings { mode, surfaces: surface_of(mode), lattice, ..plain.clone() };
+                let mut expected = None;
+                for volume in &volumes {
+                    let what = format!("{mode:?} {sampling:?} in {}", volume.pyramid.edge());
+                    agree(volume, &frame, &mut expected, &what);
+                }
+                let still = Sampling { jitter: Jitter::None, ..sampling };
+                let cut = volumes[0].cut(&frame.rays, &frame.geometry, &|_, _| true);
+                let other = volumes[0].render(&FrameSettings { sampling: still, ..frame }, &cut, 2);
+                // A surface is found where it is, wherever the ends of segments are.
+                if mode != Mode::Isosurface {
+                    assert_ne!(Some(other), expected, "{mode:?} {jitter:?} moves the lattice");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn jittered_pictures_scatter_about_the_truth() {
+    let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let volume = Volume::new(Extent::new(41, 37, 45), DVec3::ONE, 64, encoding, |p| 255.0 * blobs(p));
+    let draw = |method, jitter, step| {
+        let sampling = Sampling { method, jitter, ..Sampling::default() };
+        let frame = frame(&volume, sampling, Lighting::default(), step);
+        let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
+        volume.render(&frame, &cut, 2).rgb.into_flattened().into_iter().map(f64::from).collect::<Vec<f64>>()
+    };
+    let truth = draw(Method::Pdvr, Jitter::None, 0.05);
+    let rms = |picture: &[f64]| {
+        let squares: f64 = picture.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum();
+        (squares / truth.len() as f64).sqrt()
+    };
+    let errors = [4.0, 2.0, 1.0].map(|step| {
+        let pictures: Vec<Vec<f64>> = (0..16).map(|seed| draw(Method::Udvr, Jitter::White(seed), step)).collect();
+        let mean = |i: usize| pictures.iter().map(|picture| picture[i]).sum::<f64>() / pictures.len() as f64;
+        let mean: Vec<f64> = (0..truth.len()).map(mean).collect();
+        (rms(&pictures[0]), rms(&mean))
+    });
+    // What a mean has wrong is what opacity makes of scatter: it goes with the square of the step, down to the rounding of the truth.
+    assert!(errors.iter().all(|(one, mean)| mean < one), "{errors:?}");
+    assert!(errors[0].0 > 2.0 && errors[1].1 < 0.7 * errors[0].1 && errors[2].1 < 0.5, "{errors:?}");
 }

@@ -6,7 +6,7 @@
 //! starts where a pixel has grown to the voxel size of level `z` (times the pixel error asked for), rounded up to a
 //! multiple of that zone's step, so the lattices nest. Because zones depend on the distance alone, and not on which bricks
 //! are resident or how they were cut, the segments partition every ray exactly: a constant medium has the same opacity
-//! under any cut, and all renderers can be compared bit for bit but for rounding.
+//! under any cut, and all renderers can be compared bit for bit but for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
 
 use crate::camera::ViewRays;
 
@@ -86,10 +86,22 @@ impl Lattice {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
     }
 
+    /// How far the lattice of a ray that enters at `t_in` is moved towards the eye by a [share](crate::Jitter::share) of a segment.
+    pub fn shift(&self, share: f64, t_in: f64) -> f64 {
+        if share == 0.0 {
+            return 0.0;
+        }
+        share * self.step * (1u32 << self.zone(self.tick_at(t_in))) as f64
+    }
+
+    fn tick_at(&self, t: f64) -> u32 {
+        (t / self.step).min(Self::NEVER as f64) as u32
+    }
+
     /// The segments of a ray that is inside the volume's box for `[t_in, t_out)`, near to far.
     pub fn segments(&self, t_in: f64, t_out: f64) -> impl Iterator<Item = Segment> {
         let t_in = t_in.max(0.0);
-        let first = (t_in / self.step).min(Self::NEVER as f64) as u32;
+        let first = self.tick_at(t_in);
         let mut tick = first >> self.zone(first) << self.zone(first);
         std::iter::from_fn(move || {
             loop {
@@ -174,6 +186,15 @@ mod tests {
                 at = s.end;
             }
             prop_assert!((at - t_out).abs() < 1e-9 || depth == 0.0);
+        }
+    }
+
+    #[test]
+    fn a_shift_is_the_share_of_the_first_segment() {
+        let lattice = Lattice { zone_starts: std::array::from_fn(|z| [0, 8, 16, Lattice::NEVER][z.min(3)]), step: 0.5 };
+        for (t_in, stride) in [(0.0, 1.0), (3.9, 1.0), (4.0, 2.0), (7.9, 2.0), (100.0, 4.0)] {
+            assert_eq!(lattice.shift(0.25, t_in), 0.25 * 0.5 * stride, "{t_in}");
+            assert_eq!(lattice.shift(0.0, t_in), 0.0);
         }
     }
 }

@@ -9,6 +9,7 @@
 //! Every place is read in the brick that owns the segment. So [`Needs::apron`] says how far methods reach out of it; steps
 //! longer than a voxel reach further, and read what is nearest in the brick.
 
+use crate::jitter::Jitter;
 use crate::lighting::{Gradient, Lighting, LightingModel};
 use crate::scene::Mode;
 use serde::{Deserialize, Serialize};
@@ -145,7 +146,7 @@ pub fn catmull_rom([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
 }
 
-/// Method and filter.
+/// Method, filter and jitter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sampling {
@@ -153,6 +154,8 @@ pub struct Sampling {
     pub method: Method,
     /// How the field is made of voxels.
     pub filter: Filter,
+    /// How the segments of rays side by side differ.
+    pub jitter: Jitter,
 }
 
 /// What a picture needs bricks, and the tables beside them, to have.
@@ -219,7 +222,7 @@ mod tests {
     fn aprons_follow_what_is_read() {
         let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
         let apron = |mode, method, filter, lighting: &Lighting| {
-            Needs::new(mode, Sampling { method, filter }, lighting, false).apron
+            Needs::new(mode, Sampling { method, filter, ..Sampling::default() }, lighting, false).apron
         };
         let (none, linear, cubic) = (Lighting::default(), Filter::Trilinear, Filter::Tricubic);
         assert_eq!(apron(Mode::Dvr, Method::Udvr, linear, &none), 1);

@@ -159,6 +159,7 @@ impl Scene {
 mod tests {
     use super::*;
     use crate::camera::Projection;
+    use crate::jitter::Jitter;
     use crate::lighting::LightingModel;
     use crate::sampling::{Filter, Method};
     use crate::stereo::StereoLayout;
@@ -176,7 +177,7 @@ mod tests {
             mode: Mode::Isosurface,
             isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
-            sampling: Sampling { method: Method::Plvs, filter: Filter::Tricubic },
+            sampling: Sampling { method: Method::Plvs, filter: Filter::Tricubic, jitter: Jitter::White(7) },
             lighting: Lighting { model: LightingModel::Tone, lights: vec![DVec3::X], ..Lighting::default() },
             step: 0.5,
             background: [0.25, 0.5, 1.0],

@@ -2,6 +2,7 @@
 
 use super::failure::Failure;
 use super::render::session_failure;
+use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::{print_json, print_line, store_errors, values};
@@ -43,6 +44,8 @@ pub(crate) struct BenchArguments {
     size: (u32, u32),
     #[command(flatten)]
     scene: SceneArguments,
+    #[command(flatten)]
+    sampling: SamplingArguments,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
@@ -120,7 +123,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
     let store = store_errors::open(path)?;
     let extent = store.pyramid().levels()[0].extent.to_array();
-    let scene = arguments.scene.scene(&store, arguments.size)?;
+    let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
     drop(store);
     if arguments.cold {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;

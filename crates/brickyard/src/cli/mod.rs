@@ -9,7 +9,9 @@ mod output;
 mod pack;
 mod pack_settings;
 mod progress;
+mod quality;
 mod render;
+mod sampling_args;
 mod scene_args;
 mod session_args;
 mod store_errors;
@@ -52,6 +54,9 @@ pub(crate) enum Command {
     Synth(synth::SynthArguments),
     /// Fly over stores along scripted paths and print what it takes
     Bench(Box<bench::BenchArguments>),
+    /// Measure how good and how fast the ways to sample are: tables, curves and maps of a store. Method, filter, lighting, jitter,
+    /// step and level of the scene are the survey's own
+    Quality(Box<quality::QualityArguments>),
     /// Say what this machine can do, and try it
     Doctor(doctor::DoctorArguments),
 }
@@ -69,6 +74,7 @@ pub(crate) fn run(command: Command) -> Result<(), Failure> {
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Quality(arguments) => quality::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
     }
 }

@@ -2,6 +2,7 @@
 
 use super::failure::Failure;
 use super::output::may_write;
+use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::{store_errors, values};
@@ -36,6 +37,8 @@ pub(crate) struct RenderArguments {
     size: (u32, u32),
     #[command(flatten)]
     scene: SceneArguments,
+    #[command(flatten)]
+    sampling: SamplingArguments,
     /// Turn the camera once around its target in N pictures
     #[arg(long, value_name = "N", conflicts_with = "path")]
     orbit: Option<u32>,
@@ -87,7 +90,7 @@ enum CompositorArgument {
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
     let store = store_errors::open(&arguments.store)?;
-    let scene = arguments.scene.scene(&store, arguments.size)?;
+    let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
     let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
     let store = Arc::new(store);
     let scenes = scenes(&arguments, scene, &store)?;

@@ -1,4 +1,4 @@
-//! The flags that describe a picture, shared by every command that shows something.
+//! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
 use super::values;
@@ -7,8 +7,8 @@ use brickyard::session::subject;
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Filter, Gradient, Isosurface, LevelPolicy, LightingModel, Method, Mode, Projection,
-    Scene, Slice, Stereo, StereoLayout, TransferFunction,
+    Camera, ClipPlane, Extent, Gradient, Isosurface, Mode, Projection, Scene, Slice, Stereo, StereoLayout,
+    TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -52,33 +52,15 @@ pub(crate) struct SceneArguments {
     isovalue: Vec<Isosurface>,
     #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
-    /// How `--mode dvr` samples and classifies a step of a ray
-    #[arg(long, value_enum)]
-    method: Option<MethodArgument>,
-    /// How the field is made of voxels
-    #[arg(long, value_enum)]
-    filter: Option<FilterArgument>,
-    /// How `--mode dvr` is lit
-    #[arg(long, value_enum)]
-    lighting: Option<LightingArgument>,
     /// How the gradients that `--lighting` needs are found
     #[arg(long, value_enum)]
     gradient: Option<GradientArgument>,
     /// Where a light stands, world units; up to four times [default: one at the eye]
     #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     light: Vec<DVec3>,
-    /// Sampling step in units of the finest voxel size [default: 1]
-    #[arg(long, value_parser = values::positive)]
-    step: Option<f64>,
     /// Colour behind the volume, each 0..1 [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = values::color)]
     background: Option<[f64; 3]>,
-    /// Level: auto, or a number (0 is the finest)
-    #[arg(long, value_parser = level)]
-    level: Option<LevelPolicy>,
-    /// Pixels that a voxel may cover before a finer level is wanted [default: 1]
-    #[arg(long, value_parser = values::positive)]
-    pixel_error: Option<f64>,
     /// Time step
     #[arg(long)]
     time: Option<u32>,
@@ -127,81 +109,6 @@ impl From<ModeArgument> for Mode {
     }
 }
 
-/// [`Method`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodArgument {
-    /// One sample in the middle
-    Udvr,
-    /// Pre-integrated between the ends
-    Pdvr,
-    /// Three virtual samples on a line between the ends
-    Lvs,
-    /// Three virtual samples on a cubic curve
-    Cvs,
-    /// One to eight samples, as the ends differ
-    Asm,
-    /// As lvs, pre-integrated
-    Plvs,
-    /// As cvs, pre-integrated
-    Pcvs,
-}
-
-impl From<MethodArgument> for Method {
-    fn from(method: MethodArgument) -> Self {
-        match method {
-            MethodArgument::Udvr => Self::Udvr,
-            MethodArgument::Pdvr => Self::Pdvr,
-            MethodArgument::Lvs => Self::Lvs,
-            MethodArgument::Cvs => Self::Cvs,
-            MethodArgument::Asm => Self::Asm,
-            MethodArgument::Plvs => Self::Plvs,
-            MethodArgument::Pcvs => Self::Pcvs,
-        }
-    }
-}
-
-/// [`Filter`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FilterArgument {
-    /// Linear between 8 voxels
-    Trilinear,
-    /// Cubic B-spline of 64 voxels: smooth, and blurs
-    Tricubic,
-}
-
-impl From<FilterArgument> for Filter {
-    fn from(filter: FilterArgument) -> Self {
-        match filter {
-            FilterArgument::Trilinear => Self::Trilinear,
-            FilterArgument::Tricubic => Self::Tricubic,
-        }
-    }
-}
-
-/// [`LightingModel`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LightingArgument {
-    /// Colours as they are
-    None,
-    /// Phong's reflection
-    Phong,
-    /// Blinn's
-    BlinnPhong,
-    /// From cool to warm as a place turns to the light
-    Tone,
-}
-
-impl From<LightingArgument> for LightingModel {
-    fn from(model: LightingArgument) -> Self {
-        match model {
-            LightingArgument::None => Self::None,
-            LightingArgument::Phong => Self::Phong,
-            LightingArgument::BlinnPhong => Self::BlinnPhong,
-            LightingArgument::Tone => Self::Tone,
-        }
-    }
-}
-
 /// [`Gradient`] on the command line.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum GradientArgument {
@@ -244,13 +151,6 @@ impl From<StereoArgument> for StereoLayout {
     }
 }
 
-fn level(text: &str) -> Result<LevelPolicy, String> {
-    match text {
-        "auto" => Ok(LevelPolicy::Auto),
-        _ => text.parse().map(LevelPolicy::Locked).map_err(|_| format!("'{text}': expected auto or a level number")),
-    }
-}
-
 impl SceneArguments {
     /// The scene: the file's, overridden by the flags, for pictures of this size of this store's volume.
     ///
@@ -278,9 +178,6 @@ impl SceneArguments {
             scene.mode = Mode::Average;
         }
         scene.mode = self.mode.map_or(scene.mode, Mode::from);
-        scene.sampling.method = self.method.map_or(scene.sampling.method, Method::from);
-        scene.sampling.filter = self.filter.map_or(scene.sampling.filter, Filter::from);
-        scene.lighting.model = self.lighting.map_or(scene.lighting.model, LightingModel::from);
         scene.lighting.gradient = self.gradient.map_or(scene.lighting.gradient, Gradient::from);
         if !self.light.is_empty() {
             scene.lighting.lights = self.light.clone();
@@ -292,10 +189,7 @@ impl SceneArguments {
         } else if !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
             scene.isosurfaces.clear();
         }
-        scene.step = self.step.unwrap_or(scene.step);
         scene.background = self.background.unwrap_or(scene.background);
-        scene.level = self.level.unwrap_or(scene.level);
-        scene.pixel_error = self.pixel_error.unwrap_or(scene.pixel_error);
         scene.time = self.time.unwrap_or(scene.time);
         scene.channel = channel;
         scene.clip = self.clip.or(scene.clip);

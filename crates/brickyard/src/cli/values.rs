@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{ClipPlane, Extent, Isosurface, Slice, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, Slice, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -151,6 +151,18 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `none`, `white`, `white:SEED` or `blue`.
+pub(crate) fn jitter(text: &str) -> Result<Jitter, String> {
+    let seed = |text: &str| text.parse().ok().map(Jitter::White);
+    let jitter = match text {
+        "none" => Some(Jitter::None),
+        "white" => Some(Jitter::White(0)),
+        "blue" => Some(Jitter::Blue),
+        _ => text.strip_prefix("white:").and_then(seed),
+    };
+    jitter.ok_or_else(|| format!("'{text}': expected none, white, white:SEED with a whole number, or blue"))
+}
+
 /// A byte count for people: `1.5 GiB`.
 pub(crate) fn human_bytes(bytes: u64) -> String {
     let units = ["B", "KiB", "MiB", "GiB", "TiB"];
@@ -212,6 +224,15 @@ mod tests {
         assert_eq!(slice("1,2,3:0,1,1"), Ok(oblique));
         for bad in ["w=3", "z=", "z=inf", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
             assert!(slice(bad).unwrap_err().contains(bad), "{bad}");
+        }
+    }
+
+    #[test]
+    fn jitter_has_a_kind_and_may_have_a_seed() {
+        let found = ["none", "white", "white:77", "blue"].map(jitter);
+        assert_eq!(found, [Jitter::None, Jitter::White(0), Jitter::White(77), Jitter::Blue].map(Ok));
+        for bad in ["", "red", "white:", "white:-1", "blue:3"] {
+            assert!(jitter(bad).unwrap_err().contains("white:SEED"), "{bad}");
         }
     }
 

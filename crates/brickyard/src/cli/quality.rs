@@ -1,0 +1,249 @@
+//! `brickyard quality`: how good and how fast the ways to sample are, measured on a store.
+
+use super::failure::Failure;
+use super::render::session_failure;
+use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
+use super::scene_args::SceneArguments;
+use super::session_args::threads;
+use super::{print_line, store_errors, values};
+use brickyard::backend::{BackendChoice, CompositorChoice};
+use brickyard::offline::OfflineError;
+use brickyard::pager::BrickSource;
+use brickyard::picture_file::write_png;
+use brickyard::session::SessionOptions;
+use brickyard::survey::findings::{self, Estimator, Finding};
+use brickyard::survey::noise::Series;
+use brickyard::survey::{Row, SurveyError, SurveyPlan, plot, survey};
+use brickyard::volume::{Filter, LightingModel, Method, Mode, Scene, TransferFunction};
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// `brickyard quality STORE -o FOLDER`
+#[derive(Args)]
+pub(crate) struct QualityArguments {
+    /// The store
+    store: PathBuf,
+    /// Folder for table, curves and maps; made if it is not there
+    #[arg(short, long, value_name = "FOLDER")]
+    output: PathBuf,
+    /// Picture size in pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    size: (u32, u32),
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Sampling rates: segments along a voxel
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
+    samples_per_voxel: Vec<f64>,
+    /// Sampling methods [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
+    methods: Vec<MethodArgument>,
+    /// Filters [default: both]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
+    filters: Vec<FilterArgument>,
+    /// Lightings
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
+    lightings: Vec<LightingArgument>,
+    /// Pictures of each series, with other jitter each
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
+    frames: u32,
+    /// Hard limit of brick slots, tables, targets and staging
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    gpu_memory: u64,
+    /// Hard limit of decoded bricks and scratch
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    host_memory: u64,
+    /// Threads [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<usize>,
+    /// Give up on bricks that have not come after S seconds
+    #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
+    max_wait: f64,
+    /// Write into a folder that is not empty
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// `quality.json`.
+#[derive(Serialize)]
+struct Table<'a> {
+    store: &'a Path,
+    size_px: (u32, u32),
+    frames: u32,
+    scene: Scene,
+    rows: &'a [Row],
+    findings: Vec<Finding>,
+}
+
+/// Runs `quality`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
+    let store = store_errors::open(&arguments.store)?;
+    let scene = arguments.scene.scene(&store, arguments.size)?;
+    check(arguments, &scene)?;
+    let window = store.default_window(scene.channel);
+    let store: Arc<dyn BrickSource> = Arc::new(store);
+    let plan = arguments.plan(&scene);
+    make_folder(&arguments.output, arguments.overwrite)?;
+    let mut rows = Vec::new();
+    let options = arguments.session_options(&scene);
+    survey(&store, window, &plan, &options, |row, series| {
+        print_row(rows.is_empty(), &row)?;
+        write_map(&arguments.output, &row, series)?;
+        rows.push(row);
+        Ok::<_, Failure>(())
+    })?;
+    for (file, by) in [("curves.svg", Estimator::Variance), ("curves-truth.svg", Estimator::Truth)] {
+        plot::write(&arguments.output.join(file), &rows, by).map_err(Failure::failed)?;
+    }
+    print_line("")?;
+    print_line(findings::table(&rows).trim_end())?;
+    let findings = [Estimator::Variance, Estimator::Truth].into_iter().flat_map(|by| findings::findings(&rows, by));
+    let table = Table {
+        store: &arguments.store,
+        size_px: arguments.size,
+        frames: arguments.frames,
+        findings: findings.collect(),
+        rows: &rows,
+        scene,
+    };
+    let path = arguments.output.join("quality.json");
+    let text = serde_json::to_string_pretty(&table).map_err(Failure::failed)?;
+    std::fs::write(&path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+}
+
+fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
+    if scene.mode != Mode::Dvr {
+        let problem = format!("{:?}: methods are of direct volume rendering; leave --mode and --slice out", scene.mode);
+        return Err(Failure::usage(problem));
+    }
+    if scene.stereo.is_some() {
+        return Err(Failure::usage("a survey is about one eye: leave --stereo out"));
+    }
+    if arguments.samples_per_voxel.windows(2).any(|pair| pair[0] >= pair[1]) {
+        return Err(Failure::usage("--samples-per-voxel: expected rising numbers, as in 1,2,4,8"));
+    }
+    Ok(())
+}
+
+impl QualityArguments {
+    fn plan<'a>(&self, scene: &'a Scene) -> SurveyPlan<'a> {
+        fn listed<A: Copy, T: From<A> + PartialEq + Copy>(arguments: &[A], all: &[T]) -> Vec<T> {
+            let mut list: Vec<T> = Vec::new();
+            for item in arguments.iter().map(|&argument| T::from(argument)) {
+                if !list.contains(&item) {
+                    list.push(item);
+                }
+            }
+            if list.is_empty() { all.to_vec() } else { list }
+        }
+        SurveyPlan {
+            scene,
+            size_px: self.size,
+            methods: listed(&self.methods, &Method::ALL),
+            filters: listed(&self.filters, &Filter::ALL),
+            lightings: listed::<_, LightingModel>(&self.lightings, &[]),
+            samples_per_voxel: self.samples_per_voxel.clone(),
+            frames: self.frames,
+            max_wait: Duration::from_secs_f64(self.max_wait.min(1e9)),
+        }
+    }
+
+    fn session_options(&self, scene: &Scene) -> SessionOptions {
+        SessionOptions {
+            backend: BackendChoice::Cpu,
+            compositor: CompositorChoice::Auto,
+            gpu_memory_bytes: self.gpu_memory,
+            host_memory_bytes: self.host_memory,
+            bricks: scene.needs(),
+            threads: threads(self.threads),
+            max_size_px: self.size,
+            leaps: true,
+            live: false,
+        }
+    }
+}
+
+/// A folder that is there must be empty, unless told otherwise.
+fn make_folder(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    let fail = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
+    if path.is_dir() {
+        let is_empty = path.read_dir().map_err(fail)?.next().is_none();
+        return match is_empty || overwrite {
+            true => Ok(()),
+            false => {
+                let problem = "is not empty; choose another folder, or pass --overwrite to write into this one";
+                Err(Failure::usage(format!("{}: {problem}", path.display())))
+            }
+        };
+    }
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::usage(format!("{}: expected a folder, found something else", path.display())));
+    }
+    std::fs::create_dir_all(path).map_err(fail)
+}
+
+fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
+    if is_first {
+        print_line(
+            "| filter | lighting | method | samples a voxel | dB by variance: RGB / YCbCr / HSL | dB against the truth | \
+             frame ms | processor ms |\n| --- | --- | --- | --- | --- | --- | --- | --- |",
+        )?;
+    }
+    print_line(&format!(
+        "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.0} | {:.0} |",
+        filter_name(row.filter),
+        lighting_name(row.lighting),
+        findings::name(row.method),
+        row.samples_per_voxel,
+        row.rgb_db,
+        row.ycbcr_db,
+        row.hsl_db,
+        row.truth_db,
+        row.frame_ms,
+        row.cpu_ms,
+    ))
+}
+
+fn filter_name(filter: Filter) -> &'static str {
+    match filter {
+        Filter::Trilinear => "trilinear",
+        Filter::Tricubic => "tricubic",
+    }
+}
+
+fn lighting_name(lighting: LightingModel) -> &'static str {
+    match lighting {
+        LightingModel::None => "none",
+        LightingModel::Phong => "phong",
+        LightingModel::BlinnPhong => "blinn-phong",
+        LightingModel::Tone => "tone",
+    }
+}
+
+/// From 10 dB, dark violet, to 50 dB, yellow.
+fn write_map(folder: &Path, row: &Row, series: &Series) -> Result<(), Failure> {
+    let colors = TransferFunction::preset("viridis", (10.0, 50.0), 1.0).map_err(Failure::failed)?;
+    let map = series.map(|db| colors.rgb(db.min(1e3)));
+    let (filter, lighting, method) = (filter_name(row.filter), lighting_name(row.lighting), findings::name(row.method));
+    let file = format!("psnr-{filter}-{lighting}-{method}-{}.png", row.samples_per_voxel);
+    let notes = [
+        ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
+        ("Scale", "PSNR of each pixel: viridis from 10 dB to 50 dB, black where only background is seen".to_string()),
+    ];
+    write_png(&folder.join(file), &map, &notes).map_err(Failure::failed)
+}
+
+impl From<SurveyError> for Failure {
+    fn from(error: SurveyError) -> Self {
+        match error {
+            SurveyError::Picture(OfflineError::Session(error)) => session_failure(error),
+            SurveyError::Picture(error) => Self::failed(error),
+            SurveyError::Coarse { .. } => Self::usage(error),
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! A survey of sampling methods: how good their pictures are and how long they take, by the method of Gavrilov, Turlapov and
+//! others, "Measuring the quality of volume rendering" (2013).
+//!
+//! Each way to sample draws one view some times over, each time with other [jitter](brickyard_volume::jitter); [`noise`] makes
+//! an error of that. A second figure is the distance from what is taken for the truth: the mean of a series that is
+//! pre-integrated at twice the highest rate. The volume is drawn from level 0, on the CPU, and is wholly resident while frames
+//! are timed. [`findings`] holds the figures against what the paper found, and [`plot`] draws them as curves.
+
+pub mod findings;
+pub mod noise;
+pub mod plot;
+
+use crate::offline::{OfflineError, render_settled};
+use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
+use crate::stats::{Percentiles, RenderStats, ms};
+use brickyard_pager::BrickSource;
+use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Scene};
+use noise::{ColorSpace, Series, Truth};
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Times the highest rate at which the truth is sampled.
+const TRUTH_RATE: f64 = 2.0;
+
+/// What is measured.
+pub struct SurveyPlan<'a> {
+    /// The view; method, filter, lighting model, jitter, step and level are the survey's.
+    pub scene: &'a Scene,
+    /// Picture size.
+    pub size_px: (u32, u32),
+    /// Sampling methods.
+    pub methods: Vec<Method>,
+    /// Filters.
+    pub filters: Vec<Filter>,
+    /// Lighting models.
+    pub lightings: Vec<LightingModel>,
+    /// Segments along a voxel; positive, at least one.
+    pub samples_per_voxel: Vec<f64>,
+    /// Pictures of a series; at least two.
+    pub frames: u32,
+    /// How long one series may wait for its bricks.
+    pub max_wait: Duration,
+}
+
+/// What was found of one way to sample at one rate.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// How segments become media.
+    pub method: Method,
+    /// How the field is made of voxels.
+    pub filter: Filter,
+    /// How it is lit.
+    pub lighting: LightingModel,
+    /// Segments along a voxel.
+    pub samples_per_voxel: f64,
+    /// Pixels that show the volume.
+    pub pixels: usize,
+    /// The signal-to-noise ratio by the variance of RGB; infinite (`null` in JSON) where no pixel varies.
+    pub rgb_db: f64,
+    /// That of YCbCr.
+    pub ycbcr_db: f64,
+    /// That of HSL.
+    pub hsl_db: f64,
+    /// The ratio against the truth.
+    pub truth_db: f64,
+    /// Median time of a frame.
+    pub frame_ms: f64,
+    /// Least processor time of a frame, all threads together: what curves show, for other work on the machine counts least in it.
+    pub cpu_ms: f64,
+}
+
+/// A survey that cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SurveyError {
+    /// No picture.
+    #[error(transparent)]
+    Picture(#[from] OfflineError),
+    /// Pictures of coarser bricks would be measured.
+    #[error(
+        "{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0: raise --gpu-memory, or show less with --clip"
+    )]
+    Coarse {
+        /// Bricks there.
+        resident: u64,
+        /// Bricks wanted.
+        wanted: u64,
+    },
+}
+
+impl From<SessionError> for SurveyError {
+    fn from(error: SessionError) -> Self {
+        Self::Picture(error.into())
+    }
+}
+
+/// Measures everything, and hands over each row with its series. `options` are for sessions on the CPU; what bricks have is
+/// each method's own need.
+///
+/// # Errors
+/// If a picture cannot be drawn from level 0; or those of `found`.
+pub fn survey<E: From<SurveyError>>(
+    source: &Arc<dyn BrickSource>,
+    default_window: (f64, f64),
+    plan: &SurveyPlan<'_>,
+    options: &SessionOptions,
+    mut found: impl FnMut(Row, &Series) -> Result<(), E>,
+) -> Result<(), E> {
+    let highest = plan.samples_per_voxel.iter().copied().fold(0.0, f64::max);
+    for &lighting in &plan.lightings {
+        for &filter in &plan.filters {
+            let stage = |method| Stage::new(source, default_window, plan, options, (method, filter, lighting));
+            let truth = stage(Method::Pdvr)?.shoot(highest * TRUTH_RATE)?.series.mean();
+            for &method in &plan.methods {
+                let mut stage = stage(method)?;
+                for &rate in &plan.samples_per_voxel {
+                    let shots = stage.shoot(rate)?;
+                    found(shots.row(method, filter, lighting, rate, &truth), &shots.series)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A session for one way to sample.
+struct Stage<'a> {
+    plan: &'a SurveyPlan<'a>,
+    scene: Scene,
+    session: Session,
+}
+
+/// A series with its times, milliseconds.
+struct Shots {
+    series: Series,
+    frame_ms: Vec<f64>,
+    cpu_ms: Vec<f64>,
+}
+
+impl<'a> Stage<'a> {
+    fn new(
+        source: &Arc<dyn BrickSource>,
+        default_window: (f64, f64),
+        plan: &'a SurveyPlan<'a>,
+        options: &SessionOptions,
+        (method, filter, lighting): (Method, Filter, LightingModel),
+    ) -> Result<Self, SurveyError> {
+        let mut scene = Scene { level: LevelPolicy::Locked(0), ..plan.scene.clone() };
+        (scene.sampling.method, scene.sampling.filter) = (method, filter);
+        scene.lighting.model = lighting;
+        if lighting == LightingModel::None {
+            scene.lighting.lights.clear();
+        }
+        let options = SessionOptions { bricks: scene.needs(), max_size_px: plan.size_px, ..*options };
+        Ok(Self { plan, scene, session: Session::new(source.clone(), default_window, &options)? })
+    }
+
+    fn shoot(&mut self, rate: f64) -> Result<Shots, SurveyError> {
+        self.scene.step = 1.0 / rate;
+        let mut resolved = self.session.resolve(&self.scene, self.plan.size_px)?;
+        self.settle(&resolved)?;
+        let (mut pictures, mut frame_ms, mut cpu_ms) = (Vec::new(), Vec::new(), Vec::new());
+        for seed in 0..self.plan.frames {
+            resolved.frame.sampling.jitter = Jitter::White(seed);
+            let (begun, cpu_begun) = (Instant::now(), processor_ms());
+            pictures.push(self.session.draw(&resolved)?);
+            frame_ms.push(ms(begun));
+            cpu_ms.push(processor_ms() - cpu_begun);
+        }
+        let background = Picture::quantise(resolved.frame.background);
+        Ok(Shots { series: Series::new(pictures, background), frame_ms, cpu_ms })
+    }
+
+    /// Streams, and draws once: nothing of that is measured.
+    fn settle(&mut self, resolved: &ResolvedScene) -> Result<(), SurveyError> {
+        let mut stats = RenderStats::default();
+        render_settled(&mut self.session, resolved, self.plan.max_wait, Instant::now(), &mut stats, &mut Vec::new())?;
+        match stats.bricks {
+            bricks if bricks.resident < bricks.wanted || stats.memory_bound || bricks.failed > 0 => {
+                Err(SurveyError::Coarse { resident: bricks.resident, wanted: bricks.wanted })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Shots {
+    fn row(&self, method: Method, filter: Filter, lighting: LightingModel, rate: f64, truth: &Truth) -> Row {
+        let Self { series, frame_ms, cpu_ms } = self;
+        Row {
+            method,
+            filter,
+            lighting,
+            samples_per_voxel: rate,
+            pixels: series.shown(),
+            rgb_db: series.psnr_db(ColorSpace::Rgb),
+            ycbcr_db: series.psnr_db(ColorSpace::YCbCr),
+            hsl_db: series.psnr_db(ColorSpace::Hsl),
+            truth_db: series.psnr_against_db(truth),
+            frame_ms: Percentiles::of(frame_ms).p50,
+            cpu_ms: cpu_ms.iter().copied().fold(f64::INFINITY, f64::min),
+        }
+    }
+}
+
+/// Processor time of this process.
+fn processor_ms() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
+}

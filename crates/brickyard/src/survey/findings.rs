@@ -1,0 +1,290 @@
+//! What the paper found, held against what was measured.
+//!
+//! Ways to sample are compared by the time that a frame takes at the same quality, read off the curves: 40 dB, from which on the
+//! paper sees no artefacts any more, or 30 dB where nothing gets that far. "Lit" findings have to hold for every lighting that was
+//! measured.
+
+use super::Row;
+use brickyard_volume::{Filter, LightingModel, Method};
+use serde::Serialize;
+
+/// From which of a row's figures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Estimator {
+    /// The variance in RGB: the paper's.
+    Variance,
+    /// The distance from the truth.
+    Truth,
+}
+
+impl Estimator {
+    /// A row's ratio.
+    pub fn db(self, row: &Row) -> f64 {
+        match self {
+            Self::Variance => row.rgb_db,
+            Self::Truth => row.truth_db,
+        }
+    }
+}
+
+/// One of the paper's findings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// What the paper says.
+    pub claim: &'static str,
+    /// By which figure it was looked at.
+    pub by: Estimator,
+    /// Whether the measurement agrees; `None` if it does not tell.
+    pub agrees: Option<bool>,
+    /// What was measured.
+    pub measured: String,
+}
+
+/// Qualities at which ways to sample are compared, decibels; the first that any of them reaches.
+const TARGETS_DB: [f64; 2] = [40.0, 30.0];
+
+/// Times the least time that is still good.
+const GOOD: f64 = 1.25;
+
+/// The paper's example: samples per voxel for 10, 20, 30 and 40 dB.
+const EXAMPLE: [(f64, f64); 4] = [(10.0, 1.2), (20.0, 2.2), (30.0, 4.3), (40.0, 6.9)];
+
+/// How far from the example's rates still agrees.
+const EXAMPLE_TIMES: f64 = 1.25;
+
+/// Methods with the times that they take for a quality, the fastest first.
+struct Ranking {
+    target_db: f64,
+    times: Vec<(Method, f64)>,
+}
+
+impl Ranking {
+    /// Of one filter and lighting; `None` if fewer than two methods were measured, or none is good enough.
+    fn new(rows: &[Row], by: Estimator, filter: Filter, lighting: LightingModel) -> Option<Self> {
+        let rows: Vec<&Row> = rows.iter().filter(|row| row.filter == filter && row.lighting == lighting).collect();
+        let curve = |method: Method| -> Vec<(f64, f64)> {
+            let rows = rows.iter().filter(|row| row.method == method);
+            rows.map(|row| (row.cpu_ms, by.db(row))).collect()
+        };
+        let measured: Vec<_> = Method::ALL.into_iter().map(|m| (m, curve(m))).filter(|(_, c)| !c.is_empty()).collect();
+        if measured.len() < 2 {
+            return None;
+        }
+        TARGETS_DB.into_iter().find_map(|target_db| {
+            let time = |(method, curve): &(Method, Vec<(f64, f64)>)| Some((*method, reached_at(curve, target_db)?));
+            let mut times: Vec<(Method, f64)> = measured.iter().filter_map(time).collect();
+            times.sort_by(|a, b| a.1.total_cmp(&b.1));
+            (!times.is_empty()).then_some(Self { target_db, times })
+        })
+    }
+
+    fn best(&self) -> Method {
+        self.times[0].0
+    }
+
+    fn text(&self) -> String {
+        let times: Vec<String> = self.times.iter().map(|(m, ms)| format!("{} {ms:.0} ms", name(*m))).collect();
+        format!("{:.0} dB: {}", self.target_db, times.join(", "))
+    }
+}
+
+/// Where a curve of `(x, dB)` reaches a quality, between points as powers of x; its first point if that is good enough already.
+/// `None` if it never does.
+fn reached_at(curve: &[(f64, f64)], target_db: f64) -> Option<f64> {
+    let mut curve = curve.to_vec();
+    curve.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let i = curve.iter().position(|(_, db)| *db >= target_db)?;
+    let Some(&(x0, db0)) = i.checked_sub(1).and_then(|before| curve.get(before)) else { return Some(curve[i].0) };
+    let (x1, db1) = curve[i];
+    let share = if db1.is_finite() { (target_db - db0) / (db1 - db0) } else { 1.0 };
+    Some(x0 * (x1 / x0).powf(share))
+}
+
+/// A method as on the command line.
+pub fn name(method: Method) -> &'static str {
+    match method {
+        Method::Udvr => "udvr",
+        Method::Pdvr => "pdvr",
+        Method::Lvs => "lvs",
+        Method::Cvs => "cvs",
+        Method::Asm => "asm",
+        Method::Plvs => "plvs",
+        Method::Pcvs => "pcvs",
+    }
+}
+
+/// All findings, by one figure. `rows` of a method must be of rising rates.
+pub fn findings(rows: &[Row], by: Estimator) -> Vec<Finding> {
+    let finding = |claim, (agrees, measured): (Option<bool>, String)| Finding { claim, by, agrees, measured };
+    let mut lit: Vec<LightingModel> = Vec::new();
+    for row in rows.iter().filter(|row| row.lighting != LightingModel::None) {
+        if !lit.contains(&row.lighting) {
+            lit.push(row.lighting);
+        }
+    }
+    let best = |methods: &'static [Method]| move |ranking: &Ranking| methods.contains(&ranking.best());
+    let is_good = |ranking: &Ranking| {
+        ranking.times.iter().any(|(method, ms)| *method == Method::Asm && *ms <= GOOD * ranking.times[0].1)
+    };
+    vec![
+        finding(
+            "Pre-integrated (PDVR) is best unlit with trilinear filtering",
+            ranked(rows, by, Filter::Trilinear, &[LightingModel::None], best(&[Method::Pdvr])),
+        ),
+        finding(
+            "Virtual samples, pre-integrated (PLVS or PCVS), are best lit with tricubic filtering",
+            ranked(rows, by, Filter::Tricubic, &lit, best(&[Method::Plvs, Method::Pcvs])),
+        ),
+        finding(
+            "The adaptive step (ASM) is good lit with trilinear filtering (at most a quarter slower than the best)",
+            ranked(rows, by, Filter::Trilinear, &lit, is_good),
+        ),
+        finding("Plain sampling (UDVR) is almost never efficient", plain(rows, by, &lit)),
+        finding(
+            "Three virtual samples to a segment are the optimum",
+            (None, "not measured: there are three, always".into()),
+        ),
+        finding("30 to 40 dB is acceptable, and more cannot be seen", (None, "not measured: it takes eyes".into())),
+        finding("An example: 10 dB at 1.2 samples a voxel, 20 at 2.2, 30 at 4.3, 40 at 6.9", example(rows, by)),
+    ]
+}
+
+fn ranked(
+    rows: &[Row],
+    by: Estimator,
+    filter: Filter,
+    lightings: &[LightingModel],
+    holds: impl Fn(&Ranking) -> bool,
+) -> (Option<bool>, String) {
+    let rankings: Vec<Ranking> = lightings.iter().filter_map(|&model| Ranking::new(rows, by, filter, model)).collect();
+    if rankings.is_empty() {
+        return (None, "not measured".into());
+    }
+    let texts: Vec<String> = rankings.iter().map(Ranking::text).collect();
+    (Some(rankings.iter().all(holds)), texts.join("; "))
+}
+
+fn plain(rows: &[Row], by: Estimator, lit: &[LightingModel]) -> (Option<bool>, String) {
+    let lightings = || lit.iter().copied().chain([LightingModel::None]);
+    let looks = Filter::ALL.into_iter().flat_map(|filter| lightings().map(move |model| (filter, model)));
+    let rankings: Vec<Ranking> = looks.filter_map(|(filter, model)| Ranking::new(rows, by, filter, model)).collect();
+    if rankings.is_empty() {
+        return (None, "not measured".into());
+    }
+    let best = rankings.iter().filter(|ranking| ranking.best() == Method::Udvr).count();
+    // One in four may be the exception.
+    (Some(4 * best <= rankings.len()), format!("the fastest in {best} of {} combinations", rankings.len()))
+}
+
+/// Plain, unlit, trilinear: the paper does not say what its example is.
+fn example(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
+    let is_plain =
+        |row: &&Row| (row.method, row.filter, row.lighting) == (Method::Udvr, Filter::Trilinear, LightingModel::None);
+    let curve: Vec<(f64, f64)> = rows.iter().filter(is_plain).map(|row| (row.samples_per_voxel, by.db(row))).collect();
+    let Some(&(least, _)) = curve.first() else { return (None, "not measured".into()) };
+    let places = EXAMPLE.map(|(db, rate)| (db, rate, reached_at(&curve, db)));
+    let text = places.map(|(db, _, found)| match found {
+        Some(found) if found <= least => format!("{db:.0} dB at {least:.1} or less"),
+        Some(found) => format!("{db:.0} dB at {found:.1}"),
+        None => format!("{db:.0} dB never"),
+    });
+    let agrees = places.iter().all(|(_, rate, found)| match found {
+        Some(found) if *found <= least => *rate <= least * EXAMPLE_TIMES,
+        Some(found) => (rate / EXAMPLE_TIMES..=rate * EXAMPLE_TIMES).contains(found),
+        None => false,
+    });
+    (Some(agrees), format!("plain, unlit, trilinear: {}", text.join(", ")))
+}
+
+/// Findings by both figures as a Markdown table.
+pub fn table(rows: &[Row]) -> String {
+    let by = |estimator| findings(rows, estimator);
+    let word = |agrees| match agrees {
+        Some(true) => "yes",
+        Some(false) => "no",
+        None => "not measured",
+    };
+    let mut text =
+        String::from("| The paper | by variance | | against the truth | |\n| --- | --- | --- | --- | --- |\n");
+    for (a, b) in by(Estimator::Variance).into_iter().zip(by(Estimator::Truth)) {
+        text +=
+            &format!("| {} | {} | {} | {} | {} |\n", a.claim, word(a.agrees), a.measured, word(b.agrees), b.measured);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(method: Method, filter: Filter, lighting: LightingModel, rate: f64, db: f64, cpu_ms: f64) -> Row {
+        let (pixels, frame_ms) = (9, cpu_ms);
+        Row {
+            method,
+            filter,
+            lighting,
+            samples_per_voxel: rate,
+            pixels,
+            rgb_db: db,
+            ycbcr_db: db,
+            hsl_db: db,
+            truth_db: db - 3.0,
+            frame_ms,
+            cpu_ms,
+        }
+    }
+
+    fn agrees(rows: &[Row]) -> Vec<Option<bool>> {
+        findings(rows, Estimator::Variance).into_iter().map(|finding| finding.agrees).collect()
+    }
+
+    #[test]
+    fn curves_are_read_between_their_points() {
+        let curve = [(8.0, 35.0), (2.0, 25.0), (32.0, 55.0)];
+        assert_eq!(reached_at(&curve, 20.0), Some(2.0));
+        assert_eq!(reached_at(&curve, 30.0), Some(4.0));
+        assert_eq!(reached_at(&curve, 45.0), Some(16.0));
+        assert_eq!(reached_at(&curve, 60.0), None);
+        assert_eq!(reached_at(&[(1.0, 20.0), (2.0, f64::INFINITY)], 40.0), Some(2.0));
+    }
+
+    #[test]
+    fn the_fastest_at_the_same_quality_is_best() {
+        let (none, phong) = (LightingModel::None, LightingModel::Phong);
+        let (linear, cubic) = (Filter::Trilinear, Filter::Tricubic);
+        let mut rows = vec![
+            // Plain is faster, but not good enough.
+            row(Method::Udvr, linear, none, 1.0, 30.0, 10.0),
+            row(Method::Udvr, linear, none, 2.0, 36.0, 20.0),
+            row(Method::Udvr, linear, none, 4.0, 42.0, 40.0),
+            row(Method::Pdvr, linear, none, 1.0, 41.0, 15.0),
+        ];
+        assert_eq!(agrees(&rows), [Some(true), None, None, Some(true), None, None, Some(false)]);
+        rows.push(row(Method::Asm, linear, none, 1.0, 45.0, 14.0));
+        assert_eq!(agrees(&rows)[0], Some(false), "ASM is faster");
+        // Nobody gets to 40: what counts is 30, and there plain is fastest.
+        rows.push(row(Method::Udvr, cubic, phong, 1.0, 31.0, 10.0));
+        rows.push(row(Method::Pcvs, cubic, phong, 1.0, 39.0, 11.0));
+        assert_eq!((agrees(&rows)[1], agrees(&rows)[3]), (Some(false), Some(false)));
+        rows.push(row(Method::Udvr, linear, phong, 1.0, 41.0, 10.0));
+        rows.push(row(Method::Asm, linear, phong, 1.0, 41.0, 12.4));
+        assert_eq!(agrees(&rows)[2], Some(true), "within a quarter");
+        // Against the truth all is 3 dB less.
+        let by_truth = findings(&rows, Estimator::Truth);
+        assert!(by_truth[0].measured.starts_with("40 dB: asm 14 ms"), "{by_truth:?}");
+        assert!(table(&rows).contains("| no | 40 dB: asm 14 ms, pdvr 15 ms, udvr 32 ms |"), "{}", table(&rows));
+    }
+
+    #[test]
+    fn the_example_agrees_with_itself() {
+        let rows = |times: f64| -> Vec<Row> {
+            let row = |(db, rate): (f64, f64)| {
+                row(Method::Udvr, Filter::Trilinear, LightingModel::None, rate * times, db, 1.0)
+            };
+            EXAMPLE.map(row).to_vec()
+        };
+        assert_eq!([1.0, 1.2, 1.4].map(|times| agrees(&rows(times))[6]), [Some(true), Some(true), Some(false)]);
+        assert_eq!(agrees(&rows(1.0)[..3])[6], Some(false), "40 dB is never reached");
+    }
+}

@@ -1,0 +1,230 @@
+//! The error of sampling, from pictures of one view that differ in their jitter alone.
+//!
+//! A pixel's error is the variance of its colour over the pictures: what jitter changes is what sampling does not tell. It says
+//! nothing of what all the pictures have wrong alike; that is seen against a picture that is taken for the truth. Pixels that
+//! show the background in every picture are left out: with them, the figure would depend on how far away the camera is.
+//! Pictures have 8 bits a channel, so that rounding alone makes an error of up to 1/4, which is 54 dB; more is not told apart.
+
+use brickyard_volume::Picture;
+
+/// In what components a colour's error is counted, each from 0 to 255 or thereabouts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColorSpace {
+    /// As displayed.
+    Rgb,
+    /// Luma and two differences of colour (ITU-R BT.601, full range).
+    YCbCr,
+    /// Hue, saturation and lightness as a place in a double cone, where grays are on the axis and hues around it: numbers for
+    /// hue and saturation alone jump where a colour is nearly gray.
+    Hsl,
+}
+
+impl ColorSpace {
+    /// A colour's components.
+    pub fn of(self, rgb: [u8; 3]) -> [f64; 3] {
+        let [r, g, b] = rgb.map(f64::from);
+        match self {
+            Self::Rgb => [r, g, b],
+            Self::YCbCr => {
+                let y = 0.299 * r + 0.587 * g + 0.114 * b;
+                [y, (b - y) / 1.772, (r - y) / 1.402]
+            }
+            Self::Hsl => {
+                let (low, high) = (r.min(g).min(b), r.max(g).max(b));
+                let chroma = high - low;
+                let sextant = match chroma {
+                    0.0 => 0.0,
+                    _ if high == r => (g - b) / chroma,
+                    _ if high == g => 2.0 + (b - r) / chroma,
+                    _ => 4.0 + (r - g) / chroma,
+                };
+                let hue = sextant * std::f64::consts::FRAC_PI_3;
+                [chroma * hue.cos(), chroma * hue.sin(), 0.5 * (low + high)]
+            }
+        }
+    }
+}
+
+/// The ratio of the greatest signal to an error, decibels: infinite without error.
+pub fn psnr_db(mean_square: f64) -> f64 {
+    10.0 * (255.0 * 255.0 / mean_square).log10()
+}
+
+/// Pictures of one view, and the colour behind the volume.
+pub struct Series {
+    pictures: Vec<Picture>,
+    background: [u8; 3],
+}
+
+/// A picture without rounding: the mean of a series.
+pub struct Truth {
+    rgb: Vec<[f64; 3]>,
+    is_shown: Vec<bool>,
+}
+
+impl Series {
+    /// A series.
+    ///
+    /// # Panics
+    /// If there are fewer than two pictures, or their sizes differ.
+    pub fn new(pictures: Vec<Picture>, background: [u8; 3]) -> Self {
+        assert!(pictures.len() > 1, "a variance takes two pictures");
+        let size = |picture: &Picture| (picture.width, picture.height, picture.rgb.len());
+        assert!(pictures.iter().all(|picture| size(picture) == size(&pictures[0])), "sizes differ");
+        Self { pictures, background }
+    }
+
+    fn pixels(&self) -> usize {
+        self.pictures[0].rgb.len()
+    }
+
+    fn is_shown(&self, pixel: usize) -> bool {
+        self.pictures.iter().any(|picture| picture.rgb[pixel] != self.background)
+    }
+
+    /// How many pixels show the volume.
+    pub fn shown(&self) -> usize {
+        (0..self.pixels()).filter(|&pixel| self.is_shown(pixel)).count()
+    }
+
+    /// Each pixel's error: the variance of its components, their mean. None where there is only background.
+    pub fn variances(&self, space: ColorSpace) -> Vec<Option<f64>> {
+        let variance = |pixel| {
+            let colors = || self.pictures.iter().map(|picture| space.of(picture.rgb[pixel]));
+            let n = self.pictures.len() as f64;
+            let one = |k: usize| {
+                let mean = colors().map(|color| color[k]).sum::<f64>() / n;
+                colors().map(|color| (color[k] - mean).powi(2)).sum::<f64>() / (n - 1.0)
+            };
+            (one(0) + one(1) + one(2)) / 3.0
+        };
+        (0..self.pixels()).map(|pixel| self.is_shown(pixel).then(|| variance(pixel))).collect()
+    }
+
+    /// Of the mean of all pixels' errors.
+    pub fn psnr_db(&self, space: ColorSpace) -> f64 {
+        psnr_db(mean(self.variances(space).into_iter().flatten()))
+    }
+
+    /// Of the mean square of what separates the pictures from the truth, wherever either shows the volume.
+    ///
+    /// # Panics
+    /// If the truth is of another size.
+    pub fn psnr_against_db(&self, truth: &Truth) -> f64 {
+        assert_eq!(truth.rgb.len(), self.pixels(), "sizes differ");
+        let square = |pixel: usize| {
+            let squares = self.pictures.iter().flat_map(|picture| {
+                let off = |k: usize| (picture.rgb[pixel][k] as f64 - truth.rgb[pixel][k]).powi(2);
+                [off(0), off(1), off(2)]
+            });
+            mean(squares)
+        };
+        let shown = (0..self.pixels()).filter(|&pixel| truth.is_shown[pixel] || self.is_shown(pixel));
+        psnr_db(mean(shown.map(square)))
+    }
+
+    /// The mean picture.
+    pub fn mean(&self) -> Truth {
+        let color = |pixel: usize| {
+            [0, 1, 2].map(|k| mean(self.pictures.iter().map(move |picture| picture.rgb[pixel][k] as f64)))
+        };
+        Truth {
+            rgb: (0..self.pixels()).map(color).collect(),
+            is_shown: (0..self.pixels()).map(|pixel| self.is_shown(pixel)).collect(),
+        }
+    }
+
+    /// The pixels' signal-to-noise ratios as a picture, each in the colour that is given for it; black where there is only
+    /// background.
+    pub fn map(&self, color: impl Fn(f64) -> [f64; 3]) -> Picture {
+        let pixel = |variance: Option<f64>| match variance {
+            Some(variance) => Picture::quantise(color(psnr_db(variance)).map(|c| c as f32)),
+            None => [0; 3],
+        };
+        let rgb = self.variances(ColorSpace::Rgb).into_iter().map(pixel).collect();
+        Picture { rgb, ..self.pictures[0] }
+    }
+}
+
+/// 0 of nothing: no pixel, no error.
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0usize, 0.0), |(count, sum), value| (count + 1, sum + value));
+    if count == 0 { 0.0 } else { sum / count as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(rgb: &[[u8; 3]]) -> Picture {
+        Picture { width: rgb.len() as u32, height: 1, rgb: rgb.to_vec() }
+    }
+
+    #[test]
+    fn variances_are_those_of_the_values() {
+        // Red 10, 20, 60: about 30, squares 400 + 100 + 900 over two. Green 4, 4, 7: variance 3. Blue never changes.
+        let pixels = [[10, 4, 9], [20, 4, 9], [60, 7, 9]];
+        let series = Series::new(pixels.map(|pixel| picture(&[pixel])).to_vec(), [0; 3]);
+        assert_eq!(series.variances(ColorSpace::Rgb), [Some((700.0 + 3.0) / 3.0)]);
+        assert!((series.psnr_db(ColorSpace::Rgb) - 10.0 * (65025.0f64 * 3.0 / 703.0).log10()).abs() < 1e-12);
+        // Grays: luma alone changes, and so does lightness.
+        let grays = Series::new([10u8, 40].map(|v| picture(&[[v; 3]])).to_vec(), [0; 3]);
+        for space in [ColorSpace::YCbCr, ColorSpace::Hsl] {
+            let found = grays.variances(space)[0].unwrap();
+            assert!((found - 450.0 / 3.0).abs() < 1e-9, "{space:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn colours_have_their_places() {
+        assert_eq!(ColorSpace::YCbCr.of([255; 3]).map(f64::round), [255.0, 0.0, 0.0]);
+        let close = |rgb, expected: [f64; 3]| {
+            let found = ColorSpace::Hsl.of(rgb);
+            assert!((0..3).all(|k| (found[k] - expected[k]).abs() < 1e-9), "{rgb:?}: {found:?}");
+        };
+        let height = 255.0 * 0.75f64.sqrt();
+        close([255, 0, 0], [255.0, 0.0, 127.5]);
+        close([0, 255, 0], [-127.5, height, 127.5]);
+        close([0, 0, 255], [-127.5, -height, 127.5]);
+        close([255; 3], [0.0, 0.0, 255.0]);
+        // Hues just before and just behind red are close.
+        let (a, b) = (ColorSpace::Hsl.of([255, 0, 1]), ColorSpace::Hsl.of([255, 1, 0]));
+        assert!((0..3).all(|k| (a[k] - b[k]).abs() < 3.0));
+    }
+
+    #[test]
+    fn background_does_not_count() {
+        let with = |background: usize| {
+            let row = |v: u8| [vec![[v; 3]; 5], vec![[7, 8, 9]; background]].concat();
+            Series::new([100, 110, 95].map(|v| picture(&row(v))).to_vec(), [7, 8, 9])
+        };
+        let (near, far) = (with(3), with(300));
+        assert_eq!((near.shown(), far.shown()), (5, 5));
+        assert_eq!(near.psnr_db(ColorSpace::Rgb), far.psnr_db(ColorSpace::Rgb));
+        assert_eq!(near.psnr_against_db(&near.mean()), far.psnr_against_db(&far.mean()));
+        assert_eq!(far.variances(ColorSpace::Rgb)[5], None);
+        // A pixel that shows the volume in one of the pictures does.
+        let mut pictures = near.pictures;
+        pictures[1].rgb[6] = [0; 3];
+        assert_eq!(Series::new(pictures, [7, 8, 9]).shown(), 6);
+    }
+
+    #[test]
+    fn the_truth_tells_what_all_pictures_have_wrong() {
+        let series = |v: [u8; 2]| Series::new(v.map(|v| picture(&[[v; 3]])).to_vec(), [0; 3]);
+        let truth = series([100, 101]).mean();
+        // 10 off, give or take 2; and the variance of two values 4 apart.
+        let found = series([108, 112]);
+        assert!((found.psnr_against_db(&truth) - psnr_db((7.5f64.powi(2) + 11.5f64.powi(2)) / 2.0)).abs() < 1e-12);
+        assert!((found.psnr_db(ColorSpace::Rgb) - psnr_db(8.0)).abs() < 1e-12);
+        assert_eq!(series([50, 50]).psnr_db(ColorSpace::Rgb), f64::INFINITY);
+    }
+
+    #[test]
+    fn maps_show_each_pixels_ratio() {
+        let series = Series::new([[[10; 3], [5; 3]], [[20; 3], [5; 3]]].map(|row| picture(&row)).to_vec(), [5; 3]);
+        let expected = psnr_db(50.0);
+        let map = series.map(|db| [(db == expected) as u32 as f64; 3]);
+        assert_eq!(map.rgb, [[255; 3], [0; 3]]);
+    }
+}

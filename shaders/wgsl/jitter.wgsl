@@ -1,0 +1,40 @@
+// A pixel's ray with its lattice moved, and what of it is shown. The rule is written down beside its CPU twin, the volume crate's
+// `jitter`.
+const WHITE: u32 = 1u;
+const BLUE: u32 = 2u;
+const BLUE_EDGE: u32 = 32u;
+const JITTER_STEPS: u32 = 256u;
+
+struct Sight {
+    ray: Ray,
+    // From where to where.
+    stretch: vec2f,
+}
+
+fn sight(position: vec2f) -> Sight {
+    let ray = pixel_ray(position);
+    let stretch = shown(ray);
+    if (frame.jitter == 0u) {
+        return Sight(ray, stretch);
+    }
+    let share = f32(jitter_steps(vec2u(position))) / f32(JITTER_STEPS);
+    let shift = share * f32(enter_zone(tick_at(stretch.x), 0u, stretch).stride) * frame.step;
+    return Sight(Ray(ray.origin - ray.direction * shift, ray.direction, ray.inverse), stretch + shift);
+}
+
+fn jitter_steps(pixel: vec2u) -> u32 {
+    if (frame.jitter == WHITE) {
+        return mix_bits(pixel.x + mix_bits(pixel.y + mix_bits(frame.jitter_seed))) >> 24u;
+    }
+    // Behind all else in the table's buffer: four steps to a word, two words to an entry.
+    let place = (pixel.y % BLUE_EDGE) * BLUE_EDGE + pixel.x % BLUE_EDGE;
+    let words = table[frame.jitter_seed + (place >> 3u)];
+    return (select(words.x, words.y, (place & 4u) != 0u) >> ((place & 3u) * 8u)) & 255u;
+}
+
+fn mix_bits(number: u32) -> u32 {
+    var n = number;
+    n = (n ^ (n >> 16u)) * 0x7feb352du;
+    n = (n ^ (n >> 15u)) * 0x846ca68bu;
+    return n ^ (n >> 16u);
+}
