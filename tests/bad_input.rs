@@ -570,6 +570,56 @@ fn bad_scenes_and_transfer_functions() {
 }
 
 #[test]
+fn meshes_that_cannot_be_shown() {
+    let sandbox = with_good_store();
+    let corners = |z: &str| format!("v 0 0 {z}\nv 9 0 0\nv 0 9 0\n");
+    sandbox.write("good.obj", corners("0") + "f 1 2 3\n");
+    sandbox.write("index.obj", corners("0") + "f 1 2 4\n");
+    sandbox.write("nan.obj", corners("nan") + "f 1 2 3\n");
+    sandbox.write("points.obj", corners("0"));
+    sandbox.write("empty.stl", []);
+    sandbox.write("cut.stl", [vec![0; 80], vec![9, 0, 0, 0], vec![0; 120]].concat());
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 ";
+    sandbox.write("index.ply", format!("{ply}7\n"));
+    sandbox.write("cut.ply", &ply[..ply.len() - 20]);
+    sandbox.write("no.gltf", "{}");
+    sandbox.write("cut.glb", b"glTF\x02\0\0\0");
+    sandbox.write("mesh.vtk", "# vtk DataFile");
+    sandbox.write("scene.json", r#"{"meshes": [{"path": "there/a.stl"}]}"#);
+    sandbox.write("looks.json", r#"{"meshes": [{"path": "good.obj", "opacity": 1.5}]}"#);
+    sandbox.write("words.json", r#"{"meshes": [{"path": "good.obj", "colour": [1, 0, 0]}]}"#);
+    let render = |flags: &str| format!("render good.zarr -o o.png --size 8x8 --backend cpu {flags}");
+    let mesh = |file: &str| render(&format!("--mesh {file}"));
+    check(
+        &sandbox,
+        &[
+            (&mesh("index.obj"), BAD_INPUT, &["index.obj", "out of bounds"]),
+            (&mesh("nan.obj"), BAD_INPUT, &["nan.obj", "position of vertex 0", "NaN", "finite"]),
+            (&mesh("points.obj"), BAD_INPUT, &["points.obj", "no triangle", "at least one"]),
+            (&mesh("empty.stl"), BAD_INPUT, &["empty.stl", "0 bytes", "84"]),
+            (&mesh("cut.stl"), BAD_INPUT, &["cut.stl", "9 triangles", "534 bytes", "204", "cut short"]),
+            (&mesh("index.ply"), BAD_INPUT, &["index.ply", "triangle 0 names vertex 7", "3, numbered from 0"]),
+            (&mesh("cut.ply"), BAD_INPUT, &["cut.ply", "end of file"]),
+            (&mesh("no.gltf"), BAD_INPUT, &["no.gltf", "expected a glTF file"]),
+            (&mesh("cut.glb"), BAD_INPUT, &["cut.glb", "expected a glTF file"]),
+            (&mesh("mesh.vtk"), BAD_INPUT, &["mesh.vtk", "'.vtk'", ".stl, .ply, .obj, .gltf or .glb"]),
+            (&mesh("missing.stl"), BAD_INPUT, &["missing.stl", "No such file"]),
+            (&render("--scene scene.json"), BAD_INPUT, &["there/a.stl", "No such file"]),
+            (&render("--scene looks.json"), USAGE, &["good.obj", "opacity is 1.5", "0 to 1"]),
+            (&render("--scene words.json"), BAD_INPUT, &["words.json", "colour", "opacity"]),
+            (&mesh("good.obj,opacity=1.5"), USAGE, &["opacity=1.5", "0..1"]),
+            (&mesh("good.obj,color=1:2:3"), USAGE, &["color=1:2:3", "R:G:B"]),
+            (&mesh("good.obj,opacity=0.5 --mode mip"), USAGE, &["good.obj", "opacity 0.5", "--mode dvr or isosurface"]),
+            (&mesh("good.obj,opacity=0.5 --slice z=5"), USAGE, &["good.obj", "projection"]),
+        ],
+    );
+    for flags in ["", ",opacity=0.5", ",color=1:0:0,unlit --mode mip", ",opacity=0 --mode minip"] {
+        sandbox.run_ok(&format!("{} --overwrite", mesh(&format!("good.obj{flags}"))));
+    }
+}
+
+#[test]
 fn what_is_not_finite_is_packed_counted_and_left_out() {
     let sandbox = Sandbox::default();
     let special = |i: u32| match i % 50 {

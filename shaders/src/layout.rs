@@ -81,6 +81,10 @@ pub struct FrameUniform {
     pub jitter: u32,
     /// The numbers' seed, or where in the table's buffer the mask begins, in entries.
     pub jitter_seed: u32,
+    /// No ray meets a mesh farther away: what depths are shares of.
+    pub mesh_far: f32,
+    /// Padding.
+    pub spare: [f32; 3],
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
     pub thresholds: [[f32; 4]; 2],
     /// Of each surface its colour and opacity.
@@ -91,6 +95,45 @@ pub struct FrameUniform {
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
     pub planes: [[f32; 4]; 8],
+}
+
+/// A vertex of a mesh; `MeshVertex` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct MeshVertex {
+    /// Voxels from the volume's corner times the spacing.
+    pub place: [f32; 3],
+    /// Red, green and blue in 8 bits each, from the lowest.
+    pub color: u32,
+    /// In the world, of any length.
+    pub normal: [f32; 3],
+    /// Padding.
+    pub spare: f32,
+}
+
+/// How a mesh looks; `MeshLook` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct MeshLook {
+    /// Its colour, if it is not its vertices'.
+    pub color: [f32; 3],
+    /// Its opacity.
+    pub opacity: f32,
+    /// Which of the following there are.
+    pub flags: u32,
+    /// Padding.
+    pub spare: [u32; 3],
+}
+
+impl MeshLook {
+    /// A colour of its own.
+    pub const HAS_COLOR: u32 = 1;
+    /// Colours of the vertices.
+    pub const HAS_COLORS: u32 = 2;
+    /// Normals of the vertices.
+    pub const HAS_NORMALS: u32 = 4;
+    /// Light.
+    pub const IS_LIT: u32 = 8;
 }
 
 /// One entry of the draw list, as a box to draw; `Cell` in WGSL.

@@ -1,10 +1,11 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
-//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered.
+//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered. Where there are meshes, group 1
+//! has what cuts the picture into slabs.
 
 mod layout;
 
-pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, NO_RANGES, RayBrick};
+pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -127,6 +128,8 @@ pub struct Variant {
     pub is_cubic: bool,
     /// How segments become media; [`Medium::PLAIN`] of all but [`Gather::Composite`].
     pub medium: Medium,
+    /// Whether only a slab between meshes is drawn.
+    pub has_meshes: bool,
 }
 
 impl Variant {
@@ -146,6 +149,9 @@ pub const MARK_STEPS: u32 = 255;
 
 const FRAME: &str = include_str!("../wgsl/frame.wgsl");
 const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
+const RAY: &str = include_str!("../wgsl/ray.wgsl");
+const LIGHTING: &str = include_str!("../wgsl/lighting.wgsl");
+const HIDDEN: &str = include_str!("../wgsl/hidden.wgsl");
 const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 
 /// The sorted compositor's march: entry points `proxy` and `march`.
@@ -197,13 +203,17 @@ fn marching(variant: &Variant) -> String {
         Gather::Average => include_str!("../wgsl/average.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
     };
-    let (ray, lattice) = (include_str!("../wgsl/ray.wgsl"), include_str!("../wgsl/lattice.wgsl"));
-    let dither = include_str!("../wgsl/dither.wgsl");
-    let jitter = include_str!("../wgsl/jitter.wgsl");
-    let mut parts = vec![FRAME, ray, dither, lattice, jitter, sample, CLASSIFY];
+    let (dither, lattice) = (include_str!("../wgsl/dither.wgsl"), include_str!("../wgsl/lattice.wgsl"));
+    let limits = match variant.has_meshes {
+        true => &[HIDDEN, include_str!("../wgsl/limits.wgsl")][..],
+        false => &[include_str!("../wgsl/limits_none.wgsl")],
+    };
+    let mut parts = vec![FRAME, RAY, dither, lattice, sample, CLASSIFY];
+    parts.extend(limits);
+    parts.push(include_str!("../wgsl/jitter.wgsl"));
     let constants = variant.medium.constants();
     if !variant.has_samples() {
-        parts.extend([include_str!("../wgsl/field.wgsl"), include_str!("../wgsl/lighting.wgsl")]);
+        parts.extend([include_str!("../wgsl/field.wgsl"), LIGHTING]);
     }
     if !variant.is_plain() {
         parts.push(&constants);
@@ -218,20 +228,35 @@ fn marching(variant: &Variant) -> String {
     parts.join("\n")
 }
 
-/// The pass from the gathered picture to display colours: entry points `fullscreen` and `resolve`.
-pub fn resolve(gather: Gather) -> String {
-    let resolve = match gather {
-        Gather::Composite | Gather::Isosurface => include_str!("../wgsl/resolve_composite.wgsl"),
+/// The pass from the gathered picture to display colours, or to those of a slab between meshes: entry points `fullscreen` and
+/// `resolve`.
+pub fn resolve(gather: Gather, has_meshes: bool) -> String {
+    let seen = match gather {
+        Gather::Composite | Gather::Isosurface => RESOLVE_COMPOSITE,
         Gather::Project => include_str!("../wgsl/resolve_project.wgsl"),
         Gather::Average => include_str!("../wgsl/resolve_average.wgsl"),
     };
-    [FRAME, CLASSIFY, FULLSCREEN, resolve].join("\n")
+    let resolve = if has_meshes { include_str!("../wgsl/resolve_slab.wgsl") } else { RESOLVE_PICTURE };
+    [FRAME, CLASSIFY, FULLSCREEN, seen, resolve].join("\n")
+}
+
+const RESOLVE_COMPOSITE: &str = include_str!("../wgsl/resolve_composite.wgsl");
+const RESOLVE_PICTURE: &str = include_str!("../wgsl/resolve_picture.wgsl");
+
+/// The pass from all slabs to display colours: entry points `fullscreen` and `resolve`.
+pub fn show_slabs() -> String {
+    [FRAME, FULLSCREEN, RESOLVE_COMPOSITE, RESOLVE_PICTURE].join("\n")
+}
+
+/// The pass that finds the next layer of meshes: entry points `corner` and `peel`.
+pub fn peel() -> String {
+    [FRAME, RAY, LIGHTING, HIDDEN, include_str!("../wgsl/peel.wgsl")].join("\n")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{integrals, jitter, lighting, sampling, surface};
+    use brickyard_volume::{integrals, jitter, lighting, mesh, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -258,15 +283,20 @@ mod tests {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
                 for (has_invalid, is_cubic) in [(false, false), (true, false), (false, true), (true, true)] {
-                    let variant = Variant { gather, has_invalid, is_cubic, medium };
+                    let variant = Variant { gather, has_invalid, is_cubic, medium, has_meshes: is_cubic };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, true)));
                 }
             }
-            let plain = Variant { gather, has_invalid: false, is_cubic: false, medium: Medium::PLAIN };
+            let medium = Medium::PLAIN;
+            let plain = Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false };
             all.push((format!("raycast {gather:?} without marks"), raycast(&plain, false)));
-            all.push((format!("resolve {gather:?}"), resolve(gather)));
+            for has_meshes in [false, true] {
+                all.push((format!("resolve {gather:?}, {has_meshes}"), resolve(gather, has_meshes)));
+            }
         }
+        all.push(("peel".to_string(), peel()));
+        all.push(("show slabs".to_string(), show_slabs()));
         all
     }
 
@@ -322,12 +352,18 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed thresholds surfaces light_places zone_starts planes);
+                threshold shift plane_count jitter jitter_seed mesh_far spare thresholds surfaces light_places zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
                     texel_offset spare_2);
                 assert_eq!(layout(&module, "Cell"), (expected, size_of::<CellInstance>()), "{name}");
+            }
+            if name == "peel" {
+                let expected = offsets!(MeshVertex: place color normal spare);
+                assert_eq!(layout(&module, "MeshVertex"), (expected, size_of::<MeshVertex>()), "{name}");
+                let expected = offsets!(MeshLook: color opacity flags spare);
+                assert_eq!(layout(&module, "MeshLook"), (expected, size_of::<MeshLook>()), "{name}");
             }
             if name.starts_with("raycast") {
                 let expected = offsets!(RayBrick: texel_scale first_range texel_offset range low pixels_to);
@@ -338,7 +374,8 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let variant = |gather, medium| Variant { gather, has_invalid: false, is_cubic: false, medium };
+        let variant =
+            |gather, medium| Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false };
         let surface = variant(Gather::Isosurface, Medium::PLAIN);
         let lit = variant(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
         let foggy = variant(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
@@ -373,7 +410,16 @@ mod tests {
             (&foggy, "SEARCH_PARTS", naga::Literal::U32(surface::PARTS as u32)),
             (&foggy, "ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
         ];
-        for (module, name, value) in expected.into_iter().chain(of_media).chain(of_surfaces) {
+        let peel = parse("peel", &peel());
+        let of_meshes = [
+            ("PLAIN_COLOR", single(mesh::PLAIN_COLOR[0])),
+            ("HAS_COLOR", naga::Literal::U32(MeshLook::HAS_COLOR)),
+            ("HAS_COLORS", naga::Literal::U32(MeshLook::HAS_COLORS)),
+            ("HAS_NORMALS", naga::Literal::U32(MeshLook::HAS_NORMALS)),
+            ("IS_LIT", naga::Literal::U32(MeshLook::IS_LIT)),
+        ];
+        let of_meshes = of_meshes.map(|(name, value)| (&peel, name, value));
+        for (module, name, value) in expected.into_iter().chain(of_media).chain(of_surfaces).chain(of_meshes) {
             let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
             let found = &module.global_expressions[constant.init];
             assert!(matches!(found, naga::Expression::Literal(v) if *v == value), "{name}: {found:?}");

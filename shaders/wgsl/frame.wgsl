@@ -37,6 +37,8 @@ struct Frame {
     plane_count: u32,
     jitter: u32,
     jitter_seed: u32,
+    mesh_far: f32,
+    spare: array<f32, 3>,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,

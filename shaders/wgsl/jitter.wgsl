@@ -13,12 +13,13 @@ struct Sight {
 
 fn sight(position: vec2f) -> Sight {
     let ray = pixel_ray(position);
-    let stretch = shown(ray);
+    let whole = shown(ray);
+    let stretch = limited(whole, position);
     if (frame.jitter == 0u) {
         return Sight(ray, stretch);
     }
     let share = f32(jitter_steps(vec2u(position))) / f32(JITTER_STEPS);
-    let shift = share * f32(enter_zone(tick_at(stretch.x), 0u, stretch).stride) * frame.step;
+    let shift = share * f32(enter_zone(tick_at(whole.x), 0u, whole).stride) * frame.step;
     return Sight(Ray(ray.origin - ray.direction * shift, ray.direction, ray.inverse), stretch + shift);
 }
 

@@ -12,7 +12,7 @@ use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_pager::Slot;
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{Filter, Needs, SlotEncoding, VoxelType};
+use brickyard_volume::{Filter, MeshRoom, Needs, SlotEncoding, VoxelType};
 use clap::Parser;
 use std::sync::Arc;
 
@@ -27,13 +27,13 @@ struct Arguments {
 }
 
 const EDGE: u32 = 64;
-const NEEDS: Needs = Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false };
+const NEEDS: Needs = Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
 const PICTURE_PX: (u32, u32) = (512, 512);
 const MEMORY_BYTES: u64 = 256 << 20;
 
 /// Somewhere to upload to.
 enum Slots {
-    Cpu(SoftwareRenderer),
+    Cpu(Box<SoftwareRenderer>),
     Gpu(Box<GpuRenderer>),
 }
 
@@ -49,7 +49,7 @@ impl Slots {
             threads: 1,
             leaps: true,
         });
-        let mut all = vec![("cpu".into(), Self::Cpu(cpu.map_err(|error| error.to_string())?))];
+        let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
             match GpuRenderer::new(&options, encoding, EDGE, NEEDS, MEMORY_BYTES, PICTURE_PX) {

@@ -102,7 +102,7 @@ pub enum Backend {
     /// wgpu.
     Gpu(Box<GpuRenderer>),
     /// The CPU.
-    Cpu(SoftwareRenderer),
+    Cpu(Box<SoftwareRenderer>),
 }
 
 impl Backend {
@@ -125,7 +125,7 @@ impl Backend {
                 threads: needs.threads,
                 leaps: needs.leaps,
             })?;
-            Ok((Self::Cpu(renderer), format!("cpu, {} threads{why}", needs.threads)))
+            Ok((Self::Cpu(Box::new(renderer)), format!("cpu, {} threads{why}", needs.threads)))
         };
         let gpu = |preference: GpuPreference| -> Result<(Self, String), BackendError> {
             let compositor = match needs.compositor {

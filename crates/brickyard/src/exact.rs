@@ -77,7 +77,7 @@ impl ExactRenderer {
         let config = PagerConfig {
             slots: renderer.slots(),
             apron: needs.bricks.apron,
-            host_bytes: options.host_memory_bytes,
+            host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             workers: options.threads as u32,
             planning: Planning::Inline,
             prefetch: false,
@@ -153,40 +153,46 @@ impl ExactRenderer {
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
         let pyramid = self.source.pyramid();
-        let mut passes = ExactPasses::new(self.source.clone(), view, &self.config)?;
         let mut picture = self.renderer.passes(frame, pyramid)?;
-        let mut level_cells = vec![0; pyramid.levels().len()];
-        let mut stand_ins = 0;
         loop {
-            match passes.next(POLL)? {
-                Next::Upload(upload) => picture.upload(upload.slot, &upload.codes)?,
-                Next::Draw(list) => {
-                    for cell in &list.cells {
-                        level_cells[cell.brick.level.index()] += 1;
-                        stand_ins += (cell.brick != cell.cell) as u64;
+            let mut passes = ExactPasses::new(self.source.clone(), view, &self.config)?;
+            let mut level_cells = vec![0; pyramid.levels().len()];
+            let mut stand_ins = 0;
+            loop {
+                match passes.next(POLL)? {
+                    Next::Upload(upload) => picture.upload(upload.slot, &upload.codes)?,
+                    Next::Draw(list) => {
+                        for cell in &list.cells {
+                            level_cells[cell.brick.level.index()] += 1;
+                            stand_ins += (cell.brick != cell.cell) as u64;
+                        }
+                        picture.draw(&list)?;
                     }
-                    picture.draw(&list)?;
+                    Next::Wait => {}
+                    Next::Done => break,
                 }
-                Next::Wait => {}
-                Next::Done => break,
+                if begun.elapsed() > max_wait {
+                    let (waited_s, drawn, cells) = (begun.elapsed().as_secs_f64(), passes.drawn(), passes.cells());
+                    return Err(ExactPictureError::TooLong { waited_s, drawn, cells });
+                }
             }
-            if begun.elapsed() > max_wait {
-                let (waited_s, drawn, cells) = (begun.elapsed().as_secs_f64(), passes.drawn(), passes.cells());
-                return Err(ExactPictureError::TooLong { waited_s, drawn, cells });
+            record(stats, &passes, stand_ins);
+            (stats.pixel_error, stats.level_cells) = (view.pixel_error, level_cells);
+            // Between two layers of meshes all bricks come again: no pass keeps any for the next.
+            if !picture.next_slab()? {
+                break;
             }
         }
         let picture = picture.finish()?;
-        record(stats, &passes, stand_ins, self.renderer.gpu_bytes());
-        (stats.pixel_error, stats.level_cells) = (view.pixel_error, level_cells);
+        stats.gpu_bytes_peak = stats.gpu_bytes_peak.max(self.renderer.gpu_bytes());
         Ok(picture)
     }
 }
 
 /// Takes over how a picture went.
-fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64, gpu_bytes: u64) {
+fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64) {
     let (memory, counters, cells) = (ProcessMemory::now(), passes.counters(), passes.cells() as u64);
     stats.passes = stats.passes.map(|before| before + passes.passes());
-    stats.gpu_bytes_peak = stats.gpu_bytes_peak.max(gpu_bytes);
     stats.host_bytes_peak = stats.host_bytes_peak.max(passes.host_bytes_peak());
     stats.rss_peak = memory.resident_peak_bytes;
     stats.anonymous_peak = stats.anonymous_peak.max(memory.anonymous_bytes);

@@ -197,6 +197,7 @@ mod tests {
             lighting: Lighting::default(),
             background: [0.0; 3],
             clip: None,
+            meshes: Vec::new(),
         };
         let coarse = Quality { scale: 0.5, step: 3.0 }.frame(&exact);
         assert_eq!((coarse.rays.width, coarse.rays.height), (100, 51));

@@ -10,7 +10,7 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
-    Occupancy, Picture, Scene, SlotEncoding, StereoError, StereoLayout, Subject, Surface, TransferFunction,
+    Occupancy, Picture, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface, TransferFunction,
     TransferTable,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -148,7 +148,7 @@ impl Session {
         let config = PagerConfig {
             slots: backend.slots(),
             apron: needs.bricks.apron,
-            host_bytes: options.host_memory_bytes,
+            host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             workers: options.threads as u32,
             planning: if options.live { Planning::Thread } else { Planning::Inline },
             prefetch: options.live,
@@ -357,7 +357,8 @@ pub fn resolve(
     };
     let opaque = fog.map(|fog| passed.fold(fog, Occupancy::union));
     let background = scene.background.map(|c| c as f32);
-    let appearance = appearance(&table, scene);
+    let meshes = scene.shown_meshes().map_err(|error| SessionError::Scene(error.to_string()))?;
+    let appearance = appearance(&table, scene, &meshes);
     let frame = FrameSettings {
         rays,
         lattice,
@@ -370,6 +371,7 @@ pub fn resolve(
         lighting: scene.lighting.clone(),
         background,
         clip: clip.clone(),
+        meshes,
     };
     Ok(ResolvedScene {
         view: View {
@@ -393,7 +395,7 @@ pub fn resolve(
 }
 
 /// What of a picture decides which bricks hide others.
-fn appearance(table: &TransferTable, scene: &Scene) -> u64 {
+fn appearance(table: &TransferTable, scene: &Scene, meshes: &[ShownMesh]) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);
     scene.sampling.hash(&mut hasher);
@@ -402,6 +404,9 @@ fn appearance(table: &TransferTable, scene: &Scene) -> u64 {
     }
     table.unit_distance.to_bits().hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
+    // A mesh that has been read is never changed.
+    let seen = meshes.iter().map(|shown| (Arc::as_ptr(&shown.mesh), shown.opacity.to_bits()));
+    seen.for_each(|mesh| mesh.hash(&mut hasher));
     hasher.finish()
 }
 

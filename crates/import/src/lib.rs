@@ -3,10 +3,13 @@
 //! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
 //! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
 //! space; TIFF decodes the planes it is asked for. [`SynthSource`] makes volumes that no file holds.
+//!
+//! [`read_mesh`] reads the triangle meshes that are shown with a volume.
 
 mod axes;
 mod element;
 mod error;
+mod mesh;
 mod nifti;
 mod npy;
 mod open;
@@ -22,6 +25,7 @@ mod write_raw;
 pub use axes::AxisOrder;
 pub use element::Endian;
 pub use error::ImportError;
+pub use mesh::read_mesh;
 pub use open::{OpenOptions, open};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};

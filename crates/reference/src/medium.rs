@@ -10,8 +10,8 @@ use brickyard_volume::{
 };
 use glam::DVec3;
 
-/// The colour of a ray, over the background: of fog and surfaces, or of surfaces alone.
-pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path, background: DVec3) -> DVec3 {
+/// The colour of a part of a ray, over what is behind: of fog and surfaces, or of surfaces alone.
+pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path, behind: DVec3) -> DVec3 {
     let integrals = frame.sampling.method.is_pre_integrated().then(|| Integrals::new(&frame.table));
     let mut light = Light { color: DVec3::ZERO, transmittance: 1.0 };
     let mut crossings = Crossings::new(frame);
@@ -30,7 +30,7 @@ pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &
         }
         field.add_fog(&mut light, Segment { start, ..segment }, volume, integrals.as_ref());
     }
-    light.color + light.transmittance * background
+    light.color + light.transmittance * behind
 }
 
 /// What comes to the eye, and how much of what is behind does.
@@ -285,7 +285,8 @@ mod tests {
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path = Path { origin: place + 0.5, direction: DVec3::X, world, jitter: 0.0 };
+            let path =
+                Path { origin: place + 0.5, direction: DVec3::X, world, jitter: 0.0, limits: [0.0, f64::INFINITY] };
             let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);

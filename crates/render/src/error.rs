@@ -38,6 +38,16 @@ pub enum GpuError {
         /// Padded brick edge.
         slot_edge: u32,
     },
+    /// The meshes are larger than what a shader can see.
+    #[error(
+        "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or use --backend cpu"
+    )]
+    Meshes {
+        /// What their vertices or triangles take.
+        bytes: u64,
+        /// What a shader sees of a buffer.
+        limit_bytes: u64,
+    },
     /// The picture is larger than the adapter's textures, or than this renderer was made for.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]
     PictureTooLarge {

@@ -73,6 +73,8 @@ pub(crate) fn frame_uniform(
         jitter_seed,
         thresholds,
         surfaces,
+        mesh_far: 0.0,
+        spare: [0.0; 3],
         light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),

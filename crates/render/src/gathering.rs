@@ -79,6 +79,10 @@ pub(crate) struct Gathering<'a> {
     pub(crate) target: &'a wgpu::TextureView,
     pub(crate) pipeline: &'a wgpu::RenderPipeline,
     pub(crate) size_px: (u32, u32),
+    /// What cuts it to a slab, where there are meshes.
+    pub(crate) limits: Option<&'a wgpu::BindGroup>,
+    /// Whether nothing of the frame has been gathered before.
+    pub(crate) is_begin: bool,
 }
 
 impl Gathering<'_> {
@@ -96,11 +100,14 @@ impl Gathering<'_> {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("march"),
                 color_attachments: &[attachment(self.target, load)],
-                timestamp_writes: self.shared.timestamp_writes(is_first.then_some(0), None),
+                timestamp_writes: self.shared.timestamp_writes((is_first && self.is_begin).then_some(0), None),
                 ..Default::default()
             });
             pass.set_pipeline(self.pipeline);
             pass.set_bind_group(0, bindings, &[]);
+            if let Some(limits) = self.limits {
+                pass.set_bind_group(1, limits, &[]);
+            }
             draw(&mut pass);
         }
         gpu.queue.submit([encoder.finish()]);

@@ -6,7 +6,7 @@
 //! draw list, settings --------> march -> resolve -> read-back -> Picture
 //! ```
 //! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
-//! picture.
+//! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`.
 //! One [`GpuRenderer`] is used from one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
@@ -15,6 +15,7 @@ mod error;
 mod frame;
 mod gathering;
 mod memory;
+mod meshes;
 mod passes;
 mod pipelines;
 mod raycast;

@@ -4,10 +4,11 @@
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, texel_bytes};
 use crate::error::GpuError;
+use crate::meshes;
 use crate::table;
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_shaders::{CellInstance, FrameUniform};
-use brickyard_volume::SlotFormat;
+use brickyard_volume::{MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Cells drawn per submission: longer draw lists take several. Short enough that no watchdog sees one as a hang.
@@ -86,6 +87,8 @@ pub(crate) struct MemoryNeeds {
     pub(crate) max_binding_bytes: u64,
     /// Where the compositor is `raycast`.
     pub(crate) raycast: Option<RaycastPlan>,
+    /// The meshes that pictures may have.
+    pub(crate) meshes: MeshRoom,
 }
 
 /// Bytes of a row of the read-back buffer.
@@ -93,7 +96,7 @@ pub(crate) fn read_back_row_bytes(width_px: u32) -> u64 {
     (width_px as u64 * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
 }
 
-fn target_bytes(format: TextureFormat) -> u64 {
+pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
     match format {
         TextureFormat::Rgba32Float => 16,
         TextureFormat::Rgba16Float | TextureFormat::Rg32Float => 8,
@@ -116,7 +119,12 @@ impl MemoryPlan {
         let staging = staging_bytes(needs.slot_edge, format) + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
-        let small = picture + table + compositor + size_of::<FrameUniform>() as u64;
+        let largest = meshes::largest_binding_bytes(needs.meshes);
+        if largest > needs.max_binding_bytes {
+            return Err(GpuError::Meshes { bytes: largest, limit_bytes: needs.max_binding_bytes });
+        }
+        let meshes = meshes::bytes(needs.meshes, pixels, needs.formats.composite);
+        let small = picture + meshes + table + compositor + size_of::<FrameUniform>() as u64;
         let fixed_bytes = small + 2 * batch * staging;
         let left = needs.budget_bytes.saturating_sub(fixed_bytes);
         let texel = texel_bytes(format);
@@ -162,6 +170,7 @@ mod tests {
             max_slots: u32::MAX,
             max_binding_bytes: 128 << 20,
             raycast: None,
+            meshes: MeshRoom::NONE,
         }
     }
 
@@ -198,6 +207,19 @@ mod tests {
                 assert!(plan.bytes() <= mebibytes << 20, "{mebibytes}: {plan:?}");
             }
         }
+    }
+
+    #[test]
+    fn meshes_are_paid_for_and_may_be_too_large() {
+        let meshes = MeshRoom { meshes: 2, vertices: 5_000, triangles: 10_000 };
+        let [plain, _] = both(needs(64 << 20));
+        let of = |meshes| MemoryPlan::new(&MemoryNeeds { meshes, ..plain });
+        let more = of(meshes).unwrap().fixed_bytes - of(MeshRoom::NONE).unwrap().fixed_bytes;
+        // 32 bytes a vertex, 12 a triangle, twice; and two distances and numbers, a colour and a sum for each pixel.
+        assert!(more > 2 * (5_000 * 32 + 10_000 * 12) + 512 * 512 * 40, "{more}");
+        assert!(of(meshes).unwrap().bytes() <= 64 << 20);
+        let huge = MeshRoom { vertices: 5 << 20, ..meshes };
+        assert!(matches!(of(huge), Err(GpuError::Meshes { .. })));
     }
 
     #[test]

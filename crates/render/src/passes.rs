@@ -1,9 +1,10 @@
 //! One picture in the making: lists of cells gathered one after the other into the same target, then display colours of it, and
-//! the way back to the CPU.
+//! the way back to the CPU. Where there are meshes, all of that but the way back once for each slab.
 
 use crate::error::GpuError;
 use crate::gathering::{Gathering, attachment, entry};
 use crate::memory::TIMESTAMP_BYTES;
+use crate::meshes::Layers;
 use crate::pipelines::Pipelines;
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March};
@@ -25,6 +26,22 @@ pub struct Passes<'a> {
     /// Lists drawn so far, and the cells of the last.
     pub(crate) lists: u32,
     pub(crate) cells: usize,
+    /// Slabs that are in the picture, and what follows the one being drawn.
+    pub(crate) slabs: u32,
+    pub(crate) next: Next,
+}
+
+/// What follows when all lists have been drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Next {
+    /// The picture: there are no meshes.
+    Picture,
+    /// Perhaps another slab.
+    Slab,
+    /// The end of the last slab.
+    End,
+    /// The picture of all slabs.
+    All,
 }
 
 impl Passes<'_> {
@@ -53,6 +70,8 @@ impl Passes<'_> {
             target: &targets.gathered,
             pipeline: &pipelines.march,
             size_px: (targets.width_px, targets.height_px),
+            limits: renderer.layers.as_ref().filter(|_| self.variant.has_meshes).map(Layers::limits),
+            is_begin: self.slabs == 0,
         };
         let is_first = self.lists == 0;
         let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.needs.apron));
@@ -70,12 +89,44 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// The picture; that of no list is the background.
+    /// Takes what has been drawn for the volume between two layers of meshes, the first between the eye and the first layer. Whether
+    /// there is more behind: then all lists have to be drawn again. Without meshes there never is.
     ///
     /// # Errors
     /// If the device fails.
-    pub fn finish(mut self) -> Result<Picture, GpuError> {
+    pub fn next_slab(&mut self) -> Result<bool, GpuError> {
+        if matches!(self.next, Next::Picture | Next::All) {
+            return Ok(false);
+        }
         if self.lists == 0 {
+            self.draw(&DrawList::default())?;
+        }
+        let (targets, pipelines) = self.target()?;
+        let GpuRenderer { gpu, layers: Some(layers), .. } = &*self.renderer else { return Err(no_target()) };
+        layers.compose(gpu, &pipelines.resolve, &self.resolve_bindings(targets));
+        if self.next == Next::End {
+            self.next = Next::All;
+            return Ok(false);
+        }
+        let GpuRenderer { gpu, meshes: Some(meshes), layers: Some(layers), .. } = &mut *self.renderer else {
+            return Err(no_target());
+        };
+        layers.turn();
+        // Where no ray has met anything more, the volume behind the layers found is still to come.
+        self.next = if meshes.peel(gpu, self.frame, layers)? { Next::Slab } else { Next::End };
+        (self.lists, self.slabs) = (0, self.slabs + 1);
+        Ok(true)
+    }
+
+    /// The picture; that of no list is the background, and the meshes.
+    ///
+    /// # Errors
+    /// If the device fails, or there are slabs that have not been drawn.
+    pub fn finish(mut self) -> Result<Picture, GpuError> {
+        if self.next_slab()? {
+            return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));
+        }
+        if self.next == Next::Picture && self.lists == 0 {
             self.draw(&DrawList::default())?;
         }
         let marked = self.marked();
@@ -102,8 +153,22 @@ impl Passes<'_> {
     fn target(&self) -> Result<(&Targets, &Pipelines), GpuError> {
         match (&self.renderer.targets, &self.renderer.pipelines.get(&self.variant)) {
             (Some(targets), Some(pipelines)) => Ok((targets, pipelines)),
-            _ => Err(GpuError::Refused("no target".to_string())),
+            _ => Err(no_target()),
         }
+    }
+
+    /// What makes colours of what has been gathered.
+    fn resolve_bindings(&self, targets: &Targets) -> wgpu::BindGroup {
+        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("resolve"),
+            layout: &layouts.resolve,
+            entries: &[
+                entry(0, shared.frame.as_entire_binding()),
+                entry(4, shared.table.as_entire_binding()),
+                entry(5, BindingResource::TextureView(&targets.gathered)),
+            ],
+        })
     }
 
     /// The compositor, if it marks bricks in this frame.
@@ -117,16 +182,8 @@ impl Passes<'_> {
 
     /// The last submission: display colours, read-back copy, timestamps.
     fn resolve(&self, targets: &Targets, pipelines: &Pipelines, marked: Option<&Raycast>) -> wgpu::SubmissionIndex {
-        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("resolve"),
-            layout: &layouts.resolve,
-            entries: &[
-                entry(0, shared.frame.as_entire_binding()),
-                entry(4, shared.table.as_entire_binding()),
-                entry(5, BindingResource::TextureView(&targets.gathered)),
-            ],
-        });
+        let GpuRenderer { gpu, shared, meshes, layers, .. } = &*self.renderer;
+        let bindings = self.resolve_bindings(targets);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -135,9 +192,14 @@ impl Passes<'_> {
                 timestamp_writes: shared.timestamp_writes(None, Some(1)),
                 ..Default::default()
             });
-            pass.set_pipeline(&pipelines.resolve);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.draw(0..3, 0..1);
+            match (meshes, layers) {
+                (Some(meshes), Some(layers)) if self.variant.has_meshes => meshes.show(&mut pass, layers),
+                _ => {
+                    pass.set_pipeline(&pipelines.resolve);
+                    pass.set_bind_group(0, &bindings, &[]);
+                    pass.draw(0..3, 0..1);
+                }
+            }
         }
         targets.copy_back(&mut encoder);
         if let Some(raycast) = marked {
@@ -149,4 +211,8 @@ impl Passes<'_> {
         }
         gpu.queue.submit([encoder.finish()])
     }
+}
+
+fn no_target() -> GpuError {
+    GpuError::Refused("no target".to_string())
 }

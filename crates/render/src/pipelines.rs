@@ -2,6 +2,7 @@
 //! first used.
 
 use crate::adapter::{Gpu, GpuFormats};
+use crate::meshes::MeshLayouts;
 use crate::renderer::Compositor;
 use brickyard_shaders::{Curve, Gather, Light, Medium, Surfaces, Variant, raycast, resolve, sorted};
 use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
@@ -61,7 +62,8 @@ pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
     let is_cubic = frame.sampling.filter == Filter::Tricubic;
-    Variant { gather, has_invalid: frame.encoding.has_invalid, is_cubic, medium }
+    let has_meshes = !frame.meshes.is_empty();
+    Variant { gather, has_invalid: frame.encoding.has_invalid, is_cubic, medium, has_meshes }
 }
 
 /// The format that a gathering needs.
@@ -90,45 +92,62 @@ fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
     BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
 }
 
-fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingType {
+/// A buffer that shaders read.
+pub(crate) fn storage() -> BindingType {
+    buffer(wgpu::BufferBindingType::Storage { read_only: true })
+}
+
+pub(crate) fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingType {
     let sample_type = wgpu::TextureSampleType::Float { filterable };
     BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }
 
+/// A flat texture of what is no colour.
+pub(crate) fn texture_of(sample_type: wgpu::TextureSampleType) -> BindingType {
+    BindingType::Texture { sample_type, view_dimension: TextureViewDimension::D2, multisampled: false }
+}
+
+pub(crate) fn bind_group_layout(
+    gpu: &Gpu,
+    label: &str,
+    entries: &[(u32, ShaderStages, BindingType)],
+) -> wgpu::BindGroupLayout {
+    let entry = |&(binding, visibility, ty): &(u32, ShaderStages, BindingType)| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty,
+        count: None,
+    };
+    let entries: Vec<_> = entries.iter().map(entry).collect();
+    let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+    gpu.device.create_bind_group_layout(&descriptor)
+}
+
 impl Layouts {
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor) -> Self {
-        let storage = buffer(wgpu::BufferBindingType::Storage { read_only: true });
-        let make =
-            |label, entries: &[(u32, ShaderStages, BindingType)]| {
-                let entry = |&(binding, visibility, ty): &(u32, ShaderStages, BindingType)| {
-                    wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
-                };
-                let entries: Vec<_> = entries.iter().map(entry).collect();
-                let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
-                gpu.device.create_bind_group_layout(&descriptor)
-            };
         let fragment = ShaderStages::FRAGMENT;
         let mut march = vec![
-            (0, ShaderStages::VERTEX_FRAGMENT, storage),
+            (0, ShaderStages::VERTEX_FRAGMENT, storage()),
             (2, fragment, texture(TextureViewDimension::D3, true)),
             (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            (4, fragment, storage),
+            (4, fragment, storage()),
         ];
         match compositor {
-            Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage)),
+            Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage())),
             Compositor::Raycast => {
-                march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage)));
+                march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage())));
                 let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
                 march.extend(gpu.report.feedback.then_some((9, fragment, written)));
             }
         }
         Self {
-            march: make("march", &march),
-            resolve: make(
+            march: bind_group_layout(gpu, "march", &march),
+            resolve: bind_group_layout(
+                gpu,
                 "resolve",
                 &[
-                    (0, fragment, storage),
-                    (4, fragment, storage),
+                    (0, fragment, storage()),
+                    (4, fragment, storage()),
                     (5, fragment, texture(TextureViewDimension::D2, false)),
                 ],
             ),
@@ -147,8 +166,32 @@ fn blend(gather: Gather) -> wgpu::BlendState {
     wgpu::BlendState { color: component, alpha: component }
 }
 
+/// What is behind what is there, premultiplied.
+const BEHIND: wgpu::BlendState = {
+    let component = BlendComponent {
+        src_factor: BlendFactor::OneMinusDstAlpha,
+        dst_factor: BlendFactor::One,
+        operation: BlendOperation::Add,
+    };
+    wgpu::BlendState { color: component, alpha: component }
+};
+
+/// What a pipeline makes of its vertices.
+#[derive(Clone, Default)]
+pub(crate) struct Shape {
+    pub(crate) primitive: wgpu::PrimitiveState,
+    pub(crate) depth_stencil: Option<wgpu::DepthStencilState>,
+}
+
 impl Pipelines {
-    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, compositor: Compositor, variant: &Variant) -> Self {
+    /// With `meshes`, for frames that have some.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        layouts: &Layouts,
+        meshes: Option<&MeshLayouts<'_>>,
+        compositor: Compositor,
+        variant: &Variant,
+    ) -> Self {
         let gather = variant.gather;
         let format = gather_format(gather, &gpu.report.formats);
         let boxes = wgpu::PrimitiveState {
@@ -156,49 +199,50 @@ impl Pipelines {
             cull_mode: Some(wgpu::Face::Front),
             ..Default::default()
         };
-        let full = wgpu::PrimitiveState::default();
+        let boxes = Shape { primitive: boxes, ..Shape::default() };
+        let with = |own, other| [Some(own), other].into_iter().flatten().collect::<Vec<_>>();
+        let bindings = with(&layouts.march, meshes.map(|meshes| meshes.limits));
+        let write = |format, blend| wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
         let march = match compositor {
             Compositor::Sorted => {
-                let target =
-                    wgpu::ColorTargetState { format, blend: Some(blend(gather)), write_mask: wgpu::ColorWrites::ALL };
-                pipeline(gpu, &sorted(variant), &layouts.march, ["proxy", "march"], boxes, target)
+                let target = write(format, Some(blend(gather)));
+                pipeline(gpu, &sorted(variant), &bindings, ["proxy", "march"], boxes, &[target])
             }
             Compositor::Raycast => {
                 let source = raycast(variant, gpu.report.feedback);
-                pipeline(gpu, &source, &layouts.march, ["fullscreen", "raycast"], full, format.into())
+                let entries = ["fullscreen", "raycast"];
+                pipeline(gpu, &source, &bindings, entries, Shape::default(), &[format.into()])
             }
         };
-        Self {
-            march,
-            resolve: pipeline(
-                gpu,
-                &resolve(gather),
-                &layouts.resolve,
-                ["fullscreen", "resolve"],
-                full,
-                DISPLAY_FORMAT.into(),
-            ),
-        }
+        let target = match meshes {
+            None => DISPLAY_FORMAT.into(),
+            Some(_) => write(gpu.report.formats.composite, Some(BEHIND)),
+        };
+        let bindings = with(&layouts.resolve, meshes.map(|meshes| meshes.layer));
+        let (source, entries) = (resolve(gather, variant.has_meshes), ["fullscreen", "resolve"]);
+        Self { march, resolve: pipeline(gpu, &source, &bindings, entries, Shape::default(), &[target]) }
     }
 }
 
-fn pipeline(
+pub(crate) fn pipeline(
     gpu: &Gpu,
     source: &str,
-    bindings: &wgpu::BindGroupLayout,
+    bindings: &[&wgpu::BindGroupLayout],
     [vertex, fragment]: [&str; 2],
-    primitive: wgpu::PrimitiveState,
-    target: wgpu::ColorTargetState,
+    shape: Shape,
+    targets: &[wgpu::ColorTargetState],
 ) -> wgpu::RenderPipeline {
     let device = &gpu.device;
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some(fragment), source: wgpu::ShaderSource::Wgsl(source.into()) };
     let module = device.create_shader_module(descriptor);
+    let bind_group_layouts: Vec<_> = bindings.iter().map(|&layout| Some(layout)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(fragment),
-        bind_group_layouts: &[Some(bindings)],
+        bind_group_layouts: &bind_group_layouts,
         immediate_size: 0,
     });
+    let targets: Vec<_> = targets.iter().cloned().map(Some).collect();
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(fragment),
         layout: Some(&layout),
@@ -208,14 +252,14 @@ fn pipeline(
             compilation_options: Default::default(),
             buffers: &[],
         },
-        primitive,
-        depth_stencil: None,
+        primitive: shape.primitive,
+        depth_stencil: shape.depth_stencil,
         multisample: Default::default(),
         fragment: Some(wgpu::FragmentState {
             module: &module,
             entry_point: Some(fragment),
             compilation_options: Default::default(),
-            targets: &[Some(target)],
+            targets: &targets,
         }),
         multiview_mask: None,
         cache: None,

@@ -10,7 +10,8 @@ use crate::error::GpuError;
 use crate::frame::frame_uniform;
 use crate::gathering::SharedBuffers;
 use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
-use crate::passes::Passes;
+use crate::meshes::{Layers, Meshes};
+use crate::passes::{Next, Passes};
 use crate::pipelines::{Layouts, Pipelines, variant_of};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
@@ -83,6 +84,9 @@ pub struct GpuRenderer {
     /// Made at first use.
     pub(crate) pipelines: HashMap<Variant, Pipelines>,
     pub(crate) targets: Option<Targets>,
+    /// Where pictures may have some, and what those are drawn into besides.
+    pub(crate) meshes: Option<Meshes>,
+    pub(crate) layers: Option<Layers>,
     /// Room for marks in the targets.
     marks_bytes: u64,
     /// What the table buffer holds.
@@ -127,6 +131,7 @@ impl Recipe {
             max_slots,
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
             raycast: self.raycast(),
+            meshes: self.needs.meshes,
         })
     }
 }
@@ -189,6 +194,10 @@ impl GpuRenderer {
         // The largest there will be: a frame is no time to find out that there is no room for them.
         let marks_bytes = recipe.raycast().map_or(0, |plan| plan.marks_bytes(atlas.plan.slots()));
         let targets = Some(Targets::new(&gpu, Gather::Composite, recipe.max_size_px, marks_bytes)?);
+        let room = recipe.needs.meshes;
+        let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, room)).transpose()?;
+        let layers =
+            meshes.as_ref().map(|meshes| Layers::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
         Ok(Self {
             recipe,
@@ -201,6 +210,8 @@ impl GpuRenderer {
             march,
             pipelines: Default::default(),
             targets,
+            meshes,
+            layers,
             marks_bytes,
             table: None,
             sum_unit: 0.0,
@@ -285,12 +296,17 @@ impl GpuRenderer {
     /// If the picture is too large, the list or settings do not fit this renderer, or the device fails.
     pub fn render(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
         let mut passes = self.passes(frame, pyramid)?;
-        passes.draw(draw)?;
-        passes.finish()
+        loop {
+            passes.draw(draw)?;
+            if !passes.next_slab()? {
+                return passes.finish();
+            }
+        }
     }
 
     /// Begins a picture of several lists, each farther to the front than the last. Between them slots may be filled anew, so
-    /// that there is no limit to what a picture shows.
+    /// that there is no limit to what a picture shows. Where there are meshes, all lists are drawn once for each
+    /// [slab](Passes::next_slab).
     ///
     /// # Errors
     /// If the picture is too large, the settings do not fit this renderer, or the device fails.
@@ -301,10 +317,26 @@ impl GpuRenderer {
         let variant = variant_of(frame);
         self.prepare(&variant, frame)?;
         let mask_at = table::mask_at(frame.encoding.format, self.recipe.needs.is_pre_integrated);
-        let uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit, mask_at);
+        let mut uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit, mask_at);
+        if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
+            uniform.mesh_far = meshes.far(frame) as f32;
+        }
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         self.entered = None;
-        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0 })
+        let next = self.first_layer(&variant, frame)?;
+        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0, slabs: 0, next })
+    }
+
+    /// The first layer of the frame's meshes, and what comes after it.
+    fn first_layer(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<Next, GpuError> {
+        match (&self.meshes, &mut self.layers) {
+            (Some(meshes), Some(layers)) if variant.has_meshes => {
+                layers.clear(&self.gpu);
+                let may_follow = meshes.peel(&self.gpu, frame, layers)?;
+                Ok(if may_follow { Next::Slab } else { Next::End })
+            }
+            _ => Ok(Next::Picture),
+        }
     }
 
     /// For each entry of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
@@ -340,7 +372,18 @@ impl GpuRenderer {
     /// Pipelines, targets and table for this frame.
     fn prepare(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<(), GpuError> {
         let (gpu, layouts, compositor, gather) = (&self.gpu, &self.layouts, self.compositor(), variant.gather);
-        self.pipelines.entry(*variant).or_insert_with(|| Pipelines::new(gpu, layouts, compositor, variant));
+        let size_px = (frame.rays.width, frame.rays.height);
+        if let Some(meshes) = self.meshes.as_mut().filter(|_| variant.has_meshes) {
+            meshes.set(gpu, frame)?;
+            if !self.layers.as_ref().is_some_and(|layers| layers.suit(size_px)) {
+                // As with the targets.
+                self.layers = None;
+                self.layers = Some(Layers::new(gpu, meshes, &self.shared, size_px)?);
+            }
+        }
+        let of_meshes = self.meshes.as_ref().filter(|_| variant.has_meshes).map(Meshes::layouts);
+        let make = || Pipelines::new(gpu, layouts, of_meshes.as_ref(), compositor, variant);
+        self.pipelines.entry(*variant).or_insert_with(make);
         let (width, height) = (frame.rays.width, frame.rays.height);
         if !matches!(&self.targets, Some(t) if (t.gather, t.width_px, t.height_px) == (gather, width, height)) {
             // The old ones go first: both together would pass the budget.

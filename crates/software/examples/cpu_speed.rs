@@ -80,6 +80,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         lighting: Lighting::default(),
         background: [0.0; 3],
         clip: None,
+        meshes: Vec::new(),
     }
 }
 

@@ -54,8 +54,8 @@ pub(crate) trait Blend {
     /// Whether no further sample can be seen.
     fn is_final<C: Code>(sum: Vec4) -> bool;
 
-    /// The pixel.
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3];
+    /// What is seen: premultiplied colour, and how much light passes.
+    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
 /// A mode that samples segments in their middles.
@@ -123,8 +123,8 @@ impl Blend for Dvr {
         sum.w < FAINTEST
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        over_background(frame, sum)
+    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+        sum
     }
 }
 
@@ -252,7 +252,7 @@ impl Blend for Mip {
         sum.x >= C::MAX as f32
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
         opaque::<C>(frame, (sum.x >= 0.0).then_some(sum.x))
     }
 }
@@ -312,7 +312,7 @@ impl Blend for MinIp {
         sum.x <= 0.0
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
         opaque::<C>(frame, (sum.x < f32::MAX).then_some(sum.x))
     }
 }
@@ -355,7 +355,7 @@ impl Blend for Average {
         false
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
+    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
         opaque::<C>(frame, (sum.y > 0.0).then(|| sum.x / sum.y))
     }
 }
@@ -393,14 +393,11 @@ pub(crate) fn over_background(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
     std::array::from_fn(|k| sum[k] + sum.w * background[k])
 }
 
-/// The table's colour at a code; the background where there is none.
-fn opaque<C: Code>(frame: &Frame<'_>, code: Option<f32>) -> [f32; 3] {
+/// The table's colour at a code, opaque; nothing where there is none.
+fn opaque<C: Code>(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
     match code {
-        Some(code) => {
-            let [r, g, b, _] = frame.settings.table.lookup(code / C::MAX as f32);
-            [r, g, b]
-        }
-        None => frame.settings.background,
+        Some(code) => Vec4::from_array(frame.settings.table.lookup(code / C::MAX as f32)).with_w(0.0),
+        None => Vec4::W,
     }
 }
 

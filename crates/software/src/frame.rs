@@ -2,6 +2,7 @@
 //! lattice, and what the transfer table can show.
 
 use crate::macrocells::{Mask, over_boxes};
+use crate::meshes::MeshTree;
 use crate::ray::Ticks;
 use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
@@ -45,6 +46,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) thresholds: [f32; MAX_SURFACES],
     /// How surfaces are lit that stand in fog.
     pub(crate) surface_lighting: Lighting,
+    /// The meshes' triangles, if there are any.
+    pub(crate) meshes: Option<&'a MeshTree>,
 }
 
 /// One entry of the draw list.
@@ -135,6 +138,7 @@ impl<'a> Frame<'a> {
             visible,
             thresholds: thresholds(settings),
             surface_lighting: surface::lighting(&settings.lighting),
+            meshes: None,
         }
     }
 }
@@ -316,22 +320,17 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, region: VoxelBox) -> Option<
     let (min, max) = (region.min.to_array(), region.max.to_array());
     let corners: [DVec3; 8] = std::array::from_fn(|i| {
         let corner = std::array::from_fn(|a| if i >> a & 1 == 0 { min[a] } else { max[a] } as f64);
-        geometry.world_from_voxel(DVec3::from_array(corner)) - rays.eye
+        geometry.world_from_voxel(DVec3::from_array(corner))
     });
-    let depths = corners.map(|c| c.dot(rays.forward));
-    if depths.iter().all(|&d| d < 0.0) {
+    if corners.iter().all(|corner| (corner - rays.eye).dot(rays.forward) < 0.0) {
         return None;
     }
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for (corner, depth) in corners.iter().zip(depths) {
-        if !rays.orthographic && depth <= 0.0 {
+    for corner in corners {
+        let Some(px) = rays.pixel(corner) else {
             // Partly behind the eye: its outline has no bounds.
             return Some(PixelRect { x0: 0, x1: rays.width, y0: 0, y1: rays.height });
-        }
-        let scale = if rays.orthographic { 1.0 } else { depth };
-        let u = (corner.dot(rays.right) / rays.right.length_squared() - depth * rays.shift) / scale;
-        let v = corner.dot(rays.up) / (rays.up.length_squared() * scale);
-        let px = [(1.0 + u) * 0.5 * rays.width as f64, (1.0 - v) * 0.5 * rays.height as f64];
+        };
         for k in 0..2 {
             low[k] = low[k].min(px[k]);
             high[k] = high[k].max(px[k]);

@@ -13,6 +13,8 @@
 //! For surfaces `surface` stands where `blend` stands for sums: it finds where a run's samples change sides. For all methods but the plain
 //! one, and where there is lighting, `medium` does; `cubic` filters where `sample` does not.
 //!
+//! Where there are meshes (`meshes`), a tile does steps 2 to 5 for each slab between two layers of triangles.
+//!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
@@ -22,6 +24,7 @@ mod frame;
 mod layers;
 mod macrocells;
 mod medium;
+mod meshes;
 mod ray;
 mod renderer;
 mod sample;

@@ -5,7 +5,7 @@
 //! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
 //! operator), and taken only of what has opacity.
 
-use crate::blend::{Blend, Entries, FAINTEST, over_background};
+use crate::blend::{Blend, Entries, FAINTEST};
 use crate::frame::{Cell, Frame};
 use crate::layers::{NO_RANK, Pieces};
 use crate::macrocells::{Coverage, Mask, Reach};
@@ -73,8 +73,8 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
         sum.w < FAINTEST
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        over_background(frame, sum)
+    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+        sum
     }
 }
 

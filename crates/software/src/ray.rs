@@ -115,8 +115,8 @@ impl Ray {
         rank: NO_RANK,
     };
 
-    /// The ray through a pixel's centre; one without segments if it misses the volume.
-    pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4) -> Self {
+    /// The ray through a pixel's centre, between these distances; one without segments if it misses the volume.
+    pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
         let settings = frame.settings;
         let world = settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
         let origin = settings.geometry.voxel_from_world(world.origin).to_array();
@@ -136,10 +136,11 @@ impl Ray {
         if let Some(clip) = &settings.clip {
             (t_in, t_out) = clip.shorten(&world, (t_in, t_out));
         }
+        // Jitter: the lattice starts as far behind the eye as it is moved, and so does the ray.
+        let shift = settings.lattice.shift(settings.sampling.jitter.share(x, y), t_in);
+        (t_in, t_out) = (t_in.max(limits[0]), t_out.min(limits[1]));
         if t_in < t_out {
             let ticks = &frame.ticks;
-            // Jitter: the lattice starts as far behind the eye as it is moved, and so does the ray.
-            let shift = settings.lattice.shift(settings.sampling.jitter.share(x, y), t_in);
             (ray.t_in, ray.t_out) = (t_in + shift, t_out + shift);
             (0..3).for_each(|a| ray.origin[a] -= direction[a] * shift);
             let (t_in, t_out) = (ray.t_in, ray.t_out);

@@ -2,6 +2,7 @@
 
 use crate::frame::{Cell, Frame, Resident, occludes};
 use crate::macrocells::boxes;
+use crate::meshes::{self, MeshTree};
 use crate::steps;
 use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
@@ -67,6 +68,8 @@ pub struct SoftwareRenderer {
     slots: Vec<Option<Resident>>,
     fixed_bytes: u64,
     visibility: Option<Vec<f32>>,
+    /// Over the last frame's meshes.
+    meshes: MeshTree,
     pool: rayon::ThreadPool,
 }
 
@@ -97,7 +100,7 @@ impl SoftwareRenderer {
         let pool = pool.build().map_err(|source| SoftwareError::Threads { threads, source })?;
         let mut slots = Vec::new();
         slots.resize_with(count.min(u32::MAX as u64) as usize, || None);
-        Ok(Self { options, slots, fixed_bytes, visibility: None, pool })
+        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: MeshTree::default(), pool })
     }
 
     /// How many bricks it holds at once.
@@ -137,12 +140,18 @@ impl SoftwareRenderer {
         assert_eq!(edge, pyramid.edge(), "other bricks");
         assert_eq!(encoding, settings.encoding, "other codes");
         assert!(needs.satisfy(&settings.needs()), "{:?} of bricks for {needs:?}", settings.needs());
+        if !self.meshes.is_of(&settings.meshes) {
+            // The old one goes first: both together would pass the budget.
+            self.meshes = MeshTree::default();
+            self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
+        }
         let brick = |slot: Slot| {
             self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
         };
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
         let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
-            let frame = Frame::new(settings, pyramid, list, needs.apron, brick);
+            let mut frame = Frame::new(settings, pyramid, list, needs.apron, brick);
+            frame.meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
             let draw = tile::for_frame(&frame);
             (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
         });
@@ -181,26 +190,29 @@ fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     slot_bytes(options) + (cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 
-/// The picture as tiles and as rows, what steps do, and every thread's rays.
+/// The picture as tiles and as rows, what steps do, the meshes' tree, and every thread's rays.
 fn fixed_bytes(options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
     let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
     let steps = steps::bytes(options.encoding.format, MAX_ZONES) as u64;
-    tiles * tile + picture + steps + options.threads.max(1) as u64 * tile::BYTES_PER_THREAD
+    let room = options.needs.meshes;
+    let layers = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
+    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + layers);
+    tiles * tile + picture + steps + meshes::bytes(room) + of_threads
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{Filter, VoxelType};
+    use brickyard_volume::{Filter, MeshRoom, VoxelType};
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
         let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
         SoftwareOptions {
             encoding,
             edge: 32,
-            needs: Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false },
+            needs: Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE },
             memory_bytes,
             max_picture_px: [640, 481],
             threads: 2,

@@ -119,8 +119,9 @@ impl Blend for Isosurface {
         sum.w == 0.0
     }
 
-    fn color<C: Code>(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-        if sum.w == 0.0 { sum.truncate().to_array() } else { frame.settings.background }
+    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+        // Before the surface the sum holds something else.
+        if sum.w == 0.0 { sum } else { Vec4::W }
     }
 }
 

@@ -1,9 +1,10 @@
 //! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
 
-use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum};
+use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum, over_background};
 use crate::frame::{Cell, Frame, PixelRect};
 use crate::macrocells::{Blocks, Coverage, Reach, block_length};
 use crate::medium::Medium;
+use crate::meshes::Layers;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
@@ -18,7 +19,7 @@ use std::ops::Range;
 /// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
 pub(crate) const TILE_PX: u32 = 16;
 
-const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
+pub(crate) const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
 
 /// What a thread needs besides the frame.
 pub(crate) const BYTES_PER_THREAD: u64 =
@@ -86,68 +87,115 @@ fn draw_avx2<C: Code, B: Blend, const INVALID: bool>(frame: &Frame<'_>, tile: &T
 
 #[inline(always)]
 fn draw<C: Code, B: Blend, U: Unit, const INVALID: bool>(frame: &Frame<'_>, tile: &Tile) -> TilePixels {
-    let mut rays = [Ray::EMPTY; PIXELS];
-    let mut chunk = Chunk::EMPTY;
-    let mut queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
-    let mut waiting = 0;
-    for y in tile.y0..tile.y1 {
-        for x in tile.x0..tile.x1 {
-            let ray = Ray::new(frame, x, y, B::START);
-            waiting += (ray.cursor < ray.end) as u32;
-            rays[place(tile, x, y)] = ray;
+    let mut work = Work {
+        rays: [Ray::EMPTY; PIXELS],
+        chunk: Chunk::EMPTY,
+        queue: Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] },
+    };
+    let mut slabs = frame.meshes.map(|tree| (tree, Layers::new(&frame.settings.rays, tile)));
+    loop {
+        if let Some((tree, layers)) = &mut slabs {
+            tree.peel(frame.settings, tile, layers);
         }
-    }
-    for cell in &frame.cells {
-        if waiting == 0 {
+        let layers = slabs.as_ref().map(|(_, layers)| &**layers);
+        work.march::<C, B, U, INVALID>(frame, tile, layers);
+        let Some((_, layers)) = &mut slabs else { break };
+        let mut is_more = false;
+        for i in places(tile) {
+            is_more |= layers.compose(i, B::seen::<C>(frame, work.rays[i].sum));
+        }
+        if !is_more {
             break;
-        }
-        let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
-        let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
-        let known = if B::OCCLUDES { frame.entered(cell) } else { 0.0 };
-        let mut brightest = known;
-        for y in y0..y1 {
-            for x in x0..x1 {
-                let i = place(tile, x, y);
-                let ray = &mut rays[i];
-                if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
-                    continue;
-                }
-                if B::coverage(cell, ray) == Coverage::None {
-                    if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell, B::REACH).is_some() {
-                        brightest = ray.sum.w;
-                    }
-                    continue;
-                }
-                let Some((first, last)) = ray.run(&frame.ticks, cell, B::REACH) else { continue };
-                if B::OCCLUDES && ray.sum.w > brightest {
-                    brightest = ray.sum.w;
-                }
-                if B::FRONT_TO_BACK {
-                    ray.cursor = last;
-                    waiting -= (last >= ray.end) as u32;
-                }
-                let mut start = first;
-                while start < last {
-                    if queue.len == QUEUE {
-                        waiting -= queue.march::<C, B, U, INVALID>(frame, cell, &mut rays, &mut chunk);
-                    }
-                    start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
-                }
-            }
-        }
-        waiting -= queue.march::<C, B, U, INVALID>(frame, cell, &mut rays, &mut chunk);
-        if brightest > known {
-            frame.enter(cell, brightest);
         }
     }
     let mut pixels = [[0; 3]; PIXELS];
-    for y in tile.y0..tile.y1 {
-        for x in tile.x0..tile.x1 {
-            let i = place(tile, x, y);
-            pixels[i] = Picture::quantise(B::color::<C>(frame, rays[i].sum));
-        }
+    for i in places(tile) {
+        let seen = match &slabs {
+            None => B::seen::<C>(frame, work.rays[i].sum),
+            Some((_, layers)) => layers.color(i),
+        };
+        pixels[i] = Picture::quantise(over_background(frame, seen));
     }
     pixels
+}
+
+/// What a tile is worked on with.
+struct Work {
+    rays: [Ray; PIXELS],
+    chunk: Chunk,
+    queue: Queue,
+}
+
+impl Work {
+    /// Takes the tile's rays through all cells, between the layers where there are meshes.
+    #[inline(always)]
+    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+        &mut self,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        layers: Option<&Layers>,
+    ) {
+        let Self { rays, chunk, queue } = self;
+        let mut waiting = 0;
+        for y in tile.y0..tile.y1 {
+            for x in tile.x0..tile.x1 {
+                let i = place(tile, x, y);
+                let limits = layers.map_or([0.0, f64::INFINITY], |layers| layers.limits(i));
+                let ray = Ray::new(frame, x, y, B::START, limits);
+                waiting += (ray.cursor < ray.end) as u32;
+                rays[i] = ray;
+            }
+        }
+        for cell in &frame.cells {
+            if waiting == 0 {
+                break;
+            }
+            let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
+            let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
+            let known = if B::OCCLUDES { frame.entered(cell) } else { 0.0 };
+            let mut brightest = known;
+            for y in y0..y1 {
+                for x in x0..x1 {
+                    let i = place(tile, x, y);
+                    let ray = &mut rays[i];
+                    if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+                        continue;
+                    }
+                    if B::coverage(cell, ray) == Coverage::None {
+                        if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell, B::REACH).is_some() {
+                            brightest = ray.sum.w;
+                        }
+                        continue;
+                    }
+                    let Some((first, last)) = ray.run(&frame.ticks, cell, B::REACH) else { continue };
+                    if B::OCCLUDES && ray.sum.w > brightest {
+                        brightest = ray.sum.w;
+                    }
+                    if B::FRONT_TO_BACK {
+                        ray.cursor = last;
+                        waiting -= (last >= ray.end) as u32;
+                    }
+                    let mut start = first;
+                    while start < last {
+                        if queue.len == QUEUE {
+                            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+                        }
+                        start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
+                    }
+                }
+            }
+            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+            if brightest > known {
+                frame.enter(cell, brightest);
+            }
+        }
+    }
+}
+
+/// The places of a tile's pixels.
+fn places(tile: &Tile) -> impl Iterator<Item = usize> {
+    let Tile { x0, x1, y0, y1 } = *tile;
+    (0..y1 - y0).flat_map(move |y| (0..x1 - x0).map(move |x| (y * TILE_PX + x) as usize))
 }
 
 #[inline(always)]
@@ -441,6 +489,7 @@ mod tests {
             lighting: Lighting::default(),
             background: [0.1, 0.2, 0.3],
             clip: None,
+            meshes: Vec::new(),
         };
         let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 16);
         // A linear congruential generator's high bytes; a fifth of them 0.

@@ -41,6 +41,7 @@ fn frame(volume: &Volume, sampling: Sampling, lighting: Lighting, step: f64) -> 
         lighting,
         background: [0.1, 0.2, 0.35],
         clip: None,
+        meshes: Vec::new(),
     }
 }
 

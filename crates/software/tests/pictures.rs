@@ -72,6 +72,7 @@ impl View {
             lighting: Lighting::default(),
             background: [0.1, 0.2, 0.35],
             clip: None,
+            meshes: Vec::new(),
         }
     }
 }

@@ -42,6 +42,7 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         lighting: Lighting::default(),
         background: [0.0; 3],
         clip: None,
+        meshes: Vec::new(),
     };
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
     let (mut renderer, list) = volume.load(&cut, &frame, 2);

@@ -157,6 +157,20 @@ impl ViewRays {
         }
     }
 
+    /// Where a point of the world is seen in the picture, in pixels: the ray there passes it. `None` where in perspective it is not
+    /// in front of the eye.
+    pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
+        let from_eye = point - self.eye;
+        let depth = from_eye.dot(self.forward);
+        if !self.orthographic && depth <= 0.0 {
+            return None;
+        }
+        let scale = if self.orthographic { 1.0 } else { depth };
+        let u = (from_eye.dot(self.right) / self.right.length_squared() - depth * self.shift) / scale;
+        let v = from_eye.dot(self.up) / (self.up.length_squared() * scale);
+        Some([(1.0 + u) * 0.5 * self.width as f64, (1.0 - v) * 0.5 * self.height as f64])
+    }
+
     /// Unit direction of the ray through the picture's middle; of all rays where they are parallel.
     pub fn middle(&self) -> DVec3 {
         (self.forward + self.right * self.shift).normalize()
@@ -257,6 +271,17 @@ mod tests {
             assert!(!frustum.meets_box(behind - 1.0, behind + 1.0));
             let aside = DVec3::new(50.0, 0.0, 0.0);
             assert!(!frustum.meets_box(aside - 1.0, aside + 1.0));
+        }
+    }
+
+    #[test]
+    fn points_are_seen_where_their_rays_pass() {
+        for projection in [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }] {
+            let rays = camera(projection).rays(64, 48).unwrap().from_aside(1.5, 10.0);
+            let ray = rays.ray(13.25, 40.5);
+            let [x, y] = rays.pixel(ray.origin + ray.direction * 7.0).unwrap();
+            assert!((x - 13.25).abs() < 1e-9 && (y - 40.5).abs() < 1e-9, "{x} {y}");
+            assert_eq!(rays.pixel(rays.eye - rays.forward).is_none(), !rays.orthographic);
         }
     }
 

@@ -214,9 +214,11 @@ impl OpaqueCodes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::MeshRoom;
     use crate::sampling::Filter;
 
-    const NEEDS: Needs = Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false };
+    const NEEDS: Needs =
+        Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
 
     #[test]
     fn ranges_hold_the_valid_codes() {

@@ -6,6 +6,7 @@ use crate::code::SlotEncoding;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::lighting::Lighting;
+use crate::mesh::{MeshRoom, ShownMesh};
 use crate::sampling::{Needs, Sampling};
 use crate::scene::Mode;
 use crate::space::Extent;
@@ -39,12 +40,15 @@ pub struct FrameSettings {
     pub background: [f32; 3],
     /// What is shown; `None` is everything.
     pub clip: Option<Clip>,
+    /// Meshes that stand in it, in the world; none is invisible.
+    pub meshes: Vec<ShownMesh>,
 }
 
 impl FrameSettings {
-    /// What the picture needs bricks to have.
+    /// What the picture needs bricks, and what is beside them, to have.
     pub fn needs(&self) -> Needs {
-        Needs::new(self.mode, self.sampling, &self.lighting, !self.surfaces.is_empty())
+        let meshes = MeshRoom::of(self.meshes.iter().map(|shown| &*shown.mesh));
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.surfaces.is_empty()) }
     }
 
     /// Whether all there is to see is one surface that hides what is behind it, lit from the eye: what has shaders of its own.

@@ -11,6 +11,7 @@
 
 use crate::jitter::Jitter;
 use crate::lighting::{Gradient, Lighting, LightingModel};
+use crate::mesh::MeshRoom;
 use crate::scene::Mode;
 use serde::{Deserialize, Serialize};
 
@@ -167,10 +168,12 @@ pub struct Needs {
     pub filter: Filter,
     /// Whether running integrals of the transfer function are among the tables.
     pub is_pre_integrated: bool,
+    /// Room for meshes.
+    pub meshes: MeshRoom,
 }
 
 impl Needs {
-    /// Of a picture, with isosurfaces in it or not.
+    /// Of a picture without meshes, with isosurfaces in it or not.
     pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool) -> Self {
         let filter = sampling.filter;
         let along = match mode {
@@ -183,13 +186,21 @@ impl Needs {
         let is_lit = mode == Mode::Isosurface || has_surfaces || is_fog_lit;
         let across = if is_lit { Gradient::REACH } else { 0.0 };
         let is_pre_integrated = mode == Mode::Dvr && sampling.method.is_pre_integrated();
-        Self { apron: (along + across + filter.reach()).ceil() as u32, filter, is_pre_integrated }
+        Self {
+            apron: (along + across + filter.reach()).ceil() as u32,
+            filter,
+            is_pre_integrated,
+            meshes: MeshRoom::NONE,
+        }
     }
 
     /// Whether bricks made for these will do for those.
     pub fn satisfy(&self, other: &Self) -> bool {
         let has_tables = self.is_pre_integrated || !other.is_pre_integrated;
-        self.apron >= other.apron && self.filter.taps() >= other.filter.taps() && has_tables
+        self.apron >= other.apron
+            && self.filter.taps() >= other.filter.taps()
+            && has_tables
+            && self.meshes.holds(&other.meshes)
     }
 }
 

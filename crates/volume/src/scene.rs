@@ -4,6 +4,7 @@ use crate::camera::{Camera, ViewRays};
 use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
 use crate::geometry::Geometry;
 use crate::lighting::Lighting;
+use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
 use crate::sampling::{Needs, Sampling};
 use crate::slice::Slice;
 use crate::space::Extent;
@@ -82,6 +83,8 @@ pub struct Scene {
     pub clip_planes: Vec<ClipPlane>,
     /// Show only a plane, or a slab about it. The mode says what is shown of what lies across: its mean, greatest or least value.
     pub slice: Option<Slice>,
+    /// Triangle meshes, in the same world.
+    pub meshes: Vec<MeshLook>,
 }
 
 impl Default for Scene {
@@ -103,6 +106,7 @@ impl Default for Scene {
             clip: None,
             clip_planes: Vec::new(),
             slice: None,
+            meshes: Vec::new(),
         }
     }
 }
@@ -149,9 +153,32 @@ impl Scene {
 }
 
 impl Scene {
-    /// What the picture needs bricks to have.
+    /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
     pub fn needs(&self) -> Needs {
-        Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty())
+        let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty()) }
+    }
+
+    /// The meshes as renderers take them; those that are not to be seen are left out.
+    ///
+    /// # Errors
+    /// If one has not been read, looks impossible, or is translucent in a mode that has no place for it.
+    pub fn shown_meshes(&self) -> Result<Vec<ShownMesh>, MeshLookError> {
+        let mut shown = Vec::new();
+        for look in &self.meshes {
+            let mesh = look.shown()?;
+            let has_order = matches!(self.mode, Mode::Dvr | Mode::Isosurface);
+            if mesh.opacity > 0.0 && mesh.opacity < 1.0 && !has_order {
+                return Err(MeshLookError::Projection { path: look.path.clone(), opacity: mesh.opacity });
+            }
+            shown.push(mesh);
+        }
+        let numbers = shown.iter().map(|m| (m.mesh.positions().len() + m.mesh.triangles().len()) as u64).sum();
+        if numbers >= 1 << 31 {
+            return Err(MeshLookError::TooLarge(numbers));
+        }
+        shown.retain(|mesh| mesh.opacity > 0.0);
+        Ok(shown)
     }
 }
 
@@ -188,6 +215,7 @@ mod tests {
             clip: Some([DVec3::ZERO, DVec3::ONE]),
             clip_planes: vec![ClipPlane { point: DVec3::ONE, normal: DVec3::new(0.0, -0.1, 3.0) }],
             slice: Some(Slice { point: DVec3::Y, normal: DVec3::new(0.2, 0.0, 7.0), thickness: 0.25 }),
+            meshes: vec![MeshLook { color: Some([1.0, 0.5, 0.0]), opacity: 0.25, ..MeshLook::new("a.stl") }],
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);

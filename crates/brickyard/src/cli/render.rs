@@ -320,7 +320,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
         | SessionError::Backend(
-            BackendError::Gpu(GpuError::Budget { .. } | GpuError::PictureTooLarge { .. })
+            BackendError::Gpu(GpuError::Budget { .. } | GpuError::PictureTooLarge { .. } | GpuError::Meshes { .. })
             | BackendError::Cpu(SoftwareError::Budget { .. })
             | BackendError::CpuSorted,
         ) => Failure::usage(error),

@@ -2,17 +2,19 @@
 
 use super::failure::Failure;
 use super::values;
+use brickyard::import::read_mesh;
 use brickyard::pager::BrickSource;
 use brickyard::session::subject;
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Gradient, Isosurface, Mode, Projection, Scene, Slice, Stereo, StereoLayout,
+    Camera, ClipPlane, Extent, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, Slice, Stereo, StereoLayout,
     TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Flags that describe a picture. They override the scene file.
 #[derive(Args, Clone, Debug)]
@@ -80,6 +82,10 @@ pub(crate) struct SceneArguments {
     /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
     #[arg(long, value_name = "WIDTH", value_parser = values::positive)]
     thickness: Option<f64>,
+    /// Show the triangle mesh of a file (.stl, .ply, .obj, .gltf, .glb) in the volume's world; may be given several times. A translucent
+    /// one takes --mode dvr or isosurface
+    #[arg(long, value_name = "FILE[,color=R:G:B][,opacity=A][,unlit]", value_parser = values::mesh)]
+    mesh: Vec<MeshLook>,
 }
 
 /// [`Mode`] on the command line.
@@ -159,8 +165,7 @@ impl SceneArguments {
     /// slice.
     pub(crate) fn scene(&self, store: &Store, size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = match &self.scene {
-            Some(path) => serde_json::from_str(&read_text(path)?)
-                .map_err(|error| Failure::bad_input(format!("{}: not a scene: {error}", path.display())))?,
+            Some(path) => scene_file(path)?,
             None => Scene::default(),
         };
         let channel = self.channel.unwrap_or(scene.channel);
@@ -203,6 +208,12 @@ impl SceneArguments {
                 return Err(Failure::usage("--thickness is a slice's: add --slice, as in --slice z=12.5"));
             }
             (_, None) => {}
+        }
+        if !self.mesh.is_empty() {
+            scene.meshes.clone_from(&self.mesh);
+        }
+        for look in &mut scene.meshes {
+            look.mesh = Some(Arc::new(read_mesh(&look.path).map_err(Failure::bad_input)?));
         }
         scene.camera = self.camera(&scene, store, size_px);
         Ok(scene)
@@ -267,6 +278,16 @@ fn file_and_name(argument: &str) -> Option<(&Path, Option<&str>)> {
     let whole = (Path::new(argument), None);
     let parts = argument.match_indices('#').map(|(i, _)| (Path::new(&argument[..i]), Some(&argument[i + 1..])));
     std::iter::once(whole).chain(parts).find(|(path, _)| path.is_file())
+}
+
+/// The scene in a file; meshes are named as seen from its folder.
+fn scene_file(path: &Path) -> Result<Scene, Failure> {
+    let mut scene: Scene = serde_json::from_str(&read_text(path)?)
+        .map_err(|error| Failure::bad_input(format!("{}: not a scene: {error}", path.display())))?;
+    for look in &mut scene.meshes {
+        look.path = path.with_file_name(&look.path);
+    }
+    Ok(scene)
 }
 
 fn read_text(path: &Path) -> Result<String, Failure> {

@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, Slice, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -133,6 +133,27 @@ pub(crate) fn slice(text: &str) -> Result<Slice, String> {
     }
 }
 
+/// `FILE[,color=R:G:B][,opacity=A][,unlit]`: a mesh and how it looks. Commas that no such word follows are the name's.
+pub(crate) fn mesh(text: &str) -> Result<MeshLook, String> {
+    let mut look = MeshLook::new("");
+    let mut name = text;
+    while let Some((before, word)) = name.rsplit_once(',') {
+        let bad = || format!("'{word}' of '{text}': expected color=R:G:B or opacity=A, each number in 0..1, or unlit");
+        match word.split_once('=') {
+            Some(("color", rgb)) => look.color = Some(color(&rgb.replace(':', ",")).map_err(|_| bad())?),
+            Some(("opacity", share)) => {
+                let opacity = share.parse().ok().filter(|share| (0.0..=1.0).contains(share));
+                look.opacity = opacity.ok_or_else(bad)?;
+            }
+            None if word == "unlit" => look.lit = false,
+            _ => break,
+        }
+        name = before;
+    }
+    look.path = name.into();
+    Ok(look)
+}
+
 fn box_ends<T: std::str::FromStr + PartialOrd>(text: &str, form: &str) -> Result<[[T; 2]; 3], String> {
     let axes: [String; 3] = list(text, ',', form)?;
     let ends = axes.into_iter().map(|part| match list(&part, ':', form)? {
@@ -234,6 +255,20 @@ mod tests {
         for bad in ["", "red", "white:", "white:-1", "blue:3"] {
             assert!(jitter(bad).unwrap_err().contains("white:SEED"), "{bad}");
         }
+    }
+
+    #[test]
+    fn meshes_have_a_file_and_looks() {
+        assert_eq!(mesh("a, b=c.stl"), Ok(MeshLook::new("a, b=c.stl")));
+        let expected = MeshLook { color: Some([1.0, 0.5, 0.0]), opacity: 0.25, ..MeshLook::new("d/a.stl") };
+        assert_eq!(mesh("d/a.stl,opacity=0.25,color=1:0.5:0"), Ok(expected.clone()));
+        assert_eq!(mesh("d/a.stl,color=1:0.5:0,unlit,opacity=0.25"), Ok(MeshLook { lit: false, ..expected }));
+        for bad in ["a.stl,opacity=2", "a.stl,opacity=nan", "a.stl,color=1,2,3", "a.stl,color=1:2", "a.stl,color=0:0:7"]
+        {
+            let found = mesh(bad);
+            assert!(found.is_err() || found == Ok(MeshLook::new(bad)), "{bad}: {found:?}");
+        }
+        assert!(mesh("a.stl,opacity=2").unwrap_err().contains("opacity=2"));
     }
 
     #[test]

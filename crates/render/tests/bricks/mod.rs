@@ -7,7 +7,8 @@ use brickyard_volume::*;
 use std::collections::BTreeMap;
 
 /// Enough for every mode.
-pub(crate) const NEEDS: Needs = Needs { apron: 2, filter: Filter::Trilinear, is_pre_integrated: false };
+pub(crate) const NEEDS: Needs =
+    Needs { apron: 2, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
@@ -179,6 +180,7 @@ impl Bricks {
             lighting: Lighting::default(),
             background: [0.2, 0.1, 0.4],
             clip: None,
+            meshes: Vec::new(),
         }
     }
 

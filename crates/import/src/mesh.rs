@@ -1,0 +1,92 @@
+//! Readers of triangle meshes: STL, PLY, OBJ and glTF, each by its extension.
+//!
+//! A file is read whole and becomes one [`Mesh`] in the world: what consists of several parts is joined, polygons are cut into
+//! triangles about their first corner. Colours are taken where vertices have them (PLY, OBJ, glTF; in glTF times the material's);
+//! textures are not. While it is read, a mesh takes its file's size and its own.
+
+mod gltf;
+mod obj;
+mod ply;
+mod stl;
+
+use crate::error::ImportError;
+use brickyard_volume::mesh::PLAIN_COLOR;
+use brickyard_volume::{Mesh, MeshError};
+use std::path::Path;
+
+/// Reads the mesh in a file.
+///
+/// # Errors
+/// If there is no such file, its extension is no mesh's, it is damaged or cut short, it has no triangle, a triangle names a vertex
+/// that is not there, or a vertex is not finite.
+pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let read: fn(&Path, Vec<u8>) -> Result<Parts, ImportError> = match extension.as_str() {
+        "stl" => stl::read,
+        "ply" => ply::read,
+        "obj" => obj::read,
+        "gltf" | "glb" => gltf::read,
+        _ => {
+            let problem = format!("'.{extension}' is no kind of mesh: expected .stl, .ply, .obj, .gltf or .glb");
+            return Err(ImportError::invalid(path, problem));
+        }
+    };
+    let bytes = std::fs::read(path).map_err(ImportError::io(path))?;
+    read(path, bytes)?.mesh().map_err(|error| ImportError::invalid(path, error.to_string()))
+}
+
+/// What a reader finds. Normals and colours stop where the last vertex that has one does.
+#[derive(Debug, Default)]
+struct Parts {
+    positions: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    normals: Vec<[f32; 3]>,
+    colors: Vec<[u8; 3]>,
+}
+
+impl Parts {
+    /// Joins a part whose triangles count from its own first vertex. Where other parts have normals or colours and this has not, its
+    /// normals become those of its triangles, and its colour the plain one.
+    fn join(&mut self, part: Parts) {
+        let before = self.positions.len();
+        let moved = |i: u32| u32::try_from(before).ok().and_then(|before| i.checked_add(before)).unwrap_or(u32::MAX);
+        self.triangles.extend(part.triangles.into_iter().map(|corners| corners.map(moved)));
+        self.positions.extend(part.positions);
+        if !part.normals.is_empty() {
+            self.normals.resize(before, [0.0; 3]);
+            self.normals.extend(part.normals);
+        }
+        if !part.colors.is_empty() {
+            self.colors.resize(before, plain());
+            self.colors.extend(part.colors);
+        }
+    }
+
+    /// Adds a polygon's triangles.
+    fn polygon(&mut self, corners: &[u32]) {
+        self.triangles.extend(corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]));
+    }
+
+    fn mesh(mut self) -> Result<Mesh, MeshError> {
+        let vertices = self.positions.len();
+        if !self.normals.is_empty() {
+            self.normals.resize(vertices, [0.0; 3]);
+        }
+        if !self.colors.is_empty() {
+            self.colors.resize(vertices, plain());
+        }
+        Mesh::new(self.positions, self.triangles, self.normals, self.colors)
+    }
+}
+
+fn plain() -> [u8; 3] {
+    PLAIN_COLOR.map(code)
+}
+
+/// A colour's component as a code.
+fn code(component: f64) -> u8 {
+    (component.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+#[cfg(test)]
+mod tests;

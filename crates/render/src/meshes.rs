@@ -1,0 +1,431 @@
+//! Meshes on the GPU: the picture is drawn slab by slab, from the eye, between layers of triangles that are peeled off one by one.
+//!
+//! A layer is found by rasterising all triangles, of which those that are not behind the layer before are discarded and the nearest
+//! of the others wins the depth test. Then the compositor gathers the volume in between, and slab and layer are blended behind what
+//! is in front of them. Where all meshes are opaque the first layer is the last one; else a query counts what a layer has, and the
+//! one that has nothing ends the picture: one pass over the triangles, and one answer waited for, per layer of the most.
+//!
+//! Triangles are sent when the meshes change, colours and opacities with every frame. Everything is made at the start, if the
+//! pictures will have meshes at all, and made anew with the device.
+
+use crate::adapter::Gpu;
+use crate::error::GpuError;
+use crate::gathering::{SharedBuffers, attachment, buffer, entry};
+use crate::memory::target_bytes;
+use crate::pipelines::{Shape, bind_group_layout, pipeline, storage, texture, texture_of};
+use brickyard_shaders::{MeshLook, MeshVertex, peel, show_slabs};
+use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};
+use glam::DVec3;
+use std::ops::Range;
+use std::sync::Arc;
+use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFormat, TextureUsages};
+
+/// Colours of a layer: finer than those of a picture.
+const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+/// Distances, as shares of [`Meshes::far`].
+const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
+/// Which triangle a layer is of.
+const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
+/// Vertices or triangles that are made ready for the GPU at once.
+const CHUNK: usize = 1 << 16;
+const QUERY_BYTES: u64 = 8;
+
+/// What the meshes' triangles take on the GPU.
+fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
+    let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
+    let counts = [room.vertices, room.triangles, room.meshes];
+    std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
+}
+
+/// What meshes take in all: triangles on the GPU and in staging, the answer to the query, and per pixel two distances and numbers, a
+/// layer's colour, and what is in front.
+pub(crate) fn bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u64 {
+    if room.is_none() {
+        return 0;
+    }
+    let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
+    2 * geometry_bytes(room).iter().sum::<u64>() + 2 * QUERY_BYTES + pixels * per_pixel
+}
+
+/// The greatest buffer that a shader has to see.
+pub(crate) fn largest_binding_bytes(room: MeshRoom) -> u64 {
+    geometry_bytes(room).into_iter().max().unwrap_or(0)
+}
+
+/// The triangles, and what layers are made with.
+#[derive(Debug)]
+pub(crate) struct Meshes {
+    vertices: wgpu::Buffer,
+    corners: wgpu::Buffer,
+    looks: wgpu::Buffer,
+    bindings: wgpu::BindGroup,
+    peel: wgpu::RenderPipeline,
+    show: wgpu::RenderPipeline,
+    before: wgpu::BindGroupLayout,
+    limits: wgpu::BindGroupLayout,
+    layer: wgpu::BindGroupLayout,
+    gathered: wgpu::BindGroupLayout,
+    query: wgpu::QuerySet,
+    counted: wgpu::Buffer,
+    answer: wgpu::Buffer,
+    room: MeshRoom,
+    /// What the buffers hold, and where the volume was then.
+    held: Vec<Held>,
+    geometry: Option<Geometry>,
+}
+
+/// A mesh in the buffers.
+#[derive(Debug)]
+struct Held {
+    mesh: Arc<Mesh>,
+    /// Its box in the world.
+    corners: [DVec3; 2],
+    /// Its corners in the buffer.
+    range: Range<u32>,
+}
+
+/// The bind group layouts that marches and slabs need besides their own.
+pub(crate) struct MeshLayouts<'a> {
+    pub(crate) limits: &'a wgpu::BindGroupLayout,
+    pub(crate) layer: &'a wgpu::BindGroupLayout,
+}
+
+impl Meshes {
+    pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, room: MeshRoom) -> Result<Self, GpuError> {
+        let fragment = ShaderStages::FRAGMENT;
+        let depth = texture_of(wgpu::TextureSampleType::Depth);
+        let both = ShaderStages::VERTEX_FRAGMENT;
+        let own = bind_group_layout(
+            gpu,
+            "meshes",
+            &[(0, both, storage()), (1, both, storage()), (2, both, storage()), (3, fragment, storage())],
+        );
+        let number = texture_of(wgpu::TextureSampleType::Uint);
+        let flat = texture(wgpu::TextureViewDimension::D2, false);
+        let before =
+            bind_group_layout(gpu, "before", &[(0, fragment, depth), (1, fragment, number), (2, fragment, flat)]);
+        let limits =
+            bind_group_layout(gpu, "limits", &[(0, fragment, depth), (1, fragment, depth), (2, fragment, flat)]);
+        let layer = bind_group_layout(gpu, "layer", &[(0, fragment, flat)]);
+        let gathered = bind_group_layout(gpu, "slabs", &[(0, fragment, storage()), (5, fragment, flat)]);
+        let [vertices_bytes, corners_bytes, looks_bytes] = geometry_bytes(room);
+        let total = vertices_bytes + corners_bytes + looks_bytes;
+        let [vertices, corners, looks] = gpu.allocate("the meshes", total, |device| {
+            let make = |label, bytes| buffer(device, label, bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST);
+            [make("vertices", vertices_bytes), make("corners", corners_bytes), make("looks", looks_bytes)]
+        })?;
+        let entries = [
+            entry(0, shared.frame.as_entire_binding()),
+            entry(1, vertices.as_entire_binding()),
+            entry(2, corners.as_entire_binding()),
+            entry(3, looks.as_entire_binding()),
+        ];
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("meshes"),
+            layout: &own,
+            entries: &entries,
+        });
+        let descriptor = wgpu::QuerySetDescriptor { label: Some("layer"), ty: wgpu::QueryType::Occlusion, count: 1 };
+        let query = gpu.device.create_query_set(&descriptor);
+        let counted = buffer(&gpu.device, "count", QUERY_BYTES, BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC);
+        let answer = buffer(&gpu.device, "answer", QUERY_BYTES, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
+        let nearest = wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Less),
+            stencil: Default::default(),
+            bias: Default::default(),
+        };
+        let shape = Shape { depth_stencil: Some(nearest), ..Shape::default() };
+        let targets = [COLOR_FORMAT.into(), NUMBER_FORMAT.into()];
+        let peel = pipeline(gpu, &peel(), &[&own, &before], ["corner", "peel"], shape, &targets);
+        let display = [crate::pipelines::DISPLAY_FORMAT.into()];
+        let show = pipeline(gpu, &show_slabs(), &[&gathered], ["fullscreen", "resolve"], Shape::default(), &display);
+        Ok(Self {
+            vertices,
+            corners,
+            looks,
+            bindings,
+            peel,
+            show,
+            before,
+            limits,
+            layer,
+            gathered,
+            query,
+            counted,
+            answer,
+            room,
+            held: Vec::new(),
+            geometry: None,
+        })
+    }
+
+    /// For pipelines that draw slabs.
+    pub(crate) fn layouts(&self) -> MeshLayouts<'_> {
+        MeshLayouts { limits: &self.limits, layer: &self.layer }
+    }
+
+    /// Sends what is new of a frame's meshes.
+    ///
+    /// # Errors
+    /// If they are more than there is room for.
+    pub(crate) fn set(&mut self, gpu: &Gpu, frame: &FrameSettings) -> Result<(), GpuError> {
+        let (asked, room) = (frame.needs().meshes, self.room);
+        if !room.holds(&asked) {
+            return Err(GpuError::Mismatch(format!("meshes of {asked:?}: this renderer was made for {room:?}")));
+        }
+        let is_same = self.held.len() == frame.meshes.len()
+            && self.held.iter().zip(&frame.meshes).all(|(held, shown)| Arc::ptr_eq(&held.mesh, &shown.mesh));
+        if !is_same || self.geometry.as_ref() != Some(&frame.geometry) {
+            self.send(gpu, frame);
+        }
+        let looks: Vec<MeshLook> = frame.meshes.iter().map(look).collect();
+        gpu.queue.write_buffer(&self.looks, 0, bytemuck::cast_slice(&looks));
+        Ok(())
+    }
+
+    fn send(&mut self, gpu: &Gpu, frame: &FrameSettings) {
+        self.held.clear();
+        self.geometry = Some(frame.geometry.clone());
+        let (mut vertices, mut triangles) = (0u32, 0u32);
+        for ShownMesh { mesh, .. } in &frame.meshes {
+            let chunks = (0..mesh.positions().len()).step_by(CHUNK);
+            for first in chunks {
+                let past = mesh.positions().len().min(first + CHUNK);
+                let chunk: Vec<MeshVertex> = (first..past).map(|i| vertex(mesh, i, &frame.geometry)).collect();
+                let offset = (vertices as u64 + first as u64) * size_of::<MeshVertex>() as u64;
+                gpu.queue.write_buffer(&self.vertices, offset, bytemuck::cast_slice(&chunk));
+            }
+            for (i, chunk) in mesh.triangles().chunks(CHUNK).enumerate() {
+                let moved: Vec<[u32; 3]> = chunk.iter().map(|corners| corners.map(|c| c + vertices)).collect();
+                let offset = (triangles as u64 + (i * CHUNK) as u64) * size_of::<[u32; 3]>() as u64;
+                gpu.queue.write_buffer(&self.corners, offset, bytemuck::cast_slice(&moved));
+            }
+            let range = 3 * triangles..3 * (triangles + mesh.triangles().len() as u32);
+            self.held.push(Held { mesh: mesh.clone(), corners: bounds(mesh), range });
+            vertices += mesh.positions().len() as u32;
+            triangles += mesh.triangles().len() as u32;
+        }
+    }
+
+    /// A distance that no ray of the frame reaches on its way to a mesh.
+    pub(crate) fn far(&self, frame: &FrameSettings) -> f64 {
+        let rays = &frame.rays;
+        let corner = |held: &Held, i: usize| {
+            DVec3::from_array(std::array::from_fn(|a| held.corners[i >> a & 1][a])).distance(rays.eye)
+        };
+        let distances = self.held.iter().flat_map(|held| (0..8).map(move |i| corner(held, i)));
+        let aside = if rays.orthographic { rays.right.length() + rays.up.length() } else { 0.0 };
+        // A thousandth more than rounding can add.
+        (distances.fold(0.0, f64::max) + aside).max(f32::MIN_POSITIVE as f64) * 1.001
+    }
+
+    /// Finds the layer behind those found so far. Returns whether it may have one behind it.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub(crate) fn peel(&self, gpu: &Gpu, frame: &FrameSettings, layers: &Layers) -> Result<bool, GpuError> {
+        let is_counted = frame.meshes.iter().any(|shown| shown.opacity < 1.0);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("peel"),
+                color_attachments: &[
+                    attachment(&layers.color, LoadOp::Clear(Color::TRANSPARENT)),
+                    attachment(&layers.numbers[layers.far], LoadOp::Clear(Color::TRANSPARENT)),
+                ],
+                depth_stencil_attachment: Some(depth_attachment(&layers.depths[layers.far], 1.0)),
+                occlusion_query_set: is_counted.then_some(&self.query),
+                ..Default::default()
+            });
+            pass.set_pipeline(&self.peel);
+            pass.set_bind_group(0, &self.bindings, &[]);
+            pass.set_bind_group(1, &layers.before[layers.far], &[]);
+            if is_counted {
+                pass.begin_occlusion_query(0);
+            }
+            for (i, held) in self.held.iter().enumerate() {
+                pass.draw(held.range.clone(), i as u32..i as u32 + 1);
+            }
+            if is_counted {
+                pass.end_occlusion_query();
+            }
+        }
+        if is_counted {
+            encoder.resolve_query_set(&self.query, 0..1, &self.counted, 0);
+            encoder.copy_buffer_to_buffer(&self.counted, 0, &self.answer, 0, QUERY_BYTES);
+        }
+        let submitted = gpu.queue.submit([encoder.finish()]);
+        if !is_counted {
+            return Ok(false);
+        }
+        let refused = |e: &dyn std::fmt::Display| GpuError::Refused(format!("counting a layer: {e}"));
+        let (send, receive) = std::sync::mpsc::channel();
+        self.answer.map_async(wgpu::MapMode::Read, .., move |mapped| {
+            // The receiver lives until the end of this function; if it is gone, no one waits for the answer.
+            let _ = send.send(mapped);
+        });
+        gpu.wait(submitted)?;
+        receive.try_recv().map_err(|e| refused(&e))?.map_err(|e| refused(&e))?;
+        let found = self.answer.get_mapped_range(..).map_err(|e| refused(&e))?.iter().any(|&byte| byte != 0);
+        self.answer.unmap();
+        Ok(found)
+    }
+
+    /// Queues the pass from all slabs to display colours.
+    pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Layers) {
+        pass.set_pipeline(&self.show);
+        pass.set_bind_group(0, &layers.all, &[]);
+        pass.draw(0..3, 0..1);
+    }
+}
+
+fn vertex(mesh: &Mesh, i: usize, geometry: &Geometry) -> MeshVertex {
+    let world = DVec3::from_array(mesh.positions()[i].map(f64::from));
+    let [r, g, b] = mesh.colors().get(i).copied().unwrap_or_default().map(u32::from);
+    MeshVertex {
+        place: (geometry.voxel_from_world(world) * geometry.spacing).as_vec3().to_array(),
+        color: r | g << 8 | b << 16,
+        normal: mesh.normals().get(i).copied().unwrap_or_default(),
+        spare: 0.0,
+    }
+}
+
+fn look(shown: &ShownMesh) -> MeshLook {
+    let ShownMesh { mesh, color, opacity, lit } = shown;
+    let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
+    MeshLook {
+        color: color.unwrap_or_default().map(|c| c as f32),
+        opacity: *opacity as f32,
+        flags: flag(color.is_some(), MeshLook::HAS_COLOR)
+            | flag(!mesh.colors().is_empty(), MeshLook::HAS_COLORS)
+            | flag(!mesh.normals().is_empty(), MeshLook::HAS_NORMALS)
+            | flag(*lit, MeshLook::IS_LIT),
+        spare: [0; 3],
+    }
+}
+
+fn bounds(mesh: &Mesh) -> [DVec3; 2] {
+    let all = mesh.positions().iter().map(|p| DVec3::from_array(p.map(f64::from)));
+    all.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+}
+
+fn depth_attachment(view: &wgpu::TextureView, clear: f32) -> wgpu::RenderPassDepthStencilAttachment<'_> {
+    let depth_ops = Some(wgpu::Operations { load: LoadOp::Clear(clear), store: wgpu::StoreOp::Store });
+    wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None }
+}
+
+/// What pictures of one size with meshes are drawn into besides.
+#[derive(Debug)]
+pub(crate) struct Layers {
+    size_px: (u32, u32),
+    /// Of the layers before and behind the slab, in turns.
+    depths: [wgpu::TextureView; 2],
+    numbers: [wgpu::TextureView; 2],
+    /// Which of the two is behind.
+    far: usize,
+    /// The layer's colour, premultiplied.
+    color: wgpu::TextureView,
+    /// What is in front of the slab, premultiplied.
+    front: wgpu::TextureView,
+    /// By which is behind: for peeling, and for marching.
+    before: [wgpu::BindGroup; 2],
+    limits: [wgpu::BindGroup; 2],
+    layer: wgpu::BindGroup,
+    all: wgpu::BindGroup,
+}
+
+impl Layers {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        meshes: &Meshes,
+        shared: &SharedBuffers,
+        size_px: (u32, u32),
+    ) -> Result<Self, GpuError> {
+        let front_format = gpu.report.formats.composite;
+        let pixels = size_px.0 as u64 * size_px.1 as u64;
+        let target = |device: &wgpu::Device, format: TextureFormat| {
+            let descriptor = wgpu::TextureDescriptor {
+                label: Some("layer"),
+                size: wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            };
+            device.create_texture(&descriptor).create_view(&Default::default())
+        };
+        let all_bytes = bytes(MeshRoom { triangles: 1, ..MeshRoom::NONE }, pixels, front_format);
+        let (depths, numbers, color, front) = gpu.allocate("the meshes' layers", all_bytes, |device| {
+            let two = |format| [target(device, format), target(device, format)];
+            (two(DEPTH_FORMAT), two(NUMBER_FORMAT), target(device, COLOR_FORMAT), target(device, front_format))
+        })?;
+        let view = |binding, view| entry(binding, BindingResource::TextureView(view));
+        let group = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("layer"), layout, entries })
+        };
+        let of = |far: usize| (&depths[1 - far], &depths[far], &numbers[1 - far]);
+        let before = [0, 1].map(|far| {
+            let (near, _, number) = of(far);
+            group(&meshes.before, &[view(0, near), view(1, number), view(2, &front)])
+        });
+        let limits = [0, 1].map(|i| {
+            let (near, far, _) = of(i);
+            group(&meshes.limits, &[view(0, near), view(1, far), view(2, &front)])
+        });
+        let layer = group(&meshes.layer, &[view(0, &color)]);
+        let all = group(&meshes.gathered, &[entry(0, shared.frame.as_entire_binding()), view(5, &front)]);
+        Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
+    }
+
+    /// Whether they are for pictures of this size.
+    pub(crate) fn suit(&self, size_px: (u32, u32)) -> bool {
+        self.size_px == size_px
+    }
+
+    /// Begins a picture: nothing in front, and no layer before.
+    pub(crate) fn clear(&mut self, gpu: &Gpu) {
+        self.far = 0;
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("no layer"),
+            color_attachments: &[
+                attachment(&self.front, LoadOp::Clear(Color::TRANSPARENT)),
+                attachment(&self.numbers[1], LoadOp::Clear(Color::TRANSPARENT)),
+            ],
+            depth_stencil_attachment: Some(depth_attachment(&self.depths[1], 0.0)),
+            ..Default::default()
+        });
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// The layer behind becomes the one before.
+    pub(crate) fn turn(&mut self) {
+        self.far = 1 - self.far;
+    }
+
+    /// What limits a march to the slab.
+    pub(crate) fn limits(&self) -> &wgpu::BindGroup {
+        &self.limits[self.far]
+    }
+
+    /// Blends slab and layer behind what is in front.
+    pub(crate) fn compose(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, resolve: &wgpu::BindGroup) {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("slab"),
+                color_attachments: &[attachment(&self.front, LoadOp::Load)],
+                ..Default::default()
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, resolve, &[]);
+            pass.set_bind_group(1, &self.layer, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+}

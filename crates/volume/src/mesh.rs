@@ -1,0 +1,435 @@
+//! Triangle meshes in one picture with the volume, and the rule by which all renderers agree on them.
+//!
+//! Where a ray meets a mesh there is a *layer*: a distance, a colour and an opacity. Layers cut a ray's stretch in the volume into
+//! *slabs*; slabs and layers follow one another from the eye, each dimmed by what is in front of it, up to the first opaque layer.
+//! Each slab is a stretch of its own: it is cut into segments (see [`lattice`](crate::lattice)) whose first and last end just where
+//! the layers are. So an opaque mesh is where it is in every mode, and fog in front of a translucent one is fog of just that length.
+//!
+//! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
+
+use crate::camera::Ray;
+use crate::surface::headlight;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What a mesh is coloured like that neither says itself nor is told: a light gray.
+pub const PLAIN_COLOR: [f64; 3] = [0.8; 3];
+
+/// Vertices and the triangles between them, in the world. All numbers are finite, and every triangle has its vertices.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    positions: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    normals: Vec<[f32; 3]>,
+    colors: Vec<[u8; 3]>,
+}
+
+/// Why there is no mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MeshError {
+    /// Nothing to show.
+    #[error("there is no triangle in it: expected at least one")]
+    Empty,
+    /// A triangle between vertices that are not there.
+    #[error("triangle {triangle} names vertex {index}, but there are {vertices}, numbered from 0")]
+    Index {
+        /// The first such triangle.
+        triangle: usize,
+        /// What it names.
+        index: u32,
+        /// How many there are.
+        vertices: usize,
+    },
+    /// NaN or infinity.
+    #[error("the {what} of vertex {vertex} is {found:?}: expected finite numbers")]
+    NotFinite {
+        /// `position` or `normal`.
+        what: &'static str,
+        /// The first such vertex.
+        vertex: usize,
+        /// What it has.
+        found: [f32; 3],
+    },
+    /// Normals or colours of other vertices.
+    #[error("there are {found} {what} for {vertices} vertices: expected one each, or none")]
+    Count {
+        /// `normals` or `colours`.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// Of vertices.
+        vertices: usize,
+    },
+    /// More than numbers of 32 bits can name.
+    #[error("{0} vertices and triangles: expected fewer than 2^31 in all")]
+    TooLarge(usize),
+}
+
+impl Mesh {
+    /// A mesh of vertices and triangles between them; with normals and colours of the vertices, or none.
+    ///
+    /// # Errors
+    /// If it is empty, a triangle's vertex does not exist, a number is not finite, or there are too many or too few.
+    pub fn new(
+        positions: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+        normals: Vec<[f32; 3]>,
+        colors: Vec<[u8; 3]>,
+    ) -> Result<Self, MeshError> {
+        let vertices = positions.len();
+        if triangles.is_empty() {
+            return Err(MeshError::Empty);
+        }
+        if vertices.saturating_add(triangles.len()) >= 1 << 31 {
+            return Err(MeshError::TooLarge(vertices.saturating_add(triangles.len())));
+        }
+        for (what, found) in [("normals", normals.len()), ("colours", colors.len())] {
+            if found != 0 && found != vertices {
+                return Err(MeshError::Count { what, found, vertices });
+            }
+        }
+        for (what, all) in [("position", &positions), ("normal", &normals)] {
+            if let Some(vertex) = all.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
+                return Err(MeshError::NotFinite { what, vertex, found: all[vertex] });
+            }
+        }
+        for (triangle, corners) in triangles.iter().enumerate() {
+            if let Some(&index) = corners.iter().find(|&&index| index as usize >= vertices) {
+                return Err(MeshError::Index { triangle, index, vertices });
+            }
+        }
+        Ok(Self { positions, triangles, normals, colors })
+    }
+
+    /// Where the vertices are.
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.positions
+    }
+
+    /// The vertices of each triangle.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// The vertices' normals, of any length; empty if there are none.
+    pub fn normals(&self) -> &[[f32; 3]] {
+        &self.normals
+    }
+
+    /// The vertices' colours, display-referred; empty if there are none.
+    pub fn colors(&self) -> &[[u8; 3]] {
+        &self.colors
+    }
+
+    /// The corners of a triangle.
+    pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.triangles[triangle].map(|i| DVec3::from_array(self.positions[i as usize].map(f64::from)))
+    }
+
+    /// What it takes in memory.
+    pub fn bytes(&self) -> u64 {
+        let vertex = |bytes: usize, len: usize| (bytes * len) as u64;
+        vertex(12, self.positions.len() + self.triangles.len() + self.normals.len()) + vertex(3, self.colors.len())
+    }
+}
+
+/// A mesh of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshLook {
+    /// The file that it is in.
+    pub path: PathBuf,
+    /// Its colour, display-referred; `None` is what the file says, or [`PLAIN_COLOR`].
+    #[serde(default)]
+    pub color: Option<[f64; 3]>,
+    /// From 0, not there, to 1, opaque.
+    #[serde(default = "opaque")]
+    pub opacity: f64,
+    /// Whether it is lit from the eye; else it shows its colour as it is.
+    #[serde(default = "lit")]
+    pub lit: bool,
+    /// What is in the file, once somebody has read it: scenes know files by their names alone.
+    #[serde(skip)]
+    pub mesh: Option<Arc<Mesh>>,
+}
+
+fn opaque() -> f64 {
+    1.0
+}
+
+fn lit() -> bool {
+    true
+}
+
+impl MeshLook {
+    /// A file's mesh, opaque and lit, not read yet.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), color: None, opacity: opaque(), lit: lit(), mesh: None }
+    }
+
+    /// The mesh as renderers take it.
+    ///
+    /// # Errors
+    /// If colour or opacity are impossible, or the file has not been read.
+    pub fn shown(&self) -> Result<ShownMesh, MeshLookError> {
+        let path = || self.path.clone();
+        if let Some(color) = self.color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
+            return Err(MeshLookError::Color { path: path(), color });
+        }
+        if !(0.0..=1.0).contains(&self.opacity) {
+            return Err(MeshLookError::Opacity { path: path(), opacity: self.opacity });
+        }
+        let mesh = self.mesh.clone().ok_or_else(|| MeshLookError::NotRead(path()))?;
+        Ok(ShownMesh { mesh, color: self.color, opacity: self.opacity, lit: self.lit })
+    }
+}
+
+/// Why a mesh cannot be shown as the scene says.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MeshLookError {
+    /// No colour.
+    #[error("the mesh {}: its colour is {color:?}: expected red, green and blue in 0..1", path.display())]
+    Color {
+        /// The mesh's file.
+        path: PathBuf,
+        /// What was given.
+        color: [f64; 3],
+    },
+    /// No opacity.
+    #[error("the mesh {}: its opacity is {opacity}: expected a number from 0 to 1", path.display())]
+    Opacity {
+        /// The mesh's file.
+        path: PathBuf,
+        /// What was given.
+        opacity: f64,
+    },
+    /// A scene is being shown of which nobody has read the meshes.
+    #[error("the mesh {} has not been read: put what is in the file into MeshLook::mesh", .0.display())]
+    NotRead(PathBuf),
+    /// Projections have no order in which something translucent could be anywhere.
+    #[error(
+        "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, not what is in front of what: \
+         make the mesh opaque, or use --mode dvr or isosurface", path.display()
+    )]
+    Projection {
+        /// The mesh's file.
+        path: PathBuf,
+        /// Its opacity.
+        opacity: f64,
+    },
+    /// More than numbers of 32 bits can name.
+    #[error("the meshes have {0} vertices and triangles in all: expected fewer than 2^31")]
+    TooLarge(u64),
+}
+
+/// A mesh of a picture, and how it looks.
+#[derive(Clone, Debug)]
+pub struct ShownMesh {
+    /// Its triangles.
+    pub mesh: Arc<Mesh>,
+    /// Its colour, if not its own.
+    pub color: Option<[f64; 3]>,
+    /// Its opacity.
+    pub opacity: f64,
+    /// Whether it is lit from the eye.
+    pub lit: bool,
+}
+
+impl ShownMesh {
+    /// What a ray in this direction sees of a triangle at the place of these weights.
+    pub fn color_at(&self, triangle: usize, weights: [f64; 3], direction: DVec3) -> DVec3 {
+        let mesh = &self.mesh;
+        let corners = mesh.triangles[triangle];
+        let mean = |of: &dyn Fn(usize) -> DVec3| (0..3).map(|k| of(corners[k] as usize) * weights[k]).sum::<DVec3>();
+        let own = match self.color {
+            Some(color) => DVec3::from_array(color),
+            None if !mesh.colors.is_empty() => mean(&|i| DVec3::from_array(mesh.colors[i].map(|c| c as f64 / 255.0))),
+            None => DVec3::from_array(PLAIN_COLOR),
+        };
+        if !self.lit {
+            return own;
+        }
+        let given = match mesh.normals.is_empty() {
+            true => DVec3::ZERO,
+            false => mean(&|i| DVec3::from_array(mesh.normals[i].map(f64::from))),
+        };
+        let normal = given.try_normalize().or_else(|| {
+            let [a, b, c] = mesh.corners(triangle);
+            (b - a).cross(c - a).try_normalize()
+        });
+        let (share, white) = headlight(normal.map(|normal| normal.dot(direction)));
+        own * share + white
+    }
+}
+
+/// Where a ray meets a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// The distance.
+    pub t: f64,
+    /// Which triangle, counted over all meshes: of two at one distance the first is in front.
+    pub number: u32,
+    /// Colour, straight.
+    pub color: DVec3,
+    /// 1 where nothing behind is seen.
+    pub opacity: f64,
+}
+
+/// Where a ray meets the triangle: the distance, and how much each corner weighs there. A ray through the edge of two triangles
+/// meets just one of them, if they lie on two sides of it.
+pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
+    let [a, b, c] = corners.map(|corner| corner - ray.origin);
+    let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
+    if of_a.is_positive != of_b.is_positive || of_b.is_positive != of_c.is_positive {
+        return None;
+    }
+    let sum = of_a.height + of_b.height + of_c.height;
+    let weights = [of_a, of_b, of_c].map(|side| side.height / sum);
+    let t = (a * weights[0] + b * weights[1] + c * weights[2]).dot(ray.direction);
+    // A triangle without area has a sum of 0, and no distance.
+    (t > 0.0 && t.is_finite()).then_some((t, weights))
+}
+
+/// On which side of an edge a ray from the origin passes, and how far from it, times the triangle's size.
+#[derive(Clone, Copy)]
+struct Side {
+    height: f64,
+    is_positive: bool,
+}
+
+/// Computed in the same order for both directions of an edge, so that both of its triangles have the same number but for the sign.
+fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
+    let is_turned = from.to_array() > to.to_array();
+    let (low, high) = if is_turned { (to, from) } else { (from, to) };
+    let height = direction.dot(low.cross(high));
+    Side { height: if is_turned { -height } else { height }, is_positive: (height >= 0.0) != is_turned }
+}
+
+/// How large meshes are in all: what a renderer makes room for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshRoom {
+    /// Meshes.
+    pub meshes: u32,
+    /// Vertices.
+    pub vertices: u32,
+    /// Triangles.
+    pub triangles: u32,
+}
+
+impl MeshRoom {
+    /// Of no mesh.
+    pub const NONE: Self = Self { meshes: 0, vertices: 0, triangles: 0 };
+
+    /// Of these.
+    pub fn of<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
+        meshes.into_iter().fold(Self::NONE, |room, mesh| Self {
+            meshes: room.meshes + 1,
+            vertices: room.vertices.saturating_add(mesh.positions.len() as u32),
+            triangles: room.triangles.saturating_add(mesh.triangles.len() as u32),
+        })
+    }
+
+    /// Whether it is none.
+    pub fn is_none(&self) -> bool {
+        self.triangles == 0
+    }
+
+    /// Whether meshes that take the other fit in this.
+    pub fn holds(&self, other: &Self) -> bool {
+        self.meshes >= other.meshes && self.vertices >= other.vertices && self.triangles >= other.triangles
+    }
+
+    /// What the meshes themselves take in memory, at most.
+    pub fn bytes(&self) -> u64 {
+        self.vertices as u64 * (12 + 12 + 3) + self.triangles as u64 * 12
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ray(origin: [f64; 3], direction: [f64; 3]) -> Ray {
+        Ray { origin: origin.into(), direction: DVec3::from_array(direction).normalize() }
+    }
+
+    #[test]
+    fn what_is_no_mesh_is_refused() {
+        let triangle = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let mesh = |positions: &[[f32; 3]], triangles: &[[u32; 3]]| {
+            Mesh::new(positions.to_vec(), triangles.to_vec(), vec![], vec![])
+        };
+        assert_eq!(mesh(&triangle, &[]), Err(MeshError::Empty));
+        assert_eq!(
+            mesh(&triangle, &[[0, 1, 2], [2, 3, 1]]),
+            Err(MeshError::Index { triangle: 1, index: 3, vertices: 3 })
+        );
+        let bad = [[0.0; 3], [1.0, f32::NAN, 0.0], [0.0; 3]];
+        assert!(matches!(mesh(&bad, &[[0, 1, 2]]), Err(MeshError::NotFinite { what: "position", vertex: 1, .. })));
+        let of_two = Mesh::new(triangle.clone(), vec![[0, 1, 2]], vec![], vec![[0; 3]; 2]);
+        assert_eq!(of_two, Err(MeshError::Count { what: "colours", found: 2, vertices: 3 }));
+        assert!(mesh(&triangle, &[[0, 1, 2]]).is_ok());
+    }
+
+    #[test]
+    fn hits_have_their_distance_and_weights() {
+        let corners = [DVec3::new(0.0, 0.0, 5.0), DVec3::new(4.0, 0.0, 5.0), DVec3::new(0.0, 4.0, 9.0)];
+        let (t, weights) = hit(corners, &ray([1.0, 2.0, -1.0], [0.0, 0.0, 1.0])).unwrap();
+        assert_eq!((t, weights), (8.0, [0.25, 0.25, 0.5]));
+        assert_eq!(hit([corners[2], corners[1], corners[0]], &ray([1.0, 2.0, -1.0], [0.0, 0.0, 1.0])).unwrap().0, 8.0);
+        assert!(hit(corners, &ray([1.0, 2.0, 20.0], [0.0, 0.0, 1.0])).is_none(), "behind the eye");
+        assert!(hit(corners, &ray([3.0, 2.0, -1.0], [0.0, 0.0, 1.0])).is_none(), "beside");
+        let thin = [DVec3::Z, DVec3::Z * 2.0, DVec3::Z * 3.0];
+        assert!(hit(thin, &ray([0.0; 3], [0.0, 0.0, 1.0])).is_none(), "no area");
+    }
+
+    #[test]
+    fn a_ray_through_an_edge_meets_one_of_its_triangles() {
+        // A square in four triangles about its centre, either way round each: rays through all edges, and nearly all corners.
+        let square = [
+            DVec3::new(-1.0, -1.0, 2.0),
+            DVec3::new(1.0, -1.0, 2.0),
+            DVec3::new(1.0, 1.0, 2.0),
+            DVec3::new(-1.0, 1.0, 2.0),
+        ];
+        let centre = DVec3::new(0.0, 0.0, 2.0);
+        for turned in 0..16 {
+            for i in 1..20 {
+                let at = -1.0 + 0.1 * i as f64;
+                for target in [[at, at, 2.0], [at, -at, 2.0]] {
+                    if i == 10 {
+                        continue;
+                    }
+                    let hits = (0..4).filter(|&k| {
+                        let (a, b) = (square[k], square[(k + 1) % 4]);
+                        let corners = if turned >> k & 1 == 1 { [centre, b, a] } else { [centre, a, b] };
+                        hit(corners, &ray([0.0; 3], target)).is_some()
+                    });
+                    assert_eq!(hits.count(), 1, "{turned} {target:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_look_may_override_the_files_colours() {
+        let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let colors = vec![[255, 0, 0], [0, 255, 0], [0, 0, 255]];
+        let mesh = Mesh::new(positions, vec![[0, 1, 2]], vec![[0.0, 0.0, 2.0]; 3], colors).unwrap();
+        let look = MeshLook { lit: false, mesh: Some(Arc::new(mesh)), ..MeshLook::new("a.ply") };
+        let seen = |look: &MeshLook| look.shown().unwrap().color_at(0, [0.5, 0.25, 0.25], DVec3::Z);
+        assert_eq!(seen(&look), DVec3::new(0.5, 0.25, 0.25));
+        let red = MeshLook { color: Some([0.5, 0.0, 0.0]), ..look.clone() };
+        assert_eq!(seen(&red), DVec3::new(0.5, 0.0, 0.0));
+        let (own, white) = headlight(Some(1.0));
+        assert_eq!(seen(&MeshLook { lit: true, ..red.clone() }), DVec3::new(0.5 * own + white, white, white));
+        assert!(matches!(MeshLook { opacity: 1.5, ..red.clone() }.shown(), Err(MeshLookError::Opacity { .. })));
+        assert!(matches!(
+            MeshLook { color: Some([0.0, f64::NAN, 0.0]), ..red }.shown(),
+            Err(MeshLookError::Color { .. })
+        ));
+        assert!(matches!(MeshLook::new("b.stl").shown(), Err(MeshLookError::NotRead(_))));
+    }
+}

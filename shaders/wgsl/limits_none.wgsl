@@ -1,0 +1,4 @@
+// No mesh limits what is drawn.
+fn limited(stretch: vec2f, position: vec2f) -> vec2f {
+    return stretch;
+}
