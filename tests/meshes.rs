@@ -11,7 +11,7 @@ use brickyard::session::{Session, SessionError, SessionOptions, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Filter, FrameSettings, Geometry, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method,
+    Camera, Extent, FrameSettings, Geometry, Isosurface, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method,
     Mode, Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
 };
 use brickyard_tests::{FunctionSource, TestStore, WAYS, options, oracle, session_for_scene, session_within, settled};
@@ -182,9 +182,9 @@ fn opaque_meshes_equal_the_oracle_in_all_modes_and_bricks() {
         let mut scenes = Vec::new();
         for mode in Mode::ALL {
             for (view, camera) in views(world) {
-                let isovalue = (mode == Mode::Isosurface).then_some(140.0);
+                let isosurfaces = if mode == Mode::Isosurface { vec![Isosurface::at(140.0)] } else { Vec::new() };
                 let meshes = crowd(world, [1.0; 3]);
-                let scene = Scene { camera: Some(camera), mode, isovalue, meshes, ..scene.clone() };
+                let scene = Scene { camera: Some(camera), mode, isosurfaces, meshes, ..scene.clone() };
                 scenes.push((format!("{view}, bricks of {edge}"), scene));
             }
         }
@@ -202,12 +202,12 @@ fn translucent_meshes_equal_the_oracle_whatever_the_bricks() {
         for (view, camera) in views(world) {
             let scene = Scene { camera: Some(camera), ..scene.clone() };
             let crowd = |opacities| crowd(world, opacities);
-            let surface = Scene { mode: Mode::Isosurface, isovalue: Some(140.0), ..scene.clone() };
+            let surface = Scene { mode: Mode::Isosurface, isosurfaces: vec![Isosurface::at(140.0)], ..scene.clone() };
             scenes.push((format!("{view}, fog"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..scene.clone() }));
             scenes.push((format!("{view}, surface"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..surface }));
             scenes.push((format!("{view}, some opaque"), Scene { meshes: crowd([0.5, 1.0, 0.5]), ..scene.clone() }));
             // What looks at segments from end to end, and as far as the next ones.
-            let sampling = Sampling { method: Method::Pcvs, filter: Filter::Trilinear };
+            let sampling = Sampling { method: Method::Pcvs, ..Sampling::default() };
             let lighting = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
             let lit = Scene { sampling, lighting, meshes: crowd([0.5, 0.5, 1.0]), ..scene };
             scenes.push((format!("{view}, lit"), lit));
