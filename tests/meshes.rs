@@ -164,7 +164,7 @@ fn check(store: &Arc<Store>, scenes: &[(String, Scene)], size_px: (u32, u32)) {
         let mut session: Option<Session> = None;
         for ((name, scene), expected) in scenes.iter().zip(&expected) {
             let frame = frame_of(store, scene, size_px);
-            if !session.as_ref().is_some_and(|session| session.resolve(scene, size_px).is_ok()) {
+            if session.as_ref().is_none_or(|session| session.resolve(scene, size_px).is_err()) {
                 session = session_for_scene(store, scene, way, size_px);
             }
             let Some(session) = &mut session else { break };
