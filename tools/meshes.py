@@ -86,7 +86,7 @@ def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     folder = pathlib.Path(sys.argv[1])
-    pins = [pin(math.tau * (0.125 + k / 4), 78, 128, 2.5) for k in range(4)]
+    pins = [pin(math.tau * (0.125 + k / 4), inner, 128, 2.5) for k, inner in enumerate((62, 64, 76, 74))]
     write_stl(folder / "frame.stl", [ring(118, 4, 7)] + pins)
     write_ply(folder / "region.ply", (112, 120, 105), (38, 46, 30))
     print(f"{folder}/frame.stl {folder}/region.ply")

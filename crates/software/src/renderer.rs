@@ -69,7 +69,7 @@ pub struct SoftwareRenderer {
     fixed_bytes: u64,
     visibility: Option<Vec<f32>>,
     /// Over the last frame's meshes.
-    meshes: MeshTree,
+    meshes: Box<MeshTree>,
     pool: rayon::ThreadPool,
 }
 
@@ -100,7 +100,7 @@ impl SoftwareRenderer {
         let pool = pool.build().map_err(|source| SoftwareError::Threads { threads, source })?;
         let mut slots = Vec::new();
         slots.resize_with(count.min(u32::MAX as u64) as usize, || None);
-        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: MeshTree::default(), pool })
+        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: Box::default(), pool })
     }
 
     /// How many bricks it holds at once.
@@ -142,8 +142,8 @@ impl SoftwareRenderer {
         assert!(needs.satisfy(&settings.needs()), "{:?} of bricks for {needs:?}", settings.needs());
         if !self.meshes.is_of(&settings.meshes) {
             // The old one goes first: both together would pass the budget.
-            self.meshes = MeshTree::default();
-            self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
+            *self.meshes = MeshTree::default();
+            *self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
         }
         let brick = |slot: Slot| {
             self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
