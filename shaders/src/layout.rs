@@ -94,7 +94,7 @@ pub struct FrameUniform {
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
-    pub planes: [[f32; 4]; 8],
+    pub planes: [[f32; 4]; 12],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

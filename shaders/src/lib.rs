@@ -1,11 +1,13 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
-//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered. Where there are meshes, group 1
-//! has what cuts the picture into slabs.
+//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, from 16 on the atlases of
+//! several volumes. Where there are meshes, group 1 has what cuts the picture into slabs.
 
 mod layout;
+mod together;
 
 pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
+pub use together::{FIRST_ATLAS, VolumeShader, raycast_together};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -147,7 +149,8 @@ impl Variant {
 /// Steps of a brick's mark: a transmittance of 1.
 pub const MARK_STEPS: u32 = 255;
 
-const FRAME: &str = include_str!("../wgsl/frame.wgsl");
+const FRAME: &str = concat!(include_str!("../wgsl/frame.wgsl"), include_str!("../wgsl/frame_one.wgsl"));
+const TREE: &str = include_str!("../wgsl/tree.wgsl");
 const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
 const RAY: &str = include_str!("../wgsl/ray.wgsl");
 const LIGHTING: &str = include_str!("../wgsl/lighting.wgsl");
@@ -174,7 +177,7 @@ pub fn raycast(variant: &Variant, marks: bool) -> String {
         Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/sees_surface.wgsl"),
     };
-    let (tree, macrocells) = (include_str!("../wgsl/tree.wgsl"), include_str!("../wgsl/macrocells.wgsl"));
+    let (tree, macrocells) = (TREE, include_str!("../wgsl/macrocells.wgsl"));
     let mark = match variant.gather.occludes() && marks {
         true => include_str!("../wgsl/mark.wgsl"),
         false => include_str!("../wgsl/mark_none.wgsl"),
@@ -184,18 +187,22 @@ pub fn raycast(variant: &Variant, marks: bool) -> String {
         Gather::Isosurface => include_str!("../wgsl/raycast_surface.wgsl"),
         _ => include_str!("../wgsl/raycast_medium.wgsl"),
     };
-    let parts = [tree, macrocells, sees, mark, FULLSCREEN, include_str!("../wgsl/raycast.wgsl"), raycast];
+    let parts = [
+        "const ROOT: u32 = 0u;",
+        tree,
+        macrocells,
+        sees,
+        mark,
+        FULLSCREEN,
+        include_str!("../wgsl/raycast.wgsl"),
+        raycast,
+    ];
     [marching(variant), parts.join("\n")].join("\n")
 }
 
 /// What all marches share: the ray, its pixel's threshold, its lattice, a sample's value, and what samples add up to.
 fn marching(variant: &Variant) -> String {
-    let sample = match (variant.is_cubic, variant.has_invalid) {
-        (false, false) => include_str!("../wgsl/sample.wgsl"),
-        (false, true) => include_str!("../wgsl/sample_valid.wgsl"),
-        (true, false) => include_str!("../wgsl/sample_cubic.wgsl"),
-        (true, true) => include_str!("../wgsl/sample_cubic_valid.wgsl"),
-    };
+    let sample = sample(variant.is_cubic, variant.has_invalid);
     let accumulate = match variant.gather {
         Gather::Composite if variant.is_plain() => include_str!("../wgsl/composite.wgsl"),
         Gather::Composite => include_str!("../wgsl/medium.wgsl"),
@@ -226,6 +233,15 @@ fn marching(variant: &Variant) -> String {
         });
     }
     parts.join("\n")
+}
+
+fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
+    match (is_cubic, has_invalid) {
+        (false, false) => include_str!("../wgsl/sample.wgsl"),
+        (false, true) => include_str!("../wgsl/sample_valid.wgsl"),
+        (true, false) => include_str!("../wgsl/sample_cubic.wgsl"),
+        (true, true) => include_str!("../wgsl/sample_cubic_valid.wgsl"),
+    }
 }
 
 /// The pass from the gathered picture to display colours, or to those of a slab between meshes: entry points `fullscreen` and

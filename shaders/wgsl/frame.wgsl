@@ -44,11 +44,8 @@ struct Frame {
     surfaces: array<vec4f, 8>,
     light_places: array<vec4f, 4>,
     zone_starts: array<vec4u, 4>,
-    planes: array<vec4f, 8>,
+    planes: array<vec4f, 12>,
 }
-
-// Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.
-@group(0) @binding(0) var<storage, read> frame_settings: Frame;
 
 // Read once, by each entry point: in a loop, lavapipe reads storage anew each round, lane by lane, which made frames take 1.3
 // times as long.

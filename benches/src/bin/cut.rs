@@ -12,7 +12,7 @@
 use brickyard_benches::{markdown, median, time};
 use brickyard_pager::{BrickError, BrickSource, Cut, View, cut_capacity};
 use brickyard_volume::{
-    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Pyramid, VoxelType,
+    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Placement, Pyramid, VoxelType,
 };
 use clap::Parser;
 use serde_json::json;
@@ -104,6 +104,7 @@ fn main() {
             time: 0,
             channel: 0,
             clip: None,
+            placement: Placement::default(),
             appearance: 0,
         }
     };

@@ -124,8 +124,8 @@ const MIN_SHARE: f64 = MIN_SCALE * MIN_SCALE / MAX_STEP;
 mod tests {
     use super::*;
     use brickyard_volume::{
-        Camera, Geometry, Lattice, Lighting, Mode, Projection, Sampling, SlotEncoding, TransferFunction, TransferTable,
-        VoxelType,
+        Camera, Geometry, Lattice, Lighting, Mode, Placement, Projection, Sampling, SlotEncoding, TransferFunction,
+        TransferTable, VoxelType,
     };
     use glam::DVec3;
 
@@ -189,6 +189,7 @@ mod tests {
             rays,
             lattice: Lattice::for_view(0.1, 0.1, &rays, 1.0, 5),
             geometry: Geometry::default(),
+            placement: Placement::default(),
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode: Mode::Dvr,

@@ -10,8 +10,8 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
-    Occupancy, Picture, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface, TransferFunction,
-    TransferTable,
+    Occupancy, Picture, Placement, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface,
+    TransferFunction, TransferTable,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -94,6 +94,11 @@ pub struct ResolvedScene {
 }
 
 impl ResolvedScene {
+    /// The scene that it is of, with what was left to be found.
+    pub fn shown(&self, scene: &Scene) -> Scene {
+        Scene { camera: Some(self.camera), transfer: Some(self.transfer.clone()), ..scene.clone() }
+    }
+
     /// The picture of the scene, whoever draws its frames: given the view from the eye that a frame is for, so that the order
     /// of drawing is right.
     ///
@@ -363,6 +368,7 @@ pub fn resolve(
         rays,
         lattice,
         geometry,
+        placement: Placement::default(),
         encoding,
         table,
         mode: scene.mode,
@@ -384,6 +390,7 @@ pub fn resolve(
             time: scene.time,
             channel: scene.channel,
             clip: clip.clone(),
+            placement: Placement::default(),
             appearance,
         },
         // Pixels are as large for one eye as for the other, so both have the same lattice.
@@ -499,7 +506,11 @@ pub fn subject(geometry: &brickyard_volume::Geometry, extent: Extent, window: (f
     }
 }
 
-fn default_transfer(window: (f64, f64), geometry: &brickyard_volume::Geometry, extent: Extent) -> TransferFunction {
+pub(crate) fn default_transfer(
+    window: (f64, f64),
+    geometry: &brickyard_volume::Geometry,
+    extent: Extent,
+) -> TransferFunction {
     let subject = subject(geometry, extent, window);
     TransferFunction::preset("gray", subject.window, subject.unit_distance).expect("'gray' is a preset")
 }

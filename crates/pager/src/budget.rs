@@ -130,6 +130,11 @@ pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
 /// Padded bricks in flight at most: more only delays what a newer plan wants.
 const MAX_STAGED: u64 = 256;
 
+/// What a worker needs at the same time, and what is there without one.
+pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {
+    fixed + scratch + core + padded
+}
+
 /// Splits the budget: at most an eighth for padded bricks, the rest for cores. Every worker needs its scratch, a core and a
 /// padded brick at the same time.
 pub(crate) fn split_host(host_bytes: u64, workers: u32, sizes: BufferSizes) -> Result<HostSplit, PagerError> {
@@ -138,7 +143,7 @@ pub(crate) fn split_host(host_bytes: u64, workers: u32, sizes: BufferSizes) -> R
     let free = host_bytes.saturating_sub(fixed);
     let workers = (workers.max(1) as u64).min(free / per_worker);
     if workers == 0 {
-        return Err(PagerError::HostMemory { given: host_bytes, least: fixed + per_worker });
+        return Err(PagerError::HostMemory { given: host_bytes, least: least_host(sizes) });
     }
     let free = free - workers * scratch;
     let staged = (free / 8 / padded).clamp(workers, MAX_STAGED.max(workers));

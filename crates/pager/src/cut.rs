@@ -10,7 +10,9 @@
 use crate::source::BrickSource;
 use crate::split;
 use crate::visibility::OPEN;
-use brickyard_volume::{BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, ViewRays};
+use brickyard_volume::{
+    BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, Placement, ViewRays,
+};
 use glam::DVec3;
 
 /// What is to be shown: everything besides the data that decides a cut.
@@ -32,8 +34,10 @@ pub struct View {
     pub time: u32,
     /// Channel.
     pub channel: u32,
-    /// What is shown; `None` is everything.
+    /// What is shown, in the volume's own world; `None` is everything.
     pub clip: Option<Clip>,
+    /// Where the volume's own world, which its source's geometry gives, is in that of the rays.
+    pub placement: Placement,
     /// A number that differs wherever the same bricks hide other ones: for other opacities or another mode.
     pub appearance: u64,
 }
@@ -52,11 +56,26 @@ impl View {
         std::iter::once(&self.rays).chain(&self.other_eye)
     }
 
+    /// In the volume's own world.
     pub(crate) fn frusta(&self) -> Frusta {
-        Frusta(self.rays.frustum(), self.other_eye.map(|rays| rays.frustum()))
+        let frustum = |rays: &ViewRays| rays.frustum().in_volume(&self.placement);
+        Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))
     }
 
-    /// Whether a world box may have a part that is shown.
+    /// The least distance from an eye to a box of the volume's own world, or somewhat less: at most as much less as the placement
+    /// stretches one direction more than another, and not where it turns and scales alone, or stretches along axes.
+    pub(crate) fn distance(&self, rays: &ViewRays, low: DVec3, high: DVec3) -> f64 {
+        let to_box = |eye: DVec3, low: DVec3, high: DVec3| eye.clamp(low, high).distance(eye);
+        if self.placement.is_identity() {
+            return to_box(rays.eye, low, high);
+        }
+        let (_, least_stretch) = self.placement.stretches();
+        let own = to_box(self.placement.volume_from_world(rays.eye), low, high) * least_stretch;
+        let (low, high) = self.placement.world_box((low, high));
+        own.max(to_box(rays.eye, low, high))
+    }
+
+    /// Whether a box of the volume's own world may have a part that is shown.
     pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
         self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
@@ -106,7 +125,7 @@ pub fn cut_capacity(slots: u32, roots: usize) -> usize {
 pub(crate) struct Node {
     pub(crate) level: Level,
     pub(crate) index: BrickIndex,
-    /// Corners in the world.
+    /// Corners in the volume's own world.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
     pub(crate) error_px: f64,
@@ -228,7 +247,7 @@ pub(crate) fn roots(source: &dyn BrickSource, time: u32, channel: u32) -> Vec<Br
     (0..grid.volume()).map(|i| BrickId { time, channel, level, index: index(i) }).collect()
 }
 
-/// Corners of a brick's box in the world.
+/// Corners of a brick's box in the volume's own world.
 pub(crate) fn world_box(source: &dyn BrickSource, level: Level, index: BrickIndex) -> (DVec3, DVec3) {
     let cell = source.pyramid().brick_box_voxel(level, index);
     let corner = |v: [u32; 3]| source.geometry().world_from_voxel(DVec3::from_array(v.map(f64::from)));

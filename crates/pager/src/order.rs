@@ -6,17 +6,17 @@
 //! roots, and for cells of mixed size, where centre distances are wrong. Cost: one pass over the visible part of the tree.
 
 use crate::cut::{Cut, Node};
-use brickyard_volume::{BrickIndex, Geometry, Pyramid, ViewRays};
+use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 
 /// Positions of the visible cells of a cut, back to front.
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,
-    rays: &ViewRays,
+    (rays, placement): (&ViewRays, &Placement),
     cut: &Cut,
     is_visible: impl Fn(&Node) -> bool,
 ) -> Vec<u32> {
-    let origins = Origins::new(pyramid, geometry, rays);
+    let origins = Origins::new(pyramid, geometry, rays, placement);
     let mut cells = Vec::with_capacity(cut.wanted);
     let mut stack = Vec::new();
     let mut siblings: Vec<(i64, u32)> = Vec::new();
@@ -46,9 +46,9 @@ pub(crate) fn back_to_front(
 struct Origins(Vec<[Option<i64>; 3]>);
 
 impl Origins {
-    fn new(pyramid: &Pyramid, geometry: &Geometry, rays: &ViewRays) -> Self {
-        let eye = geometry.voxel_from_world(rays.eye).to_array();
-        let forward = rays.middle().to_array();
+    fn new(pyramid: &Pyramid, geometry: &Geometry, rays: &ViewRays, placement: &Placement) -> Self {
+        let eye = geometry.voxel_from_world(placement.volume_from_world(rays.eye)).to_array();
+        let forward = placement.volume_vector(rays.middle()).to_array();
         let levels = pyramid.levels().iter().map(|level| {
             let bricks = level.bricks.to_array();
             std::array::from_fn(|a| {

@@ -3,10 +3,14 @@
 //! Per frame: what has arrived is taken in; the newest cut is taken, and what the view sees of it; arrived bricks get slots;
 //! the draw list and the next plan follow from what is resident. The calling thread never reads or decodes.
 
-use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
+use crate::budget::{
+    BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host, split_host,
+};
 use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
+use crate::ensemble::Wish;
 use crate::governor::Governor;
+use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
@@ -72,6 +76,32 @@ pub struct Status {
     pub counters: Counters,
 }
 
+impl Status {
+    /// That of two volumes in one picture.
+    pub fn and(&self, other: &Self) -> Self {
+        let (a, b) = (self.wanted as f64, other.wanted as f64);
+        let completeness = (self.completeness * a + other.completeness * b) / (a + b);
+        Self {
+            wanted: self.wanted + other.wanted,
+            resident: self.resident + other.resident,
+            failed: self.failed + other.failed,
+            settled: self.settled && other.settled,
+            awaits_feedback: self.awaits_feedback || other.awaits_feedback,
+            covered: self.covered && other.covered,
+            completeness: if a + b > 0.0 { completeness } else { 1.0 },
+            effective_error_px: self.effective_error_px.max(other.effective_error_px),
+            pixel_error: self.pixel_error,
+            memory_bound: self.memory_bound || other.memory_bound,
+            error: self.error.clone().or_else(|| other.error.clone()),
+            gpu_bytes: self.gpu_bytes + other.gpu_bytes,
+            host_bytes: self.host_bytes + other.host_bytes,
+            // At most: they need not have come at the same time.
+            host_bytes_peak: self.host_bytes_peak + other.host_bytes_peak,
+            counters: self.counters.and(&other.counters),
+        }
+    }
+}
+
 /// Totals since the pager was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -92,6 +122,21 @@ pub struct Counters {
     pub uploaded_ahead: u64,
     /// Bytes uploaded.
     pub bytes_uploaded: u64,
+}
+
+impl Counters {
+    fn and(&self, other: &Self) -> Self {
+        Self {
+            decoded: self.decoded + other.decoded,
+            bytes_read: self.bytes_read + other.bytes_read,
+            bytes_decoded: self.bytes_decoded + other.bytes_decoded,
+            failed: self.failed + other.failed,
+            uploaded: self.uploaded + other.uploaded,
+            reuploaded: self.reuploaded + other.reuploaded,
+            uploaded_ahead: self.uploaded_ahead + other.uploaded_ahead,
+            bytes_uploaded: self.bytes_uploaded + other.bytes_uploaded,
+        }
+    }
 }
 
 /// How far ahead bricks are fetched: about as long as a few hundred take to come from a disk.
@@ -147,16 +192,9 @@ impl Pager {
     /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
     /// not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, config: PagerConfig) -> Result<Self, PagerError> {
-        let encoding = encoding_of(&*source);
         let layout = layout_of(&*source, config.apron)?;
-        let padded = layout.padded_bytes() as u64;
-        check_slots(&*source, config.slots, padded)?;
-        let sizes = BufferSizes {
-            fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
-            scratch: scratch_bytes(&*source, &layout, &encoding),
-            core: layout.cached_bytes() as u64,
-            padded,
-        };
+        check_slots(&*source, config.slots, layout.padded_bytes() as u64)?;
+        let sizes = buffer_sizes(&*source, &layout, &config);
         let HostSplit { workers, staged, cores } = split_host(config.host_bytes, config.workers, sizes)?;
         let meter = Arc::new(Meter::new(config.host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
@@ -185,6 +223,21 @@ impl Pager {
             roots: Vec::new(),
             handed_out: Vec::new(),
         })
+    }
+
+    /// What of a host budget a pager of this configuration needs at least, and more than what is of no use to it.
+    ///
+    /// # Errors
+    /// If the apron does not fit.
+    pub fn host_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, PagerError> {
+        let layout = layout_of(source, config.apron)?;
+        let sizes = buffer_sizes(source, &layout, config);
+        let BufferSizes { fixed, scratch, core, padded } = sizes;
+        let workers = config.workers.max(1) as u64;
+        // A cache of every brick, and an eighth of it all for those on their way.
+        let cores = source.pyramid().brick_count().saturating_mul(core);
+        let most = cores.saturating_add(fixed + workers * (scratch + core + padded)).saturating_mul(8) / 7;
+        Ok(Wish { bytes: 1, least: least_host(sizes), most })
     }
 
     /// What to upload and draw for `view` now, where `at` is the time since some moment that stays the same: motion and fades
@@ -381,6 +434,15 @@ impl Pager {
                 bytes_uploaded: self.residency.bytes_uploaded,
             },
         }
+    }
+}
+
+fn buffer_sizes(source: &dyn BrickSource, layout: &Layout, config: &PagerConfig) -> BufferSizes {
+    BufferSizes {
+        fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
+        scratch: scratch_bytes(source, layout, &encoding_of(source)),
+        core: layout.cached_bytes() as u64,
+        padded: layout.padded_bytes() as u64,
     }
 }
 

@@ -13,10 +13,10 @@ use crate::source::{BrickError, BrickSource};
 use crate::split::KEEP;
 use crate::test_source::TestSource;
 use brickyard_volume::{
-    BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Projection, Pyramid,
-    Ray, VoxelBox, VoxelType,
+    BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Placement, Projection,
+    Pyramid, Ray, VoxelBox, VoxelType,
 };
-use glam::DVec3;
+use glam::{DAffine3, DMat3, DVec3, EulerRot};
 use proptest::prelude::*;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
@@ -124,6 +124,8 @@ struct Shot {
     aside: Option<f64>,
     /// Points and normals of clip planes.
     planes: Vec<([f64; 3], [f64; 3])>,
+    /// Where the volume stands.
+    placement: Placement,
 }
 
 impl Shot {
@@ -140,7 +142,7 @@ impl Shot {
         } else {
             Projection::Perspective { fov_y_deg: 10.0 + 110.0 * self.opening }
         };
-        let (eye, target) = (place(self.eye), place(self.target));
+        let [eye, target] = [self.eye, self.target].map(|at| self.placement.world_from_volume(place(at)));
         let up = if (target - eye).cross(DVec3::Z).length() > 1e-3 { DVec3::Z } else { DVec3::Y };
         let camera = Camera { eye, target, up, projection };
         let fallback = Camera { eye, target: eye + DVec3::X, up: DVec3::Z, projection };
@@ -157,9 +159,25 @@ impl Shot {
             time: 0,
             channel: 0,
             clip: Some(self.clip(place)),
+            placement: self.placement,
             appearance: 0,
         }
     }
+}
+
+/// Half of the volumes stand where their stores say, the others turned, leaning, mirrored and stretched by up to a hundred.
+fn placements() -> impl Strategy<Value = Placement> {
+    let placed =
+        (prop::array::uniform3(-3.1f64..3.1), prop::array::uniform3(-1.0f64..1.0), -1.0f64..1.0, any::<bool>());
+    let placed = placed.prop_map(|(turn, stretch, lean, mirrors)| {
+        let turn = DMat3::from_euler(EulerRot::XYZ, turn[0], turn[1], turn[2]);
+        let lean = DMat3::from_cols(DVec3::X, DVec3::new(lean, 1.0, 0.0), DVec3::Z);
+        let mirror = DVec3::new(if mirrors { -1.0 } else { 1.0 }, 1.0, 1.0);
+        let stretch = DMat3::from_diagonal(DVec3::from_array(stretch.map(|s| 10f64.powf(s))) * mirror);
+        let map = DAffine3 { matrix3: turn * lean * stretch, translation: DVec3::new(30.0, -7.0, 2.0) };
+        Placement::new(map).unwrap()
+    });
+    prop_oneof![Just(Placement::default()), placed]
 }
 
 fn shots() -> impl Strategy<Value = Shot> {
@@ -175,18 +193,22 @@ fn shots() -> impl Strategy<Value = Shot> {
         any::<bool>(),
         prop::option::of(prop_oneof![-0.5f64..0.5, Just(0.0)]),
         prop_oneof![2 => Just(Vec::new()), 1 => prop::collection::vec(plane(), 1..4), 1 => plane().prop_map(slab)],
+        placements(),
     )
-        .prop_map(|(eye, target, orthographic, opening, level, pixel_error, cull_empty, aside, planes)| Shot {
-            eye,
-            target,
-            orthographic,
-            opening,
-            level,
-            pixel_error,
-            cull_empty,
-            aside,
-            planes,
-        })
+        .prop_map(
+            |(eye, target, orthographic, opening, level, pixel_error, cull_empty, aside, planes, placement)| Shot {
+                eye,
+                target,
+                orthographic,
+                opening,
+                level,
+                pixel_error,
+                cull_empty,
+                aside,
+                planes,
+                placement,
+            },
+        )
 }
 
 /// A point of a clip plane, in units of the volume's box, and the plane's normal.
@@ -322,7 +344,7 @@ fn check_rays(
     let count = |cells: &[BrickId], voxel| cells.iter().filter(|&&cell| holds(region(source, cell), voxel)).count();
     for _ in 0..12 {
         let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
-        let ray = view.rays.ray(x, y);
+        let ray = view.placement.volume_ray(&view.rays.ray(x, y));
         let Some((near, far)) = stretch(source, &ray, volume_box) else { continue };
         // Half of the places anywhere, half where they are shown.
         let (from, to) = view.clip.as_ref().map_or((near, far), |clip| clip.shorten(&ray, (near, far)));
@@ -582,7 +604,7 @@ proptest! {
 fn told(source: &TestSource, view: &View, draw: &DrawList, seed: u64) -> Vec<f32> {
     let mut told = vec![0f32; draw.cells.len()];
     for i in 0..96 {
-        let ray = view.rays.ray((i % 12) as f64 * 8.0 + 4.0, (i / 12) as f64 * 8.0 + 4.0);
+        let ray = view.placement.volume_ray(&view.rays.ray((i % 12) as f64 * 8.0 + 4.0, (i / 12) as f64 * 8.0 + 4.0));
         let mut transmittance = 1f32;
         for (cell, told) in draw.cells.iter().zip(&mut told).rev() {
             if transmittance > 0.0 && stretch(source, &ray, cell.region).is_some() {
@@ -638,8 +660,12 @@ proptest! {
                 prop_assert_eq!(Some(entry.brick), best);
                 if view.level == LevelPolicy::Auto && !frame.status.memory_bound && entry.cell.level.0 > 0 {
                     let (low, high) = world_box(&*source, entry.cell.level, entry.cell.index);
-                    let distance = view.rays.eye.clamp(low, high).distance(view.rays.eye);
-                    let error_px = voxel_size * (1u64 << entry.cell.level.0) as f64 / view.rays.pixel_size(distance);
+                    // No longer than the way to any point of the box, and voxels are at least as long as on the way there.
+                    let own_eye = view.placement.volume_from_world(view.rays.eye);
+                    let nearest = view.placement.world_from_volume(own_eye.clamp(low, high));
+                    let voxel_size = voxel_size * view.placement.stretches().1;
+                    let size = voxel_size * (1u64 << entry.cell.level.0) as f64;
+                    let error_px = size / view.rays.pixel_size(nearest.distance(view.rays.eye));
                     prop_assert!(error_px <= view.pixel_error, "{} px", error_px);
                 }
             }

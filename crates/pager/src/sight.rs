@@ -7,7 +7,7 @@
 use crate::cut::{Cut, Node, View};
 use crate::order;
 use crate::source::BrickSource;
-use brickyard_volume::ViewRays;
+use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
 
 /// The visible cells of a cut.
@@ -35,17 +35,20 @@ impl Sight {
             let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
             is_in_sight && view.shows(source, view.id(node.level, node.index))
         };
-        let ordered =
-            |rays: &ViewRays| order::back_to_front(source.pyramid(), source.geometry(), rays, cut, is_visible);
+        let placement = &view.placement;
+        let (pyramid, geometry) = (source.pyramid(), source.geometry());
+        let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, (rays, placement), cut, is_visible);
         let (cells, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
-        let area = |&cell: &u32| view.eyes().map(|rays| screen_area(rays, &cut.nodes[cell as usize])).sum();
+        let area = |&cell: &u32| view.eyes().map(|rays| screen_area(rays, placement, &cut.nodes[cell as usize])).sum();
         let areas = cells.iter().map(area).collect();
         Self { cells, for_other_eye, areas, is_planned }
     }
 }
 
 /// A box's silhouette: pixels times a constant.
-fn screen_area(rays: &ViewRays, &Node { low, high, .. }: &Node) -> f64 {
+fn screen_area(rays: &ViewRays, placement: &Placement, &Node { low, high, .. }: &Node) -> f64 {
+    // Of a placed box, that of the box around it.
+    let (low, high) = placement.world_box((low, high));
     let size = high - low;
     let faces = DVec3::new(size.y * size.z, size.z * size.x, size.x * size.y);
     if rays.orthographic {

@@ -87,7 +87,9 @@ impl<'a> Build<'a> {
         last: Option<&'a Cut>,
         visibility: Option<&'a Visibility>,
     ) -> Self {
-        let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
+        // What is stretched most is what finer levels would show.
+        let voxel_size =
+            source.geometry().voxel_size(source.pyramid().levels()[0].extent) * view.placement.stretches().0;
         let frusta = view.frusta();
         let last: &[Node] = last.map_or(&[], |last| &last.nodes);
         let (nodes, twins) = (Vec::with_capacity(last.len() + last.len() / 8), Vec::with_capacity(last.len()));
@@ -250,7 +252,7 @@ impl<'a> Build<'a> {
         let (low, high) = twin_box.unwrap_or_else(|| world_box(self.source, level, index));
         let is_in_sight = self.frusta.meet_box(low, high) && self.view.is_inside_clip(low, high);
         let is_visible = is_in_sight && self.view.shows(self.source, self.view.id(level, index));
-        let pixel_size = |rays: &ViewRays| rays.pixel_size(rays.eye.clamp(low, high).distance(rays.eye));
+        let pixel_size = |rays: &ViewRays| rays.pixel_size(self.view.distance(rays, low, high));
         let least_pixel = self.view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
         let (first_child, children) = (LEAF, 0);

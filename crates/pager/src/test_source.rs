@@ -3,8 +3,8 @@
 use crate::cut::View;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
-    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Projection, Pyramid,
-    VoxelType,
+    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Placement, Projection,
+    Pyramid, VoxelType,
 };
 use glam::DVec3;
 use std::collections::HashSet;
@@ -80,6 +80,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
         time: 0,
         channel: 0,
         clip: None,
+        placement: Placement::default(),
         appearance: 0,
     }
 }

@@ -13,7 +13,7 @@
 //! Cost: a hash entry for each cell drawn and for each of their ancestors.
 
 use crate::cut::{Node, View};
-use brickyard_volume::{BrickId, BrickIndex, Level, Pyramid, ViewRays};
+use brickyard_volume::{BrickId, BrickIndex, Level, Placement, Pyramid, ViewRays};
 use std::collections::HashMap;
 
 /// Weight of what is seen in the open, and of what nothing is known about.
@@ -67,19 +67,22 @@ impl Visibility {
     /// What a view may expect of a node: what was told of it, if that still holds.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
         let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
-        let same_content = content(&self.view) == content(view) && self.view.clip == view.clip;
-        let allowed = (node.high - node.low).min_element() * 0.5;
-        let holds = same_content && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, node) <= allowed));
+        let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
+        let same_content = content(&self.view) == content(view) && is_same_place;
+        let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
+        let holds = same_content
+            && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, &view.placement, node) <= allowed));
         self.weights.get(&(node.level, node.index)).copied().filter(|_| holds)
     }
 }
 
 /// How far the line of sight to a node has moved, in the world.
-fn moved(from: &ViewRays, to: &ViewRays, node: &Node) -> f64 {
+fn moved(from: &ViewRays, to: &ViewRays, placement: &Placement, node: &Node) -> f64 {
     match (from.orthographic, to.orthographic) {
         (false, false) => from.eye.distance(to.eye),
         (true, true) => {
-            let distance = ((node.low + node.high) * 0.5 - to.eye).dot(to.forward).abs();
+            let middle = placement.world_from_volume((node.low + node.high) * 0.5);
+            let distance = (middle - to.eye).dot(to.forward).abs();
             from.middle().distance(to.middle()) * distance
         }
         _ => f64::INFINITY,

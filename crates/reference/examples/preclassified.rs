@@ -12,8 +12,8 @@
 
 use brickyard_reference::{Array, ReferenceVolume, one_level, render};
 use brickyard_volume::{
-    Camera, Clip, Extent, Filter, FrameSettings, Geometry, Lattice, Lighting, Mode, Picture, Projection, Pyramid,
-    Sampling, SlotEncoding, TransferFunction, TransferTable, VoxelType,
+    Camera, Clip, Extent, Filter, FrameSettings, Geometry, Lattice, Lighting, Mode, Picture, Placement, Projection,
+    Pyramid, Sampling, SlotEncoding, TransferFunction, TransferTable, VoxelType,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -98,6 +98,7 @@ fn frame(transfer: &TransferFunction) -> Result<FrameSettings, Box<dyn std::erro
         rays: camera.rays(SIZE_PX, SIZE_PX)?,
         lattice: Lattice::uniform(STEP, 0),
         geometry,
+        placement: Placement::default(),
         encoding,
         table: TransferTable::new(transfer, &encoding),
         mode: Mode::Dvr,

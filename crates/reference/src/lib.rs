@@ -7,6 +7,9 @@
 mod medium;
 mod mesh;
 mod surface;
+mod together;
+
+pub use together::{pixel_together, render_together};
 
 pub use mesh::layers;
 
@@ -166,7 +169,9 @@ fn samples_along(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Pat
 
 /// A part of a ray in voxel space, with world distances along it.
 struct Path {
+    /// In the scene's world, and in the volume's own.
     world: Ray,
+    own: Ray,
     origin: DVec3,
     direction: DVec3,
     /// How far its lattice is moved, in segments.
@@ -179,10 +184,11 @@ impl Path {
     /// That of a pixel's centre, the whole of it.
     fn new(frame: &FrameSettings, x: u32, y: u32) -> Self {
         let world = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
-        let origin = frame.geometry.voxel_from_world(world.origin);
+        let own = frame.placement.volume_ray(&world);
+        let origin = frame.geometry.voxel_from_world(own.origin);
         let jitter = frame.sampling.jitter.share(x, y);
-        let direction = world.direction / frame.geometry.spacing;
-        Self { world, origin, direction, jitter, limits: [0.0, f64::INFINITY] }
+        let direction = own.direction / frame.geometry.spacing;
+        Self { world, own, origin, direction, jitter, limits: [0.0, f64::INFINITY] }
     }
 
     fn at(&self, t: f64) -> DVec3 {
@@ -191,14 +197,19 @@ impl Path {
 
     /// The segments inside of what is shown, near to far.
     fn segments(&self, frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> impl Iterator<Item = Segment> {
-        let inside = clip(self.origin, self.direction, frame.shown_box(volume.levels[0].extent));
-        let inside = inside.and_then(|stretch| clip_by_planes(&self.world, frame, stretch));
+        let inside = self.stretch(frame, volume);
         let [near, far] = self.limits;
         inside.into_iter().flat_map(move |(t_in, t_out)| {
             let shift = frame.lattice.shift(self.jitter, t_in);
             let segments = frame.lattice.segments(t_in.max(near) + shift, t_out.min(far) + shift);
             segments.map(move |s| Segment { start: s.start - shift, end: s.end - shift })
         })
+    }
+
+    /// Where it is inside of what is shown.
+    fn stretch(&self, frame: &FrameSettings, volume: &ReferenceVolume<'_>) -> Option<(f64, f64)> {
+        let inside = clip(self.origin, self.direction, frame.shown_box(volume.levels[0].extent))?;
+        clip_by_planes(&self.own, frame, inside)
     }
 }
 
@@ -272,7 +283,8 @@ pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
 pub(crate) mod tests {
     use super::*;
     use brickyard_volume::{
-        Camera, Geometry, Lattice, Lighting, Mesh, Projection, Sampling, ShownMesh, SlotEncoding, TransferTable,
+        Camera, Geometry, Lattice, Lighting, Mesh, Placement, Projection, Sampling, ShownMesh, SlotEncoding,
+        TransferTable,
     };
     use std::sync::Arc;
 
@@ -288,6 +300,7 @@ pub(crate) mod tests {
             rays: camera.rays(33, 33).unwrap(),
             lattice: Lattice::uniform(step, 0),
             geometry,
+            placement: Placement::default(),
             encoding,
             table: TransferTable::new(transfer, &encoding),
             mode,

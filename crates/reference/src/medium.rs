@@ -188,7 +188,7 @@ impl Field<'_> {
     fn normal(&self, differences: DVec3) -> Option<DVec3> {
         let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
         let voxel = DVec3::from_array(self.level.factor.map(f64::from)) * self.frame.geometry.spacing;
-        (!is_flat).then(|| (differences / voxel).normalize())
+        (!is_flat).then(|| self.frame.placement.world_gradient(differences / voxel).normalize())
     }
 }
 
@@ -285,8 +285,14 @@ mod tests {
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path =
-                Path { origin: place + 0.5, direction: DVec3::X, world, jitter: 0.0, limits: [0.0, f64::INFINITY] };
+            let path = Path {
+                origin: place + 0.5,
+                direction: DVec3::X,
+                world,
+                own: world,
+                jitter: 0.0,
+                limits: [0.0, f64::INFINITY],
+            };
             let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);

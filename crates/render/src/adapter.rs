@@ -216,6 +216,8 @@ impl Gpu {
             max_buffer_size: most.max_buffer_size,
             max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
             max_storage_buffers_per_shader_stage: most.max_storage_buffers_per_shader_stage.min(8),
+            // An atlas for each of several volumes.
+            max_sampled_textures_per_shader_stage: most.max_sampled_textures_per_shader_stage.min(64),
             ..wgpu::Limits::downlevel_defaults()
         };
         let descriptor = wgpu::DeviceDescriptor {

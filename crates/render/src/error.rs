@@ -48,6 +48,16 @@ pub enum GpuError {
         /// What a shader sees of a buffer.
         limit_bytes: u64,
     },
+    /// Shaders see fewer textures than there are volumes.
+    #[error(
+        "{volumes} volumes in one picture need a texture each, and this GPU's shaders see {limit}: show fewer, or use --backend cpu"
+    )]
+    Textures {
+        /// Volumes asked for.
+        volumes: usize,
+        /// Textures there are.
+        limit: u32,
+    },
     /// The picture is larger than the adapter's textures, or than this renderer was made for.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]
     PictureTooLarge {

@@ -22,7 +22,10 @@ pub(crate) fn frame_uniform(
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
-    let eye = frame.geometry.voxel_from_world(rays.eye);
+    // The map from the world to voxels is affine: of a step along a ray it does the same wherever the step is.
+    let own_eye = frame.placement.volume_from_world(rays.eye);
+    let eye = frame.geometry.voxel_from_world(own_eye);
+    let voxels = |vector: DVec3| frame.placement.volume_vector(vector) / spacing;
     let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
     // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
@@ -36,11 +39,11 @@ pub(crate) fn frame_uniform(
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
-        forward: single(forward / spacing),
-        slack: frame.geometry.rounding_voxels(rays.eye, pyramid.levels()[0].extent) as f32,
-        right: single(rays.right / spacing),
+        forward: single(voxels(forward)),
+        slack: frame.geometry.rounding_voxels(own_eye, pyramid.levels()[0].extent) as f32,
+        right: single(voxels(rays.right)),
         half_width: rays.right.length() as f32,
-        up: single(rays.up / spacing),
+        up: single(voxels(rays.up)),
         half_height: rays.up.length() as f32,
         clip_x: single((rays.right / rays.right.length_squared() - rays.forward * rays.shift) * spacing),
         near: (1e-3 * frame.lattice.step) as f32,
@@ -110,7 +113,7 @@ fn clip_planes(frame: &FrameSettings) -> &[ClipPlane] {
 fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     let mut planes = [[0.0; 4]; MAX_PLANES];
     for (plane, ClipPlane { normal, point }) in planes.iter_mut().zip(clip_planes(frame)) {
-        let height = normal.dot(frame.rays.eye - point);
+        let height = normal.dot(frame.placement.volume_from_world(frame.rays.eye) - point);
         *plane = (normal * frame.geometry.spacing).extend(height).as_vec4().to_array();
     }
     planes

@@ -4,6 +4,7 @@ use crate::adapter::Gpu;
 use crate::atlas::Atlas;
 use crate::error::GpuError;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::targets::Targets;
 use brickyard_shaders::FrameUniform;
 use wgpu::{BindingResource, BufferUsages};
 
@@ -17,14 +18,15 @@ pub(crate) struct SharedBuffers {
 }
 
 impl SharedBuffers {
-    pub(crate) fn new(gpu: &Gpu, table_bytes: u64) -> Result<Self, GpuError> {
+    /// Those of so many frames in one picture, and of tables of so many bytes.
+    pub(crate) fn new(gpu: &Gpu, frames: u64, table_bytes: u64) -> Result<Self, GpuError> {
         gpu.allocate("the transfer table", table_bytes, |device| {
             let timestamps = gpu.report.timestamps.then(|| {
                 let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
                 let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
                 (device.create_query_set(&descriptor), buffer(device, "timestamps", TIMESTAMP_BYTES, usage))
             });
-            let frame_bytes = size_of::<FrameUniform>() as u64;
+            let frame_bytes = frames * size_of::<FrameUniform>() as u64;
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             Self {
                 frame: buffer(device, "frame", frame_bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST),
@@ -42,12 +44,7 @@ impl SharedBuffers {
         atlas: &Atlas,
         own: &[wgpu::BindGroupEntry<'_>],
     ) -> wgpu::BindGroup {
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("atlas"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        });
+        let sampler = sampler(gpu);
         let view = atlas.texture.create_view(&Default::default());
         let shared = [
             entry(0, self.frame.as_entire_binding()),
@@ -57,6 +54,43 @@ impl SharedBuffers {
         ];
         let entries: Vec<_> = shared.iter().chain(own).cloned().collect();
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
+    }
+
+    /// The last submission of a picture of several volumes: display colours of what has been gathered, on their way to the CPU.
+    pub(crate) fn resolve(
+        &self,
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        pipeline: &wgpu::RenderPipeline,
+        targets: &Targets,
+    ) -> wgpu::SubmissionIndex {
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("resolve"),
+            layout,
+            entries: &[
+                entry(0, self.frame.as_entire_binding()),
+                entry(4, self.table.as_entire_binding()),
+                entry(5, BindingResource::TextureView(&targets.gathered)),
+            ],
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("resolve"),
+                color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
+                timestamp_writes: self.timestamp_writes(None, Some(1)),
+                ..Default::default()
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bindings, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        targets.copy_back(&mut encoder);
+        if let Some((queries, ticks)) = &self.timestamps {
+            encoder.resolve_query_set(queries, 0..2, ticks, 0);
+            encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
+        }
+        gpu.queue.submit([encoder.finish()])
     }
 
     pub(crate) fn timestamp_writes(
@@ -71,6 +105,16 @@ impl SharedBuffers {
             end_of_pass_write_index: end,
         })
     }
+}
+
+/// How an atlas is sampled.
+pub(crate) fn sampler(gpu: &Gpu) -> wgpu::Sampler {
+    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        label: Some("atlas"),
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        ..Default::default()
+    })
 }
 
 /// What one frame's march draws into, and with what.

@@ -7,10 +7,12 @@
 //! ```
 //! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
 //! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`.
+//! Several volumes have a renderer of their own, [`GpuEnsemble`], of the same parts.
 //! One [`GpuRenderer`] is used from one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
 mod atlas;
+mod ensemble;
 mod error;
 mod frame;
 mod gathering;
@@ -28,6 +30,7 @@ mod upload;
 
 pub use adapter::{AdapterReport, GpuFormats, GpuPreference, adapters};
 pub use atlas::AtlasPlan;
+pub use ensemble::GpuEnsemble;
 pub use error::GpuError;
 pub use passes::Passes;
 pub use renderer::{Compositor, GpuOptions, GpuRenderer};

@@ -50,12 +50,12 @@ impl RaycastPlan {
 
     /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its part of
     /// the marks, in the read-back and on the host too.
-    fn bytes_per_slot(&self) -> u64 {
+    pub(crate) fn bytes_per_slot(&self) -> u64 {
         self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
     /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root.
-    fn fixed_bytes(&self) -> u64 {
+    pub(crate) fn fixed_bytes(&self) -> u64 {
         3 * self.opaque_bytes + self.list_bytes(0)
     }
 
@@ -65,7 +65,7 @@ impl RaycastPlan {
     }
 
     /// No more slots than a binding can describe.
-    fn max_slots(&self, max_binding_bytes: u64) -> u64 {
+    pub(crate) fn max_slots(&self, max_binding_bytes: u64) -> u64 {
         let each = self.ranges_bytes(1).max(self.bricks_bytes(1) - self.bricks_bytes(0));
         max_binding_bytes.saturating_sub(self.bricks_bytes(0)) / each
     }
@@ -104,12 +104,17 @@ pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
     }
 }
 
+/// Bytes of a picture's targets, and of the way back.
+pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32)) -> u64 {
+    let pixels = width_px as u64 * height_px as u64;
+    let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
+    pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES
+}
+
 impl MemoryPlan {
     pub(crate) fn new(needs: &MemoryNeeds) -> Result<Self, GpuError> {
         let (width_px, height_px) = needs.max_size_px;
-        let pixels = width_px as u64 * height_px as u64;
-        let gather = target_bytes(needs.formats.composite).max(target_bytes(needs.formats.project));
-        let picture = pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES;
+        let picture = picture_bytes(&needs.formats, needs.max_size_px);
         let table = table::bytes(needs.codes, needs.has_integrals);
         let (compositor, beside_bytes, most) = match needs.raycast {
             None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),

@@ -4,7 +4,10 @@
 use crate::adapter::{Gpu, GpuFormats};
 use crate::meshes::MeshLayouts;
 use crate::renderer::Compositor;
-use brickyard_shaders::{Curve, Gather, Light, Medium, Surfaces, Variant, raycast, resolve, sorted};
+use brickyard_shaders::{
+    Curve, FIRST_ATLAS, Gather, Light, Medium, Surfaces, Variant, VolumeShader, raycast, raycast_together, resolve,
+    sorted,
+};
 use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
@@ -140,18 +143,24 @@ impl Layouts {
                 march.extend(gpu.report.feedback.then_some((9, fragment, written)));
             }
         }
-        Self {
-            march: bind_group_layout(gpu, "march", &march),
-            resolve: bind_group_layout(
-                gpu,
-                "resolve",
-                &[
-                    (0, fragment, storage()),
-                    (4, fragment, storage()),
-                    (5, fragment, texture(TextureViewDimension::D2, false)),
-                ],
-            ),
-        }
+        Self::of(gpu, &march)
+    }
+
+    /// Those of several volumes, whose atlases begin at [`FIRST_ATLAS`].
+    pub(crate) fn together(gpu: &Gpu, volumes: usize) -> Self {
+        let fragment = ShaderStages::FRAGMENT;
+        let mut march: Vec<_> = [0, 1, 4, 6, 7, 8].map(|binding| (binding, fragment, storage())).into();
+        march.push((3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)));
+        let atlases = (FIRST_ATLAS..).take(volumes);
+        march.extend(atlases.map(|binding| (binding, fragment, texture(TextureViewDimension::D3, true))));
+        Self::of(gpu, &march)
+    }
+
+    fn of(gpu: &Gpu, march: &[(u32, ShaderStages, BindingType)]) -> Self {
+        let fragment = ShaderStages::FRAGMENT;
+        let gathered = (5, fragment, texture(TextureViewDimension::D2, false));
+        let resolve = [(0, fragment, storage()), (4, fragment, storage()), gathered];
+        Self { march: bind_group_layout(gpu, "march", march), resolve: bind_group_layout(gpu, "resolve", &resolve) }
     }
 }
 
@@ -221,6 +230,18 @@ impl Pipelines {
         let bindings = with(&layouts.resolve, meshes.map(|meshes| meshes.layer));
         let (source, entries) = (resolve(gather, variant.has_meshes), ["fullscreen", "resolve"]);
         Self { march, resolve: pipeline(gpu, &source, &bindings, entries, Shape::default(), &[target]) }
+    }
+
+    /// Those of several volumes.
+    pub(crate) fn together(gpu: &Gpu, layouts: &Layouts, volumes: &[VolumeShader]) -> Self {
+        let format = gather_format(Gather::Composite, &gpu.report.formats);
+        let make = |source: &str, bindings: &wgpu::BindGroupLayout, fragment: &'static str, target: TextureFormat| {
+            pipeline(gpu, source, &[bindings], ["fullscreen", fragment], Shape::default(), &[target.into()])
+        };
+        Self {
+            march: make(&raycast_together(volumes), &layouts.march, "raycast", format),
+            resolve: make(&resolve(Gather::Composite, false), &layouts.resolve, "resolve", DISPLAY_FORMAT),
+        }
     }
 }
 

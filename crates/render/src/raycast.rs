@@ -21,7 +21,7 @@ use brickyard_volume::{FrameSettings, MacroCells, Needs, OpaqueCodes, Pyramid, S
 use wgpu::BufferUsages;
 
 /// Pixels drawn per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
-const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
+pub(crate) const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
 /// Its buffers and bindings, and the range of codes of each slot's brick.
 #[derive(Debug)]

@@ -185,7 +185,7 @@ impl GpuRenderer {
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
         let codes = recipe.encoding.format;
         let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes))?;
-        let shared = SharedBuffers::new(&gpu, table::bytes(codes, recipe.needs.is_pre_integrated))?;
+        let shared = SharedBuffers::new(&gpu, 1, table::bytes(codes, recipe.needs.is_pre_integrated))?;
         let layouts = Layouts::new(&gpu, recipe.options.compositor);
         let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
@@ -357,6 +357,9 @@ impl GpuRenderer {
                 self.recipe.edge
             )));
         }
+        if !frame.placement.is_identity() {
+            return Err(GpuError::Mismatch("one volume is drawn in its own world".into()));
+        }
         let (asked, given) = (frame.needs(), self.recipe.needs);
         if !given.satisfy(&asked) {
             return Err(GpuError::Mismatch(format!("a frame of {asked:?}: this renderer's bricks have {given:?}")));
@@ -403,7 +406,7 @@ impl GpuRenderer {
     }
 }
 
-fn check_size(size: (u32, u32), limit: (u32, u32)) -> Result<(), GpuError> {
+pub(crate) fn check_size(size: (u32, u32), limit: (u32, u32)) -> Result<(), GpuError> {
     if size.0 > limit.0 || size.1 > limit.1 {
         return Err(GpuError::PictureTooLarge {
             width_px: size.0,

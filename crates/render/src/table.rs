@@ -3,7 +3,7 @@
 //! the depth that an exponential takes.
 
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::{Integrals, SlotFormat, TransferTable};
+use brickyard_volume::{Blend, Integrals, SlotFormat, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
@@ -52,14 +52,14 @@ pub(crate) struct Words {
 /// A table's words.
 pub(crate) fn words(table: &TransferTable, codes: SlotFormat, has_integrals: bool) -> Words {
     if !has_integrals {
-        let words = places(table, codes).into_iter().chain(mask()).collect();
+        let words = places(table, codes, Blend::Mix).into_iter().chain(mask()).collect();
         return Words { words, sum_unit: 0.0 };
     }
     let integrals = Integrals::new(table);
     let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
     // Differences of 64 bits are exact, wherever along the table they are taken.
     let unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
-    let mut words = places(table, codes);
+    let mut words = places(table, codes, Blend::Mix);
     for sum in integrals.sums().iter().flatten() {
         let count = (sum / unit as f64) as u64;
         words.push([count as u32, (count >> 32) as u32]);
@@ -74,13 +74,16 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// A table's places.
-fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
+/// A table's places; for what adds, with opacities where there are depths for what mixes.
+pub(crate) fn places(table: &TransferTable, codes: SlotFormat, blend: Blend) -> Vec<[u32; 2]> {
     let last = last_place(codes);
     let place = |i: u32| {
         let [r, g, b, alpha] = table.lookup(i as f32 / last as f32);
-        let depth = (-(1.0 - alpha as f64).log2()).min(OPAQUE);
-        [pack_color([r, g, b]), (depth as f32).to_bits()]
+        let depth = match blend {
+            Blend::Mix => (-(1.0 - alpha as f64).log2()).min(OPAQUE) as f32,
+            Blend::Add => alpha,
+        };
+        [pack_color([r, g, b]), depth.to_bits()]
     };
     (0..=last).map(place).collect()
 }
@@ -101,7 +104,7 @@ mod tests {
             let entries = (0..=codes.max_code()).map(|i| i as f32 / codes.max_code() as f32);
             let table =
                 TransferTable { entries: entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), unit_distance: 1.0 };
-            let places = places(&table, codes);
+            let places = places(&table, codes, Blend::Mix);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {
                 let words = words(&table, codes, has_integrals).words;

@@ -69,6 +69,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         rays: Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).unwrap(),
         lattice: Lattice::uniform(1.0, 0),
         geometry,
+        placement: Placement::default(),
         encoding: volume.encoding,
         table: TransferTable::new(&transfer, &volume.encoding),
         mode,

@@ -10,7 +10,9 @@ use crate::surface::{INSIDE, OUTSIDE};
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
-use brickyard_volume::{FrameSettings, Geometry, Integrals, Lighting, Mode, Pyramid, ViewRays, VoxelBox, surface};
+use brickyard_volume::{
+    FrameSettings, Geometry, Integrals, Lighting, Mode, Placement, Pyramid, ViewRays, VoxelBox, surface,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -286,7 +288,7 @@ impl<'a> Cell<'a> {
         shows: &Shows,
         brick: &'a Resident,
     ) -> Option<Self> {
-        let rect = pixel_rect(&settings.rays, &settings.geometry, cell.region)?;
+        let rect = pixel_rect(&settings.rays, &settings.geometry, &settings.placement, cell.region)?;
         let edge = pyramid.edge() as usize;
         let (mask, whole) = (shows.mask(&brick.cells, edge), brick.cells.whole());
         let extremes = extremes(settings.mode, &brick.cells, edge);
@@ -313,14 +315,14 @@ impl<'a> Cell<'a> {
 }
 
 /// The pixels whose rays may meet the box, a pixel to spare on each side; `None` if there are none.
-fn pixel_rect(rays: &ViewRays, geometry: &Geometry, region: VoxelBox) -> Option<PixelRect> {
+fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, region: VoxelBox) -> Option<PixelRect> {
     if region.is_empty() {
         return None;
     }
     let (min, max) = (region.min.to_array(), region.max.to_array());
     let corners: [DVec3; 8] = std::array::from_fn(|i| {
         let corner = std::array::from_fn(|a| if i >> a & 1 == 0 { min[a] } else { max[a] } as f64);
-        geometry.world_from_voxel(DVec3::from_array(corner))
+        placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(corner)))
     });
     if corners.iter().all(|corner| (corner - rays.eye).dot(rays.forward) < 0.0) {
         return None;
@@ -355,17 +357,20 @@ mod tests {
         let geometry = Geometry { spacing: DVec3::new(1.0, 0.5, 2.0), ..Geometry::default() };
         let mut narrow = 0;
         let projections = [Projection::Perspective { fov_y_deg: 60.0 }, Projection::Orthographic { height: 30.0 }];
+        let askew = Placement::from_text("0.6 -0.8 0.1 2  0.8 0.6 0 -3  0 0.2 -1.5 1").unwrap();
         for (i, (projection, aside)) in
-            projections.into_iter().flat_map(|p| [(p, 0.0), (p, -4.0), (p, 4.0)]).enumerate()
+            projections.into_iter().flat_map(|p| [(p, 0.0), (p, -4.0), (p, 4.0), (p, 0.5)]).enumerate()
         {
+            let placement = if aside == 0.5 { askew } else { Placement::default() };
             for eye in [DVec3::new(-30.0, 3.0, 8.0), DVec3::new(12.0, 11.0, 18.0), DVec3::new(13.0, 9.0, 60.0)] {
-                let target = geometry.world_from_voxel((low + high) * 0.5) + DVec3::new(3.0, 1.0, 0.0) * (i / 3) as f64;
+                let target = geometry.world_from_voxel((low + high) * 0.5) + DVec3::new(3.0, 1.0, 0.0) * (i / 4) as f64;
+                let [eye, target] = [eye, target].map(|at| placement.world_from_volume(at));
                 let rays = Camera { eye, target, up: DVec3::Y, projection }.rays(40, 30).unwrap();
                 let rays = rays.from_aside(aside, 25.0);
-                let rect = pixel_rect(&rays, &geometry, region).expect("in view");
+                let rect = pixel_rect(&rays, &geometry, &placement, region).expect("in view");
                 narrow += (rect.x1 - rect.x0 < 40) as u32;
                 for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
-                    let ray = rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+                    let ray = placement.volume_ray(&rays.ray(x as f64 + 0.5, y as f64 + 0.5));
                     let (o, d) = (geometry.voxel_from_world(ray.origin), ray.direction / geometry.spacing);
                     let (a, b) = ((low - o) / d, (high - o) / d);
                     let meets = a.max(b).min_element() > a.min(b).max_element().max(0.0);

@@ -14,12 +14,14 @@
 //! one, and where there is lighting, `medium` does; `cubic` filters where `sample` does not.
 //!
 //! Where there are meshes (`meshes`), a tile does steps 2 to 5 for each slab between two layers of triangles.
+//! Several volumes have a renderer of their own, `ensemble`, of the same parts.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
 mod blend;
 mod cubic;
+mod ensemble;
 mod frame;
 mod layers;
 mod macrocells;
@@ -32,4 +34,5 @@ mod steps;
 mod surface;
 mod tile;
 
+pub use ensemble::{EnsembleOptions, SoftwareEnsemble};
 pub use renderer::{SoftwareError, SoftwareOptions, SoftwareRenderer};

@@ -118,9 +118,9 @@ impl Ray {
     /// The ray through a pixel's centre, between these distances; one without segments if it misses the volume.
     pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
         let settings = frame.settings;
-        let world = settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
-        let origin = settings.geometry.voxel_from_world(world.origin).to_array();
-        let direction = (world.direction / settings.geometry.spacing).to_array();
+        let own = settings.placement.volume_ray(&settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5));
+        let origin = settings.geometry.voxel_from_world(own.origin).to_array();
+        let direction = (own.direction / settings.geometry.spacing).to_array();
         let mut ray = Self { origin, direction, sum, ..Self::EMPTY };
         let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
@@ -134,7 +134,7 @@ impl Ray {
             }
         }
         if let Some(clip) = &settings.clip {
-            (t_in, t_out) = clip.shorten(&world, (t_in, t_out));
+            (t_in, t_out) = clip.shorten(&own, (t_in, t_out));
         }
         // Jitter: the lattice starts as far behind the eye as it is moved, and so does the ray.
         let shift = settings.lattice.shift(settings.sampling.jitter.share(x, y), t_in);

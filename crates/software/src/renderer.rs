@@ -65,11 +65,11 @@ pub enum SoftwareError {
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
-    slots: Vec<Option<Resident>>,
+    slots: Slots,
     fixed_bytes: u64,
     visibility: Option<Vec<f32>>,
     /// Over the last frame's meshes.
-    meshes: Box<MeshTree>,
+    meshes: MeshTree,
     pool: rayon::ThreadPool,
 }
 
@@ -96,21 +96,19 @@ impl SoftwareRenderer {
         if count == 0 {
             return Err(SoftwareError::Budget { given_bytes: memory_bytes, least_bytes: fixed_bytes + each });
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("draw-{i}"));
-        let pool = pool.build().map_err(|source| SoftwareError::Threads { threads, source })?;
-        let mut slots = Vec::new();
-        slots.resize_with(count.min(u32::MAX as u64) as usize, || None);
-        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: Box::default(), pool })
+        let pool = pool(threads)?;
+        let slots = Slots::new(count.min(u32::MAX as u64) as u32);
+        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: MeshTree::default(), pool })
     }
 
     /// How many bricks it holds at once.
     pub fn slots(&self) -> u32 {
-        self.slots.len() as u32
+        self.slots.len()
     }
 
     /// What it takes when every slot is full, drawing included; at most the budget.
     pub fn bytes(&self) -> u64 {
-        self.fixed_bytes + self.slots.len() as u64 * bytes_per_slot(&self.options)
+        self.fixed_bytes + self.slots() as u64 * bytes_per_slot(&self.options)
     }
 
     /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest. Nothing is copied; the codes
@@ -119,13 +117,7 @@ impl SoftwareRenderer {
     /// # Panics
     /// If there is no such slot or the length is not a padded brick's.
     pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
-        assert_eq!(codes.len() as u64, slot_bytes(&self.options), "not a padded brick");
-        let SoftwareOptions { encoding, edge, needs, leaps, .. } = self.options;
-        let cells = match leaps {
-            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, needs),
-            false => MacroCells::of_anything(encoding.format, edge as usize),
-        };
-        self.slots[slot.0 as usize] = Some(Resident { codes, cells });
+        self.slots.upload(&self.options, slot, codes);
     }
 
     /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
@@ -140,32 +132,22 @@ impl SoftwareRenderer {
         assert_eq!(edge, pyramid.edge(), "other bricks");
         assert_eq!(encoding, settings.encoding, "other codes");
         assert!(needs.satisfy(&settings.needs()), "{:?} of bricks for {needs:?}", settings.needs());
+        assert!(settings.placement.is_identity(), "one volume is drawn in its own world");
         if !self.meshes.is_of(&settings.meshes) {
             // The old one goes first: both together would pass the budget.
-            *self.meshes = MeshTree::default();
-            *self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
+            self.meshes = MeshTree::default();
+            self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
         }
-        let brick = |slot: Slot| {
-            self.slots[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
-        };
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
         let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
-            let mut frame = Frame::new(settings, pyramid, list, needs.apron, brick);
+            let mut frame = Frame::new(settings, pyramid, list, needs.apron, |slot| self.slots.brick(slot));
             frame.meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
             let draw = tile::for_frame(&frame);
             (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
         });
         let occludes = occludes(settings.mode);
         self.visibility = occludes.then(|| light.iter().map(|l| f32::from_bits(l.load(Ordering::Relaxed))).collect());
-        let mut rgb = vec![[0; 3]; width as usize * height as usize];
-        for (tile, pixels) in tiles.iter().zip(&drawn) {
-            for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
-                let start = y as usize * width as usize + tile.x0 as usize;
-                let n = (tile.x1 - tile.x0) as usize;
-                rgb[start..start + n].copy_from_slice(&row[..n]);
-            }
-        }
-        Picture { width, height, rgb }
+        tile::picture((width, height), &tiles, &drawn)
     }
 
     /// For each entry of the list drawn last, in its order, the greatest transmittance with which a ray entered its cell: 1
@@ -176,13 +158,50 @@ impl SoftwareRenderer {
     }
 }
 
+/// Places for bricks; one takes memory once it holds a brick.
+#[derive(Debug)]
+pub(crate) struct Slots(Vec<Option<Resident>>);
+
+impl Slots {
+    pub(crate) fn new(count: u32) -> Self {
+        let mut slots = Vec::new();
+        slots.resize_with(count as usize, || None);
+        Self(slots)
+    }
+
+    pub(crate) fn len(&self) -> u32 {
+        self.0.len() as u32
+    }
+
+    /// See [`SoftwareRenderer::upload`].
+    pub(crate) fn upload(&mut self, options: &SoftwareOptions, slot: Slot, codes: Arc<[u8]>) {
+        assert_eq!(codes.len() as u64, slot_bytes(options), "not a padded brick");
+        let SoftwareOptions { encoding, edge, needs, leaps, .. } = *options;
+        let cells = match leaps {
+            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, needs),
+            false => MacroCells::of_anything(encoding.format, edge as usize),
+        };
+        self.0[slot.0 as usize] = Some(Resident { codes, cells });
+    }
+
+    pub(crate) fn brick(&self, slot: Slot) -> &Resident {
+        self.0[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
+    }
+}
+
+/// The threads that draw.
+pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, SoftwareError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("draw-{i}"));
+    pool.build().map_err(|source| SoftwareError::Threads { threads, source })
+}
+
 fn slot_bytes(options: &SoftwareOptions) -> u64 {
     (options.edge as u64 + 2 * options.needs.apron as u64).pow(3) * options.encoding.format.bytes() as u64
 }
 
 /// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or
 /// extremes and its light.
-fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
+pub(crate) fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     let edge = options.edge as usize;
     let cells = macrocells::bytes(edge);
     let mask = boxes(edge) * size_of::<u16>();
@@ -191,7 +210,7 @@ fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
 }
 
 /// The picture as tiles and as rows, what steps do, the meshes' tree, and every thread's rays.
-fn fixed_bytes(options: &SoftwareOptions) -> u64 {
+pub(crate) fn fixed_bytes(options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
     let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;

@@ -43,6 +43,19 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
     })
 }
 
+/// The picture of drawn tiles.
+pub(crate) fn picture((width, height): (u32, u32), tiles: &[Tile], drawn: &[TilePixels]) -> Picture {
+    let mut rgb = vec![[0; 3]; width as usize * height as usize];
+    for (tile, pixels) in tiles.iter().zip(drawn) {
+        for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
+            let start = y as usize * width as usize + tile.x0 as usize;
+            let n = (tile.x1 - tile.x0) as usize;
+            rgb[start..start + n].copy_from_slice(&row[..n]);
+        }
+    }
+    Picture { width, height, rgb }
+}
+
 /// The function for this frame on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
     fn with_code<C: Code, const INVALID: bool>(settings: &FrameSettings) -> DrawTile {
@@ -199,7 +212,7 @@ fn places(tile: &Tile) -> impl Iterator<Item = usize> {
 }
 
 #[inline(always)]
-fn place(tile: &Tile, x: u32, y: u32) -> usize {
+pub(crate) fn place(tile: &Tile, x: u32, y: u32) -> usize {
     ((y - tile.y0) * TILE_PX + x - tile.x0) as usize
 }
 
@@ -248,15 +261,11 @@ impl Queue {
         for stretch in stretches {
             let ray = &mut rays[stretch.ray];
             let mut seen = stretch.seen;
-            // A ray may have several stretches.
-            while seen != 0 && !B::is_final::<C>(ray.sum) {
-                // Neighbouring blocks are sampled together.
-                let from = seen.trailing_zeros();
-                let to = from + (seen >> from).trailing_ones();
-                seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
-                let last = (to as i32).saturating_mul(stretch.block);
-                let last = if last < stretch.count { last } else { stretch.count };
-                B::take::<C, U, INVALID>(&march, stretch, ray, chunk, from as i32 * stretch.block..last);
+            // A ray may have several stretches. Neighbouring blocks are sampled together.
+            while !B::is_final::<C>(ray.sum)
+                && let Some(segments) = stretch.next_seen(&mut seen)
+            {
+                B::take::<C, U, INVALID>(&march, stretch, ray, chunk, segments);
                 if B::is_final::<C>(ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
@@ -286,7 +295,7 @@ pub(crate) struct Stretch {
     pub(crate) count: i32,
     /// Samples in a block, and a bit for each block: whether it may be seen.
     block: i32,
-    seen: u64,
+    pub(crate) seen: u64,
     /// World length of a segment, and distance of the middle of the first, were it not cut.
     pub(crate) length: f64,
     pub(crate) middle: f64,
@@ -316,7 +325,15 @@ impl Stretch {
     /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
     /// count as seen.
     #[inline(always)]
-    fn new(frame: &Frame<'_>, cell: &Cell<'_>, ray: &Ray, place: usize, start: u32, last: u32, reach: Reach) -> Self {
+    pub(crate) fn new(
+        frame: &Frame<'_>,
+        cell: &Cell<'_>,
+        ray: &Ray,
+        place: usize,
+        start: u32,
+        last: u32,
+        reach: Reach,
+    ) -> Self {
         let ticks = &frame.ticks;
         let zone = ticks.zone(start);
         let zone_end = ticks.zone_end(zone);
@@ -345,7 +362,7 @@ impl Stretch {
 
     /// Finds the blocks that may be seen.
     #[inline(always)]
-    fn look<B: Blend>(&mut self, cell: &Cell<'_>, sum: Vec4, boxes: &mut [i32; LANES]) {
+    pub(crate) fn look<B: Blend>(&mut self, cell: &Cell<'_>, sum: Vec4, boxes: &mut [i32; LANES]) {
         let (mut seen, mut first) = (0, 0);
         while first * self.block < self.count {
             self.blocks.boxes(first, boxes);
@@ -357,6 +374,19 @@ impl Stretch {
             seen |= self.uncovered();
         }
         self.seen = seen;
+    }
+
+    /// The first neighbouring segments of blocks that may be seen, which are no longer among those afterwards.
+    #[inline(always)]
+    pub(crate) fn next_seen(&self, seen: &mut u64) -> Option<Range<i32>> {
+        if *seen == 0 {
+            return None;
+        }
+        let from = seen.trailing_zeros();
+        let to = from + (*seen >> from).trailing_ones();
+        *seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
+        let last = (to as i32).saturating_mul(self.block);
+        Some(from as i32 * self.block..if last < self.count { last } else { self.count })
     }
 
     /// The blocks of which macro-cells' ranges do not tell everything when whole segments count: those that may reach out of the
@@ -390,6 +420,41 @@ impl Stretch {
         [low, high]
     }
 
+    /// Places the samples of the segments `done..to`, or of as many as a chunk holds.
+    #[inline(always)]
+    pub(crate) fn place_samples<const INVALID: bool>(
+        &self,
+        frame: &Frame<'_>,
+        ray: &Ray,
+        chunk: &mut Chunk,
+        Range { start: done, end: to }: Range<i32>,
+    ) {
+        let full = (self.length * frame.per_unit) as f32;
+        let left = to - done;
+        chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
+        for p in 0..chunk.packets.min(PACKETS) {
+            for i in 0..LANES {
+                let lane = (p * LANES + i) as i32;
+                chunk.along[p][i] = (done + lane) as f32;
+                chunk.weight[p][i] = if lane < left { full } else { 0.0 };
+            }
+        }
+        let cut_first = self.start == ray.first && done == 0;
+        let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
+        let all_whole = !INVALID && !cut_first && !cut_last;
+        chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
+        chunk.zone = self.zone;
+        for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
+            if is_cut {
+                let tick = self.start + (((done + lane) as u32) << self.zone);
+                let (middle, length) = ray.segment(&frame.ticks, tick);
+                let (p, i) = (lane as usize / LANES, lane as usize % LANES);
+                chunk.along[p][i] = self.along(middle);
+                chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
+            }
+        }
+    }
+
     /// Adds the samples of the segments `from..to`, or fewer if nothing behind those can be seen.
     #[inline(always)]
     pub(crate) fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
@@ -399,33 +464,10 @@ impl Stretch {
         chunk: &mut Chunk,
         Range { start: from, end: to }: Range<i32>,
     ) {
-        let full = (self.length * frame.per_unit) as f32;
         let mut sum = ray.sum;
         let mut done = from;
         while done < to {
-            let left = to - done;
-            chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
-            for p in 0..chunk.packets.min(PACKETS) {
-                for i in 0..LANES {
-                    let lane = (p * LANES + i) as i32;
-                    chunk.along[p][i] = (done + lane) as f32;
-                    chunk.weight[p][i] = if lane < left { full } else { 0.0 };
-                }
-            }
-            let cut_first = self.start == ray.first && done == 0;
-            let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
-            let all_whole = !INVALID && !cut_first && !cut_last;
-            chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
-            chunk.zone = self.zone;
-            for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
-                if is_cut {
-                    let tick = self.start + (((done + lane) as u32) << self.zone);
-                    let (middle, length) = ray.segment(&frame.ticks, tick);
-                    let (p, i) = (lane as usize / LANES, lane as usize % LANES);
-                    chunk.along[p][i] = self.along(middle);
-                    chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
-                }
-            }
+            self.place_samples::<INVALID>(frame, ray, chunk, done..to);
             let filter = frame.settings.sampling.filter;
             brick.filtered::<C, U, INVALID>(filter, self.origin, self.step, chunk);
             sum = B::add::<C>(frame, sum, chunk);
@@ -447,6 +489,7 @@ fn longest(step: [f32; 3]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::blend::Blend;
     use crate::frame::Resident;
     use crate::medium::Medium;
     use crate::surface::Isosurface;
@@ -481,6 +524,7 @@ mod tests {
             rays: camera.rays(TILE_PX, TILE_PX).unwrap(),
             lattice: Lattice::uniform(0.37, 0),
             geometry: Geometry::default(),
+            placement: Placement::default(),
             encoding,
             table: TransferTable::new(&transfer, &encoding),
             mode,

@@ -33,6 +33,7 @@ fn frame(volume: &Volume, sampling: Sampling, lighting: Lighting, step: f64) -> 
         rays: camera.rays(24, 20).unwrap(),
         lattice: Lattice::uniform(step, 0),
         geometry: Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), ..Geometry::default() },
+        placement: Placement::default(),
         encoding: volume.encoding,
         table: TransferTable::new(&transfer((low, high)), &volume.encoding),
         mode: Mode::Dvr,

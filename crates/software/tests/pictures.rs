@@ -61,6 +61,7 @@ impl View {
             rays,
             lattice: Lattice::for_view(step, voxel_size, &rays, self.pixel_error, levels),
             geometry: self.geometry.clone(),
+            placement: Placement::default(),
             encoding: volume.encoding,
             table: TransferTable::new(transfer, &volume.encoding),
             mode: self.mode,

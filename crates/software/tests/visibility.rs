@@ -31,6 +31,7 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         rays: camera.rays(20, 20).unwrap(),
         lattice: Lattice::uniform(0.5, 0),
         geometry: Geometry::default(),
+        placement: Placement::default(),
         encoding,
         table: TransferTable::new(&transfer, &encoding),
         mode,

@@ -1,5 +1,6 @@
 //! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
 
+use crate::placement::Placement;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -222,6 +223,13 @@ pub struct Frustum {
 }
 
 impl Frustum {
+    /// The same planes in a volume's own world.
+    pub fn in_volume(&self, placement: &Placement) -> Self {
+        let origin = placement.world_from_volume(DVec3::ZERO);
+        let plane = |(normal, offset): (DVec3, f64)| (placement.volume_normal(normal), offset + normal.dot(origin));
+        Self { planes: self.planes.map(plane) }
+    }
+
     /// Whether the box may be visible: false only if it lies wholly outside one plane.
     pub fn meets_box(&self, low: DVec3, high: DVec3) -> bool {
         self.planes.iter().all(|(normal, offset)| {

@@ -5,14 +5,16 @@
 //! a renderer knows of it. The pager leaves out bricks that lie wholly outside. Costs a few products per ray and plane.
 
 use crate::camera::Ray;
+use crate::placement::Placement;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Clip planes of a scene, at most.
 pub const MAX_CLIP_PLANES: usize = 6;
 
-/// Planes of a picture, at most: the scene's, and the two sides of a slice.
-pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2;
+/// Planes of a picture, at most: the scene's, and the six sides of its box as a volume sees them that stands askew to it (or the two
+/// of a slice).
+pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 6;
 
 /// A plane in the world. What is on the side that its normal points to is shown, the plane itself included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,7 +74,7 @@ pub enum ClipError {
 pub struct Clip {
     low: DVec3,
     high: DVec3,
-    /// Normals have length 1.
+    /// Normals have length 1 in the scene's world.
     planes: Vec<ClipPlane>,
 }
 
@@ -95,12 +97,45 @@ impl Clip {
         Ok(Self { low, high, planes })
     }
 
+    /// What a volume shows that stands somewhere in the world and is cropped to a box of its own: in its own world. `None` is
+    /// everything.
+    ///
+    /// # Errors
+    /// If the crop has no inside.
+    pub fn in_volume(
+        clip: Option<&Self>,
+        placement: &Placement,
+        crop: Option<[DVec3; 2]>,
+    ) -> Result<Option<Self>, ClipError> {
+        let cropped = crop.map(|crop| Self::new(Some(crop), &[])).transpose()?;
+        let Some(clip) = clip else { return Ok(cropped) };
+        let everywhere = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
+        let mut own = cropped.unwrap_or(everywhere);
+        if placement.is_identity() {
+            // A box that is empty shows nothing, as it should.
+            own = Self { low: own.low.max(clip.low), high: own.high.min(clip.high), planes: clip.planes.clone() };
+            return Ok(Some(own));
+        }
+        let is_bounded = clip.low.is_finite();
+        let sides = DVec3::AXES.into_iter().flat_map(|axis| {
+            [ClipPlane { point: clip.low, normal: axis }, ClipPlane { point: clip.high, normal: -axis }]
+        });
+        let planes = clip.planes.iter().copied().chain(sides.filter(|_| is_bounded));
+        own.planes = planes
+            .map(|ClipPlane { point, normal }| ClipPlane {
+                point: placement.volume_from_world(point),
+                normal: placement.volume_normal(normal),
+            })
+            .collect();
+        Ok(Some(own))
+    }
+
     /// The corners of the box; infinite where it has no bounds.
     pub fn corners(&self) -> [DVec3; 2] {
         [self.low, self.high]
     }
 
-    /// The planes, with normals of length 1.
+    /// The planes, with normals of length 1 in the scene's world.
     pub fn planes(&self) -> &[ClipPlane] {
         &self.planes
     }
@@ -198,5 +233,33 @@ mod tests {
             prop_assert_eq!(least > 0.0, from <= t && t <= to, "{} in {}..{}", t, from, to);
             prop_assert!(least < 0.0 || clip.meets_box(point - size, point + 1e-6));
         }
+    }
+
+    #[test]
+    fn a_placed_volume_shows_what_is_shown_of_the_world() {
+        let placement = Placement::from_text("0 -2 0 1  1 0.5 0 2  0 0 3 3").expect("a map");
+        let clip =
+            Clip::new(Some([DVec3::new(-3.0, 0.0, 1.0), DVec3::new(2.0, 4.0, 9.0)]), &[plane([0.0; 3], [1.0; 3])]);
+        let clip = clip.expect("a clip");
+        let crop = [DVec3::ZERO, DVec3::splat(1.5)];
+        let own = Clip::in_volume(Some(&clip), &placement, Some(crop)).unwrap().unwrap();
+        let is_in = |clip: &Clip, p: DVec3| {
+            p.cmpge(clip.low).all()
+                && p.cmplt(clip.high).all()
+                && clip.planes.iter().all(|plane| plane.height(p) >= 0.0)
+        };
+        let mut inside = 0;
+        for i in 0..1000 {
+            let own_point = DVec3::new((i % 10) as f64, (i / 10 % 10) as f64, (i / 100) as f64) * 0.31 - 0.77;
+            let is_cropped = own_point.cmpge(crop[0]).all() && own_point.cmplt(crop[1]).all();
+            let expected = is_cropped && is_in(&clip, placement.world_from_volume(own_point));
+            assert_eq!(is_in(&own, own_point), expected, "{own_point}");
+            inside += expected as u32;
+        }
+        assert!(inside > 20, "{inside}");
+        assert_eq!(Clip::in_volume(None, &placement, None), Ok(None));
+        assert!(Clip::in_volume(None, &placement, Some([DVec3::ONE, DVec3::ZERO])).is_err());
+        let plain = Clip::in_volume(Some(&clip), &Placement::default(), Some(crop)).unwrap().unwrap();
+        assert_eq!(plain.corners(), [DVec3::new(0.0, 0.0, 1.0), DVec3::splat(1.5)]);
     }
 }

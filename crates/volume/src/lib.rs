@@ -1,6 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces, meshes, expressions and
-//! the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
+//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces, meshes, expressions, several
+//! volumes and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
@@ -18,10 +18,12 @@ pub mod integrals;
 pub mod jitter;
 pub mod lattice;
 pub mod lighting;
+pub mod look;
 pub mod macrocells;
 pub mod mesh;
 pub mod occupancy;
 pub mod picture;
+pub mod placement;
 pub mod pyramid;
 pub mod sampling;
 pub mod scene;
@@ -42,10 +44,12 @@ pub use integrals::{Integrals, Medium};
 pub use jitter::Jitter;
 pub use lattice::{Lattice, Segment};
 pub use lighting::{Gradient, Lighting, LightingModel};
+pub use look::{Blend, VolumeFrame, VolumeLook};
 pub use macrocells::{MacroCells, OpaqueCodes};
 pub use mesh::{Layer, Mesh, MeshError, MeshLook, MeshLookError, MeshRoom, ShownMesh};
 pub use occupancy::{Occupancy, OccupancyBins};
 pub use picture::{Difference, FrameSettings, Picture};
+pub use placement::{Placement, PlacementError};
 pub use pyramid::{LevelGrid, Pyramid};
 pub use sampling::{Filter, Method, Needs, Sampling};
 pub use scene::{LevelPolicy, Mode, Scene};

@@ -7,6 +7,7 @@ use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::lighting::Lighting;
 use crate::mesh::{MeshRoom, ShownMesh};
+use crate::placement::Placement;
 use crate::sampling::{Needs, Sampling};
 use crate::scene::Mode;
 use crate::space::Extent;
@@ -21,8 +22,10 @@ pub struct FrameSettings {
     pub rays: ViewRays,
     /// Where rays are sampled.
     pub lattice: Lattice,
-    /// Where the volume stands.
+    /// Where the volume stands in its own world.
     pub geometry: Geometry,
+    /// Where that is in the world of the rays.
+    pub placement: Placement,
     /// How slot codes stand for values.
     pub encoding: SlotEncoding,
     /// Colour and opacity per code.
@@ -38,7 +41,7 @@ pub struct FrameSettings {
     pub lighting: Lighting,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
-    /// What is shown; `None` is everything.
+    /// What is shown, in the volume's own world; `None` is everything.
     pub clip: Option<Clip>,
     /// Meshes that stand in it, in the world; none is invisible.
     pub meshes: Vec<ShownMesh>,

@@ -4,6 +4,7 @@ use crate::camera::{Camera, ViewRays};
 use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
 use crate::geometry::Geometry;
 use crate::lighting::Lighting;
+use crate::look::VolumeLook;
 use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
 use crate::sampling::{Needs, Sampling};
 use crate::slice::Slice;
@@ -85,6 +86,10 @@ pub struct Scene {
     pub slice: Option<Slice>,
     /// Triangle meshes, in the same world.
     pub meshes: Vec<MeshLook>,
+    /// How each of several volumes looks, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES), in the order of their stores; those
+    /// that are not named look as [`VolumeLook::default`].
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub volumes: Vec<VolumeLook>,
 }
 
 impl Default for Scene {
@@ -107,6 +112,7 @@ impl Default for Scene {
             clip_planes: Vec::new(),
             slice: None,
             meshes: Vec::new(),
+            volumes: Vec::new(),
         }
     }
 }
@@ -188,6 +194,8 @@ mod tests {
     use crate::camera::Projection;
     use crate::jitter::Jitter;
     use crate::lighting::LightingModel;
+    use crate::look::Blend;
+    use crate::placement::Placement;
     use crate::sampling::{Filter, Method};
     use crate::stereo::StereoLayout;
 
@@ -216,6 +224,18 @@ mod tests {
             clip_planes: vec![ClipPlane { point: DVec3::ONE, normal: DVec3::new(0.0, -0.1, 3.0) }],
             slice: Some(Slice { point: DVec3::Y, normal: DVec3::new(0.2, 0.0, 7.0), thickness: 0.25 }),
             meshes: vec![MeshLook { color: Some([1.0, 0.5, 0.0]), opacity: 0.25, ..MeshLook::new("a.stl") }],
+            volumes: vec![
+                VolumeLook::default(),
+                VolumeLook {
+                    world_from_volume: Placement::from_text("1 2 0 4  0 1 0 5  0 0 3 6").unwrap(),
+                    transfer: Some(TransferFunction::preset("gray", (0.0, 9.0), 2.0).unwrap()),
+                    opacity: 0.5,
+                    blend: Blend::Add,
+                    crop: Some([DVec3::ZERO, DVec3::ONE]),
+                    channel: Some(1),
+                    visible: false,
+                },
+            ],
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
@@ -224,6 +244,10 @@ mod tests {
         let stereo = |text: &str| serde_json::from_str::<Scene>(&format!(r#"{{"stereo": {text}}}"#)).map(|s| s.stereo);
         let anaglyph = Stereo::new(StereoLayout::Anaglyph);
         assert_eq!(stereo(r#"{"layout": "anaglyph"}"#).unwrap(), Some(anaglyph));
+        let volume = |text: &str| serde_json::from_str::<Scene>(&format!(r#"{{"volumes": [{text}]}}"#));
+        assert_eq!(volume("{}").unwrap().volumes, [VolumeLook::default()]);
+        let singular = volume(r#"{"world_from_volume": [[1,0,0,0], [1,0,0,0], [0,0,1,0]]}"#).unwrap_err();
+        assert!(singular.to_string().contains("singular"), "{singular}");
         assert!(stereo(r#"{"layout": "anaglyph", "separation": 2}"#).is_err() && stereo("{}").is_err());
     }
 }

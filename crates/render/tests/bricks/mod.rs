@@ -51,7 +51,7 @@ impl Bricks {
         Self { pyramid, geometry, encoding, levels, codes, needs: NEEDS }
     }
 
-    fn padded(&self, id: BrickId) -> Vec<u8> {
+    pub(crate) fn padded(&self, id: BrickId) -> Vec<u8> {
         let (edge, apron, level) = (self.pyramid.edge(), self.needs.apron, id.level.index());
         let (n, index) = (self.levels[level].extent.to_array(), id.index.to_array());
         let at = |a: usize, i: u32| ((index[a] * edge + i) as i64 - apron as i64).clamp(0, n[a] as i64 - 1) as u32;
@@ -166,6 +166,7 @@ impl Bricks {
             rays,
             lattice,
             geometry: self.geometry.clone(),
+            placement: Placement::default(),
             encoding: self.encoding,
             table: TransferTable::new(transfer, &self.encoding),
             mode,

@@ -116,10 +116,7 @@ impl Volume {
 
     /// A renderer that holds the bricks of the cut for a frame, and its draw list.
     pub(crate) fn load(&self, cut: &[CutCell], frame: &FrameSettings, threads: usize) -> (SoftwareRenderer, DrawList) {
-        let (rays, apron) = (&frame.rays, frame.needs().apron);
-        let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
-        bricks.sort();
-        bricks.dedup();
+        let rays = &frame.rays;
         let mut renderer = SoftwareRenderer::new(SoftwareOptions {
             encoding: self.encoding,
             edge: self.pyramid.edge(),
@@ -130,9 +127,18 @@ impl Volume {
             leaps: true,
         })
         .unwrap();
-        for (slot, id) in bricks.iter().enumerate() {
-            renderer.upload(Slot(slot as u32), self.padded(id.level, id.index, apron));
+        let (bricks, list) = self.bricks(cut, frame.needs().apron);
+        for (slot, codes) in bricks.into_iter().enumerate() {
+            renderer.upload(Slot(slot as u32), codes);
         }
+        (renderer, list)
+    }
+
+    /// The padded bricks of the cut, slot by slot, and its draw list.
+    pub(crate) fn bricks(&self, cut: &[CutCell], apron: u32) -> (Vec<Arc<[u8]>>, DrawList) {
+        let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
+        bricks.sort();
+        bricks.dedup();
         let draw = |c: &CutCell| {
             let brick = self.brick(c);
             DrawCell {
@@ -143,7 +149,8 @@ impl Volume {
                 slot: Slot(bricks.binary_search(&brick).unwrap() as u32),
             }
         };
-        (renderer, DrawList { cells: cut.iter().map(draw).collect() })
+        let padded = bricks.iter().map(|id| self.padded(id.level, id.index, apron)).collect();
+        (padded, DrawList { cells: cut.iter().map(draw).collect() })
     }
 
     fn brick(&self, c: &CutCell) -> BrickId {

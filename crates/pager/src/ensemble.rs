@@ -1,0 +1,91 @@
+//! Several volumes under one budget: what each needs of a renderer, what each draws, and how they share.
+//!
+//! A share is decided once, by what is at hand of each volume. So budgets stay hard: what one volume does not use is not lent
+//! to another.
+
+use crate::draw_list::DrawList;
+use brickyard_volume::{Needs, Pyramid, SlotEncoding, VolumeFrame};
+
+/// What a renderer of several volumes is made for, volume by volume.
+#[derive(Clone, Copy, Debug)]
+pub struct VolumeNeeds {
+    /// How slot codes stand for values.
+    pub encoding: SlotEncoding,
+    /// Voxels along a brick's core edge.
+    pub edge: u32,
+    /// Levels of the pyramid.
+    pub levels: u32,
+    /// What the pictures need of bricks.
+    pub bricks: Needs,
+    /// Slots without which nothing can be drawn.
+    pub least_slots: u32,
+    /// Slots that could ever be filled.
+    pub most_slots: u32,
+}
+
+/// One volume's part of a picture of several, which come in the order that the renderer was made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Layer<'a> {
+    /// Its frame.
+    pub frame: &'a VolumeFrame,
+    /// Its levels.
+    pub pyramid: &'a Pyramid,
+    /// What is drawn of it.
+    pub draw: &'a DrawList,
+}
+
+/// A number of things of one size that somebody wants.
+#[derive(Clone, Copy, Debug)]
+pub struct Wish {
+    /// Bytes of each.
+    pub bytes: u64,
+    /// Without so many there is nothing.
+    pub least: u64,
+    /// More are of no use.
+    pub most: u64,
+}
+
+/// How many each gets of a budget: the least that each needs, and of the rest the same share of what each wants besides. All that
+/// there is, together, if it is not enough for the least.
+///
+/// # Errors
+/// The least budget that works.
+pub fn share(budget_bytes: u64, wishes: &[Wish]) -> Result<Vec<u64>, u64> {
+    let least: u64 = wishes.iter().map(|wish| wish.least * wish.bytes).sum();
+    let besides: u128 =
+        wishes.iter().map(|wish| (wish.most.max(wish.least) - wish.least) as u128 * wish.bytes as u128).sum();
+    let left = budget_bytes.checked_sub(least).ok_or(least)? as u128;
+    let share = |wish: &Wish| {
+        let more = (wish.most.max(wish.least) - wish.least) as u128;
+        // No number of voxels that fits 64 bits makes a product of two such overflow.
+        wish.least + if left >= besides { more } else { more * left / besides } as u64
+    };
+    Ok(wishes.iter().map(share).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everybody_gets_what_it_needs_and_nothing_is_overspent() {
+        let wishes = [
+            Wish { bytes: 100, least: 1, most: 11 },
+            Wish { bytes: 7, least: 2, most: 1000 },
+            Wish { bytes: 30, least: 3, most: 3 },
+        ];
+        let least = 100 + 14 + 90;
+        assert_eq!(share(least - 1, &wishes), Err(least));
+        assert_eq!(share(least, &wishes), Ok(vec![1, 2, 3]));
+        assert_eq!(share(1 << 40, &wishes), Ok(vec![11, 1000, 3]));
+        for budget in least..10_000 {
+            let shares = share(budget, &wishes).unwrap();
+            let spent: u64 = shares.iter().zip(&wishes).map(|(n, wish)| n * wish.bytes).sum();
+            assert!(spent <= budget);
+            // What is left over is a part of one of each, or everybody has all.
+            assert!(budget - spent <= 137 || shares == [11, 1000, 3], "{budget}: {shares:?}");
+        }
+        // Half of what is wanted besides the least.
+        assert_eq!(share(least + (1000 + 998 * 7) / 2, &wishes), Ok(vec![6, 501, 3]));
+    }
+}

@@ -1,0 +1,401 @@
+//! Several volumes in one picture on a GPU: a ray per pixel through the octrees of all their draw lists.
+//!
+//! Every volume has an atlas of its own, for bricks of one volume need not be as large as those of another; all else lies in buffers
+//! that volumes share, one after the other. Where each begins is fixed with the budget, and part of the shader, which is made for
+//! just these volumes: it holds each volume's code with each volume's numbers, and no loop over volumes.
+//!
+//! A device that is lost stays lost: the picture fails.
+
+use crate::adapter::{AdapterReport, Gpu, GpuPreference};
+use crate::atlas::{Atlas, AtlasPlan, texel_bytes};
+use crate::error::GpuError;
+use crate::frame::frame_uniform;
+use crate::gathering::{Gathering, SharedBuffers, buffer, entry, sampler};
+use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
+use crate::pipelines::{Layouts, Pipelines};
+use crate::raycast::PIXELS_PER_SUBMISSION;
+use crate::renderer::check_size;
+use crate::table;
+use crate::targets::Targets;
+use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
+use crate::upload::{MAX_BATCH, Uploader, staging_bytes};
+use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
+use brickyard_shaders::{FIRST_ATLAS, FrameUniform, Gather, LEAF, NO_RANGES, RayBrick, VolumeShader};
+use brickyard_volume::macrocells::{self, per_axis};
+use brickyard_volume::{
+    Blend, Filter, Jitter, LightingModel, MacroCells, Method, Mode, OpaqueCodes, Picture, TransferTable,
+};
+use std::collections::HashMap;
+use wgpu::{BindingResource, BufferUsages};
+
+/// Atlases of several volumes, and the shaders that draw from them.
+#[derive(Debug)]
+pub struct GpuEnsemble {
+    gpu: Gpu,
+    volumes: Vec<Volume>,
+    shared: SharedBuffers,
+    nodes: wgpu::Buffer,
+    bricks: wgpu::Buffer,
+    ranges: wgpu::Buffer,
+    opaque_before: wgpu::Buffer,
+    layouts: Layouts,
+    bindings: wgpu::BindGroup,
+    /// Made at first use.
+    pipelines: HashMap<Vec<VolumeShader>, Pipelines>,
+    targets: Targets,
+    max_size_px: (u32, u32),
+    bytes: u64,
+}
+
+#[derive(Debug)]
+struct Volume {
+    needs: VolumeNeeds,
+    plan: RaycastPlan,
+    atlas: Atlas,
+    uploader: Uploader,
+    slot_ranges: Vec<[u16; 2]>,
+    /// What the table buffer holds, and of it the codes with opacity.
+    table: Option<(TransferTable, Blend)>,
+    opaque: OpaqueCodes,
+    first: Firsts,
+}
+
+/// Where a volume begins in the shared buffers: a node's word, a brick, a macro-cell, a place of the table, a count.
+#[derive(Clone, Copy, Debug, Default)]
+struct Firsts {
+    node: u32,
+    brick: u32,
+    range: u32,
+    place: u32,
+    count: u32,
+}
+
+/// How a budget is spent.
+struct Plan {
+    atlases: Vec<AtlasPlan>,
+    raycasts: Vec<RaycastPlan>,
+    batch: u64,
+    bytes: u64,
+}
+
+impl GpuEnsemble {
+    /// Shares `gpu_memory_bytes` out among the volumes, for pictures up to `max_size_px` (width, height). Where the device refuses
+    /// an allocation, half of that is tried, again and again.
+    ///
+    /// # Errors
+    /// If there is no such adapter, its shaders see too few textures, or the budget or the device do not have the least that the volumes
+    /// need.
+    pub fn new(
+        preference: GpuPreference,
+        volumes: &[VolumeNeeds],
+        gpu_memory_bytes: u64,
+        max_size_px: (u32, u32),
+    ) -> Result<Self, GpuError> {
+        let mut budget_bytes = gpu_memory_bytes;
+        loop {
+            let gpu = Gpu::open(preference, u64::MAX)?;
+            let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
+            if volumes.len() > limit as usize {
+                return Err(GpuError::Textures { volumes: volumes.len(), limit });
+            }
+            check_size(max_size_px, (gpu.report.max_texture_2d, gpu.report.max_texture_2d))?;
+            let plan = Plan::new(&gpu, volumes, budget_bytes, max_size_px)?;
+            match Self::allocate(gpu, volumes, plan, max_size_px) {
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) => {
+                    budget_bytes /= 2;
+                    tracing::warn!("{error}: trying with {budget_bytes} bytes");
+                }
+                other => return other,
+            }
+        }
+    }
+
+    fn allocate(gpu: Gpu, needs: &[VolumeNeeds], plan: Plan, max_size_px: (u32, u32)) -> Result<Self, GpuError> {
+        let (mut end, mut volumes, mut table_bytes) = (Firsts::default(), Vec::new(), 0);
+        for ((needs, atlas), raycast) in needs.iter().zip(plan.atlases).zip(plan.raycasts) {
+            let (codes, slots) = (needs.encoding.format, atlas.slots());
+            let first = end;
+            end.node += (raycast.nodes_bytes(slots) / size_of::<u32>() as u64) as u32;
+            end.brick += (raycast.bricks_bytes(slots) / size_of::<RayBrick>() as u64) as u32;
+            end.range += (raycast.ranges_bytes(slots) / size_of::<u32>() as u64) as u32;
+            end.place += table::last_place(codes) + 1;
+            end.count += codes.max_code() + 2;
+            table_bytes += table::bytes(codes, false);
+            let none = TransferTable { entries: Vec::new(), unit_distance: 1.0 };
+            volumes.push(Volume {
+                needs: *needs,
+                plan: raycast,
+                atlas: Atlas::new(&gpu, atlas, gpu.report.formats.atlas(codes))?,
+                uploader: Uploader::new(codes, plan.batch),
+                slot_ranges: vec![macrocells::NONE; slots as usize],
+                table: None,
+                opaque: OpaqueCodes::new(&none),
+                first,
+            });
+        }
+        let shared = SharedBuffers::new(&gpu, volumes.len() as u64, table_bytes)?;
+        let word = size_of::<u32>() as u64;
+        let sizes = [
+            ("octrees", end.node as u64 * word),
+            ("bricks", end.brick as u64 * size_of::<RayBrick>() as u64),
+            ("macro-cells", end.range as u64 * word),
+            ("opaque entries", end.count as u64 * word),
+        ];
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let make = |device: &wgpu::Device| sizes.map(|(label, bytes)| buffer(device, label, bytes, usage));
+        let total = sizes.iter().map(|(_, bytes)| bytes).sum();
+        let [nodes, bricks, ranges, opaque_before] = gpu.allocate("the octrees and the macro-cells", total, make)?;
+        let layouts = Layouts::together(&gpu, volumes.len());
+        let (sampler, views) =
+            (sampler(&gpu), volumes.iter().map(|v| v.atlas.texture.create_view(&Default::default())));
+        let views: Vec<wgpu::TextureView> = views.collect();
+        let mut entries = vec![
+            entry(0, shared.frame.as_entire_binding()),
+            entry(1, bricks.as_entire_binding()),
+            entry(3, BindingResource::Sampler(&sampler)),
+            entry(4, shared.table.as_entire_binding()),
+            entry(6, nodes.as_entire_binding()),
+            entry(7, ranges.as_entire_binding()),
+            entry(8, opaque_before.as_entire_binding()),
+        ];
+        entries.extend((FIRST_ATLAS..).zip(&views).map(|(at, view)| entry(at, BindingResource::TextureView(view))));
+        let descriptor = wgpu::BindGroupDescriptor { label: Some("march"), layout: &layouts.march, entries: &entries };
+        let bindings = gpu.device.create_bind_group(&descriptor);
+        let targets = Targets::new(&gpu, Gather::Composite, max_size_px, 0)?;
+        gpu.check()?;
+        Ok(Self {
+            volumes,
+            shared,
+            nodes,
+            bricks,
+            ranges,
+            opaque_before,
+            layouts,
+            bindings,
+            pipelines: HashMap::new(),
+            targets,
+            max_size_px,
+            bytes: plan.bytes,
+            gpu,
+        })
+    }
+
+    /// How many bricks of a volume fit.
+    pub fn slots(&self, volume: usize) -> u32 {
+        self.volumes[volume].atlas.plan.slots()
+    }
+
+    /// Everything this renderer may hold on the GPU at once.
+    pub fn gpu_bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The adapter in use.
+    pub fn adapter(&self) -> &AdapterReport {
+        &self.gpu.report
+    }
+
+    /// Puts a volume's padded brick into one of its slots, as [`crate::GpuRenderer::upload`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn upload(&mut self, volume: usize, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
+        let Volume { needs, plan, atlas, uploader, slot_ranges, first, .. } = &mut self.volumes[volume];
+        uploader.check(atlas, slot, codes)?;
+        let VolumeNeeds { encoding, edge, bricks, .. } = *needs;
+        let cells = MacroCells::new(codes, encoding.format, encoding.has_invalid, edge as usize, bricks);
+        let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();
+        let at = first.range as u64 * size_of::<u32>() as u64 + plan.ranges_bytes(slot.0);
+        self.gpu.queue.write_buffer(&self.ranges, at, bytemuck::cast_slice(&packed));
+        slot_ranges[slot.0 as usize] = cells.whole();
+        uploader.upload(&self.gpu, atlas, slot, codes)
+    }
+
+    /// Draws the layers together, one for each volume.
+    ///
+    /// # Errors
+    /// If the picture is too large, layers do not fit the volumes or ask for what several volumes do not have (another mode, another
+    /// method, light), or the device fails.
+    pub fn render(&mut self, layers: &[Layer<'_>]) -> Result<Picture, GpuError> {
+        self.gpu.check()?;
+        if layers.len() != self.volumes.len() {
+            let problem = format!("{} layers of {} volumes", layers.len(), self.volumes.len());
+            return Err(GpuError::Mismatch(problem));
+        }
+        for (i, layer) in layers.iter().enumerate() {
+            self.volumes[i].check(layer)?;
+            self.write_frame(i, layer);
+            self.write_table(i, layer);
+            self.write_tree(i, layer)?;
+        }
+        let rays = &layers[0].frame.settings.rays;
+        let size = (rays.width, rays.height);
+        check_size(size, self.max_size_px)?;
+        let Self { gpu, volumes, shared, layouts, bindings, pipelines, targets, .. } = self;
+        if (targets.width_px, targets.height_px) != size {
+            *targets = Targets::new(gpu, Gather::Composite, size, 0)?;
+        }
+        let shaders: Vec<VolumeShader> =
+            layers.iter().zip(&*volumes).map(|(layer, volume)| volume.shader(layer)).collect();
+        let pipelines =
+            pipelines.entry(shaders).or_insert_with_key(|shaders| Pipelines::together(gpu, layouts, shaders));
+        gpu.check()?;
+        let target = &targets.gathered;
+        let gathering =
+            Gathering { shared, target, pipeline: &pipelines.march, size_px: size, limits: None, is_begin: true };
+        let rows = (PIXELS_PER_SUBMISSION / volumes.len() as u32 / size.0).max(1);
+        for top in (0..size.1).step_by(rows as usize) {
+            gathering.submit(gpu, bindings, top == 0, |pass| {
+                pass.set_scissor_rect(0, top, size.0, rows.min(size.1 - top));
+                pass.draw(0..3, 0..1);
+            });
+        }
+        let copied = shared.resolve(gpu, &layouts.resolve, &pipelines.resolve, targets);
+        Ok(targets.read(gpu, copied, 0)?.picture)
+    }
+
+    fn write_frame(&self, volume: usize, layer: &Layer<'_>) {
+        let uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &self.volumes[volume].atlas.plan, 0.0, 0);
+        let at = volume * size_of::<FrameUniform>();
+        self.gpu.queue.write_buffer(&self.shared.frame, at as u64, bytemuck::bytes_of(&uniform));
+    }
+
+    fn write_table(&mut self, volume: usize, layer: &Layer<'_>) {
+        let Volume { needs, table, opaque, first, .. } = &mut self.volumes[volume];
+        let (wanted, blend) = (&layer.frame.settings.table, layer.frame.blend);
+        if table.as_ref().is_some_and(|(table, of)| table == wanted && *of == blend) {
+            return;
+        }
+        let places = table::places(wanted, needs.encoding.format, blend);
+        let at = first.place as u64 * size_of::<[u32; 2]>() as u64;
+        self.gpu.queue.write_buffer(&self.shared.table, at, bytemuck::cast_slice(&places));
+        *opaque = OpaqueCodes::new(wanted);
+        let at = first.count as u64 * size_of::<u32>() as u64;
+        self.gpu.queue.write_buffer(&self.opaque_before, at, bytemuck::cast_slice(opaque.before()));
+        *table = Some((wanted.clone(), blend));
+    }
+
+    fn write_tree(&self, volume: usize, layer: &Layer<'_>) -> Result<(), GpuError> {
+        let Volume { plan, first, atlas, .. } = &self.volumes[volume];
+        let Tree { nodes, bricks } = self.volumes[volume].tree(layer);
+        let slots = atlas.plan.slots();
+        let (nodes, bricks): (&[u8], &[u8]) = (bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&bricks));
+        if nodes.len() as u64 > plan.nodes_bytes(slots) || bricks.len() as u64 > plan.bricks_bytes(slots) {
+            return Err(GpuError::Mismatch(format!(
+                "a draw list of {} cells for {slots} slots",
+                layer.draw.cells.len()
+            )));
+        }
+        let at = [first.node as usize * size_of::<u32>(), first.brick as usize * size_of::<RayBrick>()];
+        self.gpu.queue.write_buffer(&self.nodes, at[0] as u64, nodes);
+        self.gpu.queue.write_buffer(&self.bricks, at[1] as u64, bricks);
+        Ok(())
+    }
+}
+
+impl Volume {
+    fn check(&self, layer: &Layer<'_>) -> Result<(), GpuError> {
+        let settings = &layer.frame.settings;
+        let is_plain = settings.mode == Mode::Dvr
+            && settings.surfaces.is_empty()
+            && settings.meshes.is_empty()
+            && settings.sampling.method == Method::Udvr
+            && settings.sampling.jitter == Jitter::None
+            && settings.lighting.model == LightingModel::None;
+        let fits = settings.encoding == self.needs.encoding
+            && layer.pyramid.edge() == self.needs.edge
+            && self.needs.bricks.satisfy(&settings.needs())
+            && settings.table.entries.len() == self.needs.encoding.format.max_code() as usize + 1;
+        let slots = self.atlas.plan.slots();
+        let problem = if !is_plain {
+            "several volumes are sampled plainly and unlit"
+        } else if !fits {
+            "a frame of another volume than the renderer was made for"
+        } else if layer.draw.cells.iter().any(|cell| cell.slot.0 >= slots) {
+            "a draw list with slots that are not there"
+        } else {
+            return Ok(());
+        };
+        Err(GpuError::Mismatch(problem.into()))
+    }
+
+    fn shader(&self, layer: &Layer<'_>) -> VolumeShader {
+        VolumeShader {
+            has_invalid: self.needs.encoding.has_invalid,
+            is_cubic: layer.frame.settings.sampling.filter == Filter::Tricubic,
+            adds: layer.frame.blend == Blend::Add,
+            first_node: self.first.node,
+            first_place: self.first.place,
+            first_count: self.first.count,
+        }
+    }
+
+    /// The octree over a list, with positions in the shared buffers.
+    fn tree(&self, layer: &Layer<'_>) -> Tree {
+        let (mode, has_invalid) = (Mode::Dvr, self.needs.encoding.has_invalid);
+        let visibility = Visibility { mode, has_invalid, opaque: &self.opaque, leaps: true };
+        let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
+        let (atlas, apron, ranges) = (&self.atlas.plan, self.needs.bricks.apron, &self.slot_ranges[..]);
+        let mut tree = Tree::new(layer.pyramid, layer.draw, &visibility, &Slots { atlas, apron, macro_cells, ranges });
+        for word in &mut tree.nodes {
+            *word += match *word {
+                // Nothing is drawn there.
+                LEAF => 0,
+                leaf if leaf & LEAF != 0 => self.first.brick,
+                _ => self.first.node / GROUP as u32,
+            };
+        }
+        for brick in tree.bricks.iter_mut().filter(|brick| brick.first_range != NO_RANGES) {
+            brick.first_range += self.first.range;
+        }
+        tree
+    }
+}
+
+impl Plan {
+    fn new(gpu: &Gpu, volumes: &[VolumeNeeds], budget_bytes: u64, max_size_px: (u32, u32)) -> Result<Self, GpuError> {
+        let formats = &gpu.report.formats;
+        let max_binding_bytes = gpu.device.limits().max_storage_buffer_binding_size / volumes.len() as u64;
+        let raycast = |needs: &VolumeNeeds| RaycastPlan::new(needs.edge, needs.levels, needs.encoding.format, true);
+        let raycasts: Vec<RaycastPlan> = volumes.iter().map(raycast).collect();
+        let slot_edge = |needs: &VolumeNeeds| needs.edge + 2 * needs.bricks.apron;
+        let slot_bytes =
+            |needs: &VolumeNeeds| (slot_edge(needs) as u64).pow(3) * texel_bytes(formats.atlas(needs.encoding.format));
+        let (mut small, mut staging) = (picture_bytes(formats, max_size_px), 0);
+        for (needs, plan) in volumes.iter().zip(&raycasts) {
+            let codes = needs.encoding.format;
+            small += table::bytes(codes, false) + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
+            staging += staging_bytes(slot_edge(needs), formats.atlas(codes)) + plan.ranges_bytes(1);
+        }
+        // As for one volume: two batches are under way at once, together at most an eighth of the budget.
+        let batch = (budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
+        let fixed_bytes = small + 2 * batch * staging;
+        let wish = |(needs, plan): (&VolumeNeeds, &RaycastPlan)| {
+            let most = (needs.most_slots as u64).min(plan.max_slots(max_binding_bytes));
+            let least = (needs.least_slots.max(MIN_SLOTS) as u64).min(needs.most_slots as u64);
+            Wish { bytes: slot_bytes(needs) + plan.bytes_per_slot(), least, most }
+        };
+        let wishes: Vec<Wish> = volumes.iter().zip(&raycasts).map(wish).collect();
+        let too_little = |least_bytes: u64| GpuError::Budget {
+            given_bytes: budget_bytes,
+            least_bytes,
+            width_px: max_size_px.0,
+            height_px: max_size_px.1,
+            slot_edge: volumes.iter().map(slot_edge).max().unwrap_or(0),
+        };
+        let shares = share(budget_bytes.saturating_sub(fixed_bytes), &wishes);
+        let shares = shares.map_err(|least| too_little(small + 2 * staging + least))?;
+        let (mut atlases, mut bytes) = (Vec::new(), fixed_bytes);
+        for ((needs, wish), slots) in volumes.iter().zip(&wishes).zip(shares) {
+            let texel = texel_bytes(formats.atlas(needs.encoding.format));
+            let (room, max_edge) = (slots * slot_bytes(needs), gpu.report.max_texture_3d);
+            let atlas = AtlasPlan::new(slot_edge(needs), texel, room, max_edge, slots.min(u32::MAX as u64) as u32);
+            let atlas = atlas.filter(|atlas| atlas.slots() as u64 >= wish.least);
+            let atlas =
+                atlas.ok_or_else(|| too_little(fixed_bytes + wishes.iter().map(|w| w.least * w.bytes).sum::<u64>()))?;
+            bytes += atlas.slots() as u64 * wish.bytes;
+            atlases.push(atlas);
+        }
+        Ok(Self { atlases, raycasts, batch, bytes })
+    }
+}

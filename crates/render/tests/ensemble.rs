@@ -1,0 +1,252 @@
+//! Several volumes in one picture on a GPU, against the oracle: of unlike grids, types, levels and places, with crops, clips and both ways
+//! to blend.
+//!
+//! The tolerance is that of one volume (`pictures.rs`): 2/255.
+
+#[allow(dead_code, reason = "other tests draw single volumes with it")]
+mod bricks;
+
+use bricks::{Bricks, MEMORY_BYTES};
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
+use brickyard_reference::{ReferenceVolume, render_together};
+use brickyard_render::{GpuEnsemble, GpuError, GpuPreference};
+use brickyard_volume::*;
+use glam::DVec3;
+
+const TOLERANCE: u8 = 2;
+const SIZE: (u32, u32) = (48, 40);
+
+/// A volume, where it is and how it looks.
+struct Member {
+    bricks: Bricks,
+    placement: Placement,
+    transfer: TransferFunction,
+    blend: Blend,
+    crop: Option<[DVec3; 2]>,
+}
+
+fn wave(v: [u32; 3], scale: f64) -> f64 {
+    let p = DVec3::from_array(v.map(f64::from)) * scale;
+    let wave = (p.x * 0.31).sin() + (p.y * 0.23 + 1.0).sin() + (p.z * 0.37 + p.x * 0.1).cos();
+    (wave / 6.0 + 0.5).clamp(0.0, 1.0)
+}
+
+fn ramp((low, high): (f64, f64), rgb: [[f64; 3]; 2], alpha: f64) -> TransferFunction {
+    let at = |code: u32| low + code as f64 / 255.0 * (high - low);
+    let color = |code: u32, [r, g, b]: [f64; 3]| [at(code), r, g, b];
+    TransferFunction {
+        color: vec![color(40, rgb[0]), color(220, rgb[1])],
+        opacity: vec![[at(100), 0.0], [at(140), alpha], [at(180), 0.25 * alpha], [at(230), alpha]],
+        unit_distance: 2.0,
+    }
+}
+
+fn members() -> Vec<Member> {
+    let u8_codes = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let u16_codes = SlotEncoding::new(VoxelType::U16, (0.0, 65535.0), false);
+    let f32_codes = SlotEncoding::new(VoxelType::F32, (-1.0, 1.0), true);
+    let geometry =
+        |spacing: [f64; 3], origin: [f64; 3]| Geometry { spacing: spacing.into(), origin: origin.into(), unit: None };
+    let holes = |v: [u32; 3]| if (v[0] + v[1]) % 9 < 2 { f64::NAN } else { 2.0 * wave(v, 0.7) - 1.0 };
+    vec![
+        Member {
+            bricks: Bricks::new([37, 41, 33], 16, Geometry::default(), u8_codes, |v| 255.0 * wave(v, 1.0)),
+            placement: Placement::default(),
+            transfer: ramp((0.0, 255.0), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4),
+            blend: Blend::Mix,
+            crop: Some([DVec3::new(4.2, -9.0, 3.0), DVec3::new(99.0, 33.3, 31.5)]),
+        },
+        Member {
+            bricks: Bricks::new([50, 30, 27], 12, geometry([0.5, 0.8, 1.0], [-3.0, 2.0, 1.0]), u16_codes, |v| {
+                65535.0 * wave(v, 1.3)
+            }),
+            placement: Placement::from_text("0.9 -0.5 0.1 12  0.4 1.1 0 -3  0 0.3 1.2 2").expect("a map"),
+            transfer: ramp((0.0, 65535.0), [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6),
+            blend: Blend::Mix,
+            crop: None,
+        },
+        Member {
+            bricks: Bricks::new([24; 3], 16, geometry([1.7; 3], [2.0; 3]), f32_codes, holes),
+            placement: Placement::from_text("0 -1 0 38  1 0 0 -4  0 0 0.8 5").expect("a map"),
+            transfer: ramp((-1.0, 1.0), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2),
+            blend: Blend::Add,
+            crop: None,
+        },
+    ]
+}
+
+/// Whether a brick of level 1 is drawn as it is, and not its children.
+fn is_coarse(index: BrickIndex) -> bool {
+    index.to_array().iter().sum::<u32>() % 3 == 1
+}
+
+impl Member {
+    fn needs(&self) -> VolumeNeeds {
+        VolumeNeeds {
+            encoding: self.bricks.encoding,
+            edge: self.bricks.pyramid.edge(),
+            levels: self.bricks.pyramid.levels().len() as u32,
+            bricks: self.bricks.needs,
+            least_slots: 2,
+            most_slots: self.bricks.pyramid.brick_count() as u32 + 2,
+        }
+    }
+
+    /// Bricks of levels 0 and 1.
+    fn cells(&self) -> Vec<BrickId> {
+        let (mut cells, grid) = (Vec::new(), self.bricks.pyramid.level(Level(1)).bricks);
+        for i in 0..grid.volume() as u32 {
+            let index = BrickIndex::new(i % grid.x, i / grid.x % grid.y, i / grid.x / grid.y);
+            let id = |level, index| BrickId { time: 0, channel: 0, level, index };
+            if is_coarse(index) {
+                cells.push(id(Level(1), index));
+            } else {
+                cells.extend(self.bricks.pyramid.children(Level(1), index).map(|child| id(Level(0), child)));
+            }
+        }
+        cells
+    }
+
+    fn draw(&self) -> DrawList {
+        let cell = |(slot, id): (u32, BrickId)| DrawCell {
+            cell: id,
+            region: self.bricks.pyramid.brick_box_voxel(id.level, id.index),
+            pixels: Pixels::ALL,
+            brick: id,
+            slot: Slot(slot),
+        };
+        DrawList { cells: (0..).zip(self.cells()).map(cell).collect() }
+    }
+
+    fn level_at(&self, point: DVec3) -> usize {
+        let grid = self.bricks.pyramid.level(Level(1));
+        let at = |a: usize| {
+            let size = grid.factor[a] * self.bricks.pyramid.edge();
+            ((point[a].max(0.0) / size as f64) as u32).min(grid.bricks.to_array()[a] - 1)
+        };
+        is_coarse(BrickIndex::from_array([0, 1, 2].map(at))) as usize
+    }
+}
+
+fn camera(orthographic: bool, eye: [f64; 3]) -> Camera {
+    let projection = match orthographic {
+        true => Projection::Orthographic { height: 60.0 },
+        false => Projection::Perspective { fov_y_deg: 45.0 },
+    };
+    Camera { eye: eye.into(), target: DVec3::new(18.0, 17.0, 16.0), up: DVec3::new(0.1, 0.2, 1.0), projection }
+}
+
+/// The frames of the members; `clip` is the scene's, zones begin where pixels are `pixel_error` voxels.
+fn frames(
+    members: &[Member],
+    camera: &Camera,
+    (step, pixel_error): (f64, f64),
+    filter: Filter,
+    clip: Option<&Clip>,
+) -> Vec<VolumeFrame> {
+    let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
+    let frame = |member: &Member| {
+        let Member { bricks, placement, transfer, blend, crop } = member;
+        let settings = FrameSettings {
+            rays,
+            lattice: Lattice::for_view(step, 1.0, &rays, pixel_error, 3),
+            geometry: bricks.geometry.clone(),
+            placement: *placement,
+            encoding: bricks.encoding,
+            table: TransferTable::new(transfer, &bricks.encoding),
+            mode: Mode::Dvr,
+            surfaces: Vec::new(),
+            meshes: Vec::new(),
+            sampling: Sampling { filter, ..Sampling::default() },
+            lighting: Lighting::default(),
+            background: [0.1, 0.2, 0.35],
+            clip: Clip::in_volume(clip, placement, *crop).expect("a crop"),
+        };
+        VolumeFrame { settings, blend: *blend }
+    };
+    members.iter().map(frame).collect()
+}
+
+fn layers<'a>(members: &'a [Member], frames: &'a [VolumeFrame], draws: &'a [DrawList]) -> Vec<Layer<'a>> {
+    let all = members.iter().zip(frames).zip(draws);
+    all.map(|((member, frame), draw)| Layer { frame, pyramid: &member.bricks.pyramid, draw }).collect()
+}
+
+/// A renderer with all bricks in it; `None`, said loudly, where there is no adapter at all.
+fn ensemble(members: &[Member], bytes: u64) -> Option<GpuEnsemble> {
+    let needs: Vec<VolumeNeeds> = members.iter().map(Member::needs).collect();
+    match GpuEnsemble::new(GpuPreference::Any, &needs, bytes, SIZE) {
+        Ok(mut ensemble) => {
+            for (volume, member) in members.iter().enumerate() {
+                for (slot, id) in (0..).zip(member.cells()) {
+                    ensemble.upload(volume, Slot(slot), &member.bricks.padded(id)).expect("an upload");
+                }
+            }
+            Some(ensemble)
+        }
+        Err(GpuError::NoAdapter { .. }) => {
+            eprintln!("SKIPPED: no graphics adapter, so nothing of the GPU backend was tested here");
+            None
+        }
+        Err(other) => panic!("{other}"),
+    }
+}
+
+#[test]
+fn volumes_of_unlike_grids_match_the_oracle() {
+    let mut members = members();
+    members.iter_mut().for_each(|member| member.bricks.needs.filter = Filter::Tricubic);
+    let Some(mut ensemble) = ensemble(&members, MEMORY_BYTES) else { return };
+    let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
+    let clip = Clip::new(
+        Some([DVec3::new(-2.0, 3.0, 0.0), DVec3::new(33.0, 40.0, 29.0)]),
+        &[ClipPlane { point: DVec3::splat(20.0), normal: DVec3::new(-1.0, 0.4, -0.3) }],
+    );
+    let clip = clip.expect("a clip");
+    for (camera, steps, filter, clip) in [
+        (camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None),
+        (camera(false, [17.3, 16.1, 14.7]), (0.4, 1.0), Filter::Trilinear, None),
+        (camera(true, [70.0, 35.0, 20.0]), (1.0, 0.01), Filter::Trilinear, Some(&clip)),
+        (camera(false, [60.0, 50.0, -20.0]), (0.9, 1.0), Filter::Tricubic, Some(&clip)),
+    ] {
+        let frames = frames(&members, &camera, steps, filter, clip);
+        let found = ensemble.render(&layers(&members, &frames, &draws)).expect("a picture");
+        let level_at: Vec<_> = members.iter().map(|member| |point| member.level_at(point)).collect();
+        let volumes: Vec<ReferenceVolume<'_>> = members
+            .iter()
+            .zip(&level_at)
+            .map(|(Member { bricks, transfer, .. }, level_at)| ReferenceVolume {
+                levels: &bricks.levels,
+                level_at,
+                transfer,
+            })
+            .collect();
+        let expected = render_together(&frames, &volumes);
+        let difference = found.difference(&expected);
+        assert!(difference.max <= TOLERANCE, "{camera:?} {steps:?}: {difference:?}");
+        let background = Picture::quantise(frames[0].settings.background);
+        assert!(found.rgb.iter().filter(|&&p| p != background).count() > 200, "nothing in view proves nothing");
+    }
+}
+
+#[test]
+fn budgets_and_layers_are_checked() {
+    let members = members();
+    let needs: Vec<VolumeNeeds> = members.iter().map(Member::needs).collect();
+    let with = |bytes| GpuEnsemble::new(GpuPreference::Any, &needs, bytes, SIZE);
+    let least = match with(1000) {
+        Err(GpuError::Budget { least_bytes, .. }) => least_bytes,
+        Err(GpuError::NoAdapter { .. }) => return eprintln!("SKIPPED: no graphics adapter"),
+        other => panic!("{other:?}"),
+    };
+    assert!(with(least - 1).is_err());
+    let smallest = with(least).expect("the least works");
+    assert!((0..3).all(|volume| smallest.slots(volume) == 2) && smallest.gpu_bytes() <= least);
+    let Some(mut ensemble) = ensemble(&members, MEMORY_BYTES) else { return };
+    assert!(ensemble.gpu_bytes() <= MEMORY_BYTES);
+    let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
+    let mut frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None);
+    assert!(matches!(ensemble.render(&layers(&members, &frames, &draws)[..2]), Err(GpuError::Mismatch(_))));
+    frames[1].settings.mode = Mode::Mip;
+    assert!(matches!(ensemble.render(&layers(&members, &frames, &draws)), Err(GpuError::Mismatch(_))));
+}

@@ -1,0 +1,392 @@
+//! Several volumes in one picture, as [`brickyard_volume::look`] says: each with its slots, its draw list and its place in the world,
+//! all of them under one budget.
+//!
+//! A tile goes to a thread, which takes its rays one by one. Of each volume it finds the runs of the ray's segments that belong to
+//! the cells over the tile, as for one volume; then it goes along the lattice in chunks of 32 segments, in which one volume after the other
+//! leaves what it has there (its samples taken eight at a time, and only where its macro-cells may show something), and then one segment
+//! after the other is seen through. So no volume is sampled much behind where light ends, and costs add up.
+
+use crate::blend::{Dvr, Entries, FAINTEST};
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Coverage, Reach};
+use crate::ray::Ray;
+use crate::renderer::{Slots, SoftwareError, SoftwareOptions, bytes_per_slot, fixed_bytes, pool};
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, Portable, Unit};
+use crate::tile::{self, Stretch, TILE_PX, Tile, TilePixels, place};
+use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
+use brickyard_volume::integrals::MAX_DEPTH;
+use brickyard_volume::{Blend, Jitter, LightingModel, Method, Mode, Picture, SlotFormat};
+use glam::{Vec3, Vec4, Vec4Swizzles};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// What an ensemble may use; fixed for its life.
+#[derive(Clone, Copy, Debug)]
+pub struct EnsembleOptions {
+    /// The most that slots and everything else of the renderer may take.
+    pub memory_bytes: u64,
+    /// Width and height of the largest picture.
+    pub max_picture_px: [u32; 2],
+    /// Threads that draw; at least 1.
+    pub threads: usize,
+}
+
+/// Slots in RAM of several volumes, and threads that draw from them.
+#[derive(Debug)]
+pub struct SoftwareEnsemble {
+    volumes: Vec<Volume>,
+    max_picture_px: [u32; 2],
+    fixed_bytes: u64,
+    pool: rayon::ThreadPool,
+}
+
+#[derive(Debug)]
+struct Volume {
+    options: SoftwareOptions,
+    slots: Slots,
+}
+
+/// What a thread keeps for a cell of the draw list: that it is over the tile, and which segments of a ray are its.
+const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::<Run>();
+
+impl SoftwareEnsemble {
+    /// Shares the budget out among the volumes.
+    ///
+    /// # Errors
+    /// If it does not hold the least that each needs, bricks are too large, or the threads do not start.
+    ///
+    /// # Panics
+    /// If a volume's bricks have no apron, or there is no volume.
+    pub fn new(volumes: &[VolumeNeeds], ensemble: &EnsembleOptions) -> Result<Self, SoftwareError> {
+        let EnsembleOptions { memory_bytes, max_picture_px, threads } = *ensemble;
+        let options = |needs: &VolumeNeeds| SoftwareOptions {
+            encoding: needs.encoding,
+            edge: needs.edge,
+            needs: needs.bricks,
+            memory_bytes,
+            max_picture_px,
+            threads,
+            leaps: true,
+        };
+        if let Some(VolumeNeeds { edge, .. }) =
+            volumes.iter().find(|v| !(1..=crate::SoftwareRenderer::MAX_EDGE).contains(&v.edge))
+        {
+            return Err(SoftwareError::Edge { edge: *edge });
+        }
+        // Tiles, the picture and threads are there once for each volume here: an account that is a little too high.
+        let fixed_bytes = volumes.iter().map(|needs| fixed_bytes(&options(needs))).sum::<u64>();
+        let beside = (threads.max(1) * BYTES_PER_CELL_AND_THREAD) as u64;
+        let wish = |needs: &VolumeNeeds| Wish {
+            bytes: bytes_per_slot(&options(needs)) + beside,
+            least: needs.least_slots as u64,
+            most: needs.most_slots as u64,
+        };
+        let wishes: Vec<Wish> = volumes.iter().map(wish).collect();
+        let shares = share(memory_bytes.saturating_sub(fixed_bytes), &wishes)
+            .map_err(|least| SoftwareError::Budget { given_bytes: memory_bytes, least_bytes: fixed_bytes + least })?;
+        let used: u64 = shares.iter().zip(&wishes).map(|(count, wish)| count * wish.bytes).sum();
+        if fixed_bytes + used > memory_bytes {
+            return Err(SoftwareError::Budget { given_bytes: memory_bytes, least_bytes: fixed_bytes + used });
+        }
+        let volume = |(needs, count): (&VolumeNeeds, u64)| {
+            assert!(needs.bricks.apron >= needs.bricks.filter.taps(), "samples need an apron");
+            Volume { options: options(needs), slots: Slots::new(count.min(u32::MAX as u64) as u32) }
+        };
+        let volumes = volumes.iter().zip(shares).map(volume).collect();
+        Ok(Self { volumes, max_picture_px, fixed_bytes: fixed_bytes + used, pool: pool(threads)? })
+    }
+
+    /// How many bricks of a volume it holds at once.
+    pub fn slots(&self, volume: usize) -> u32 {
+        self.volumes[volume].slots.len()
+    }
+
+    /// What it takes when every slot is full, drawing included; at most the budget.
+    pub fn bytes(&self) -> u64 {
+        self.fixed_bytes
+    }
+
+    /// Puts a volume's padded brick into one of its slots, as [`crate::SoftwareRenderer::upload`].
+    ///
+    /// # Panics
+    /// As there.
+    pub fn upload(&mut self, volume: usize, slot: Slot, codes: Arc<[u8]>) {
+        let Volume { options, slots } = &mut self.volumes[volume];
+        slots.upload(options, slot, codes);
+    }
+
+    /// Draws the layers together, one for each volume.
+    ///
+    /// # Panics
+    /// If there are others, a list names a slot that was never uploaded, or frames, pyramids and options do not belong together or
+    /// ask for what several volumes do not have: another mode, another method, light.
+    pub fn render(&self, layers: &[Layer<'_>]) -> Picture {
+        assert_eq!(layers.len(), self.volumes.len(), "a layer for each volume");
+        let rays = &layers[0].frame.settings.rays;
+        let size = (rays.width, rays.height);
+        assert!(
+            size.0 <= self.max_picture_px[0] && size.1 <= self.max_picture_px[1],
+            "a larger picture than was agreed"
+        );
+        let tiles: Vec<Tile> = tile::tiles(size.0, size.1).collect();
+        let drawn: Vec<TilePixels> = self.pool.install(|| {
+            let parts = layers.iter().zip(&self.volumes).map(|(layer, volume)| Part::new(layer, volume));
+            let parts: Vec<Part<'_>> = parts.collect();
+            tiles.par_iter().map(|tile| draw(&parts, tile)).collect()
+        });
+        tile::picture(size, &tiles, &drawn)
+    }
+}
+
+/// A volume in a frame.
+struct Part<'a> {
+    frame: Frame<'a>,
+    blend: Blend,
+    gather: Gather,
+}
+
+impl<'a> Part<'a> {
+    fn new(layer: &Layer<'a>, Volume { options, slots }: &'a Volume) -> Self {
+        let settings = &layer.frame.settings;
+        assert_eq!(options.edge, layer.pyramid.edge(), "other bricks");
+        assert_eq!(options.encoding, settings.encoding, "other codes");
+        assert!(options.needs.satisfy(&settings.needs()), "{:?} of bricks", settings.needs());
+        let is_lit = settings.lighting.model != LightingModel::None;
+        let is_udvr = settings.sampling.method == Method::Udvr && settings.sampling.jitter == Jitter::None;
+        let is_bare = settings.surfaces.is_empty() && settings.meshes.is_empty();
+        let is_plain = settings.mode == Mode::Dvr && is_bare && is_udvr && !is_lit;
+        assert!(is_plain, "several volumes are sampled plainly and unlit");
+        let brick = |slot: Slot| slots.brick(slot);
+        let frame = Frame::new(settings, layer.pyramid, layer.draw, options.needs.apron, brick);
+        let gather = match (options.encoding.format, options.encoding.has_invalid) {
+            (SlotFormat::U8, false) => for_machine::<Code8, false>(),
+            (SlotFormat::U8, true) => for_machine::<Code8, true>(),
+            (SlotFormat::U16, false) => for_machine::<Code16, false>(),
+            (SlotFormat::U16, true) => for_machine::<Code16, true>(),
+        };
+        Self { frame, blend: layer.frame.blend, gather }
+    }
+}
+
+/// What a chunk of segments has.
+struct Media {
+    /// Of volumes that mix: colour times depth, and depth, in halvings of the light over the segment.
+    mixed: [Vec4; CHUNK],
+    /// Of volumes that add.
+    glow: [Vec3; CHUNK],
+}
+
+impl Media {
+    const NONE: Self = Self { mixed: [Vec4::ZERO; CHUNK], glow: [Vec3::ZERO; CHUNK] };
+
+    /// Twin of [`brickyard_volume::look::Together::put`]; `entry` is straight colour and opacity.
+    #[inline(always)]
+    fn put(&mut self, blend: Blend, segment: usize, entry: Vec4, length: f32) {
+        match blend {
+            Blend::Mix => {
+                let depth = (-(-entry.w).ln_1p() * std::f32::consts::LOG2_E).min(MAX_DEPTH as f32) * length;
+                self.mixed[segment] += entry.with_w(1.0) * depth;
+            }
+            Blend::Add => self.glow[segment] += entry.xyz() * (entry.w * length),
+        }
+    }
+
+    /// Sees a ray's light through so many segments, and empties them. Twin of [`brickyard_volume::look::Together::seen`].
+    #[inline(always)]
+    fn see(&mut self, count: usize, mut color: Vec3, mut light: f32) -> (Vec3, f32) {
+        for segment in 0..count.min(CHUNK) {
+            let (mixed, glow) = (self.mixed[segment], self.glow[segment]);
+            let depth = mixed.w;
+            let (mut seen, mut left) = (glow, 1.0);
+            if depth > 0.0 {
+                let nats = depth * std::f32::consts::LN_2;
+                let hidden = -(-nats).exp_m1();
+                seen = mixed.xyz() * (hidden / depth) + glow * (hidden / nats);
+                left = 1.0 - hidden;
+            }
+            color += seen * light;
+            light *= left;
+        }
+        self.mixed[..count].fill(Vec4::ZERO);
+        self.glow[..count].fill(Vec3::ZERO);
+        (color, light)
+    }
+}
+
+/// Some neighbouring segments of a ray that belong to one cell.
+#[derive(Clone, Copy)]
+struct Run {
+    cell: u32,
+    /// The first tick, and one past the last.
+    first: u32,
+    end: u32,
+}
+
+/// A ray's way through one volume.
+struct Way {
+    part: usize,
+    ray: Ray,
+    /// Of its runs, those that are not done.
+    runs: Range<usize>,
+}
+
+/// What a thread works with.
+struct Scratch {
+    runs: Vec<Run>,
+    ways: Vec<Way>,
+    chunk: Chunk,
+    media: Media,
+}
+
+fn draw(parts: &[Part<'_>], tile: &Tile) -> TilePixels {
+    let meets = |cell: &Cell<'_>| {
+        let rect = &cell.rect;
+        rect.x0 < tile.x1 && tile.x0 < rect.x1 && rect.y0 < tile.y1 && tile.y0 < rect.y1
+    };
+    let over = |part: &Part<'_>| {
+        let cells = part.frame.cells.iter().zip(0..).filter(|(cell, _)| meets(cell));
+        // What shows nothing anyhow is not even met.
+        cells.filter(|(cell, _)| cell.mask.coverage() != Coverage::None).map(|(_, i)| i).collect()
+    };
+    let cells: Vec<Vec<u32>> = parts.iter().map(over).collect();
+    let mut scratch = Scratch { runs: Vec::new(), ways: Vec::new(), chunk: Chunk::EMPTY, media: Media::NONE };
+    let mut pixels = [[0; 3]; (TILE_PX * TILE_PX) as usize];
+    for y in tile.y0..tile.y1 {
+        for x in tile.x0..tile.x1 {
+            scratch.follow(parts, &cells, x, y);
+            let (color, light) = scratch.march(parts);
+            let background = Vec3::from_array(parts[0].frame.settings.background);
+            pixels[place(tile, x, y)] = Picture::quantise((color + background * light).to_array());
+        }
+    }
+    pixels
+}
+
+impl Scratch {
+    /// Finds a pixel's runs in all volumes.
+    fn follow(&mut self, parts: &[Part<'_>], cells: &[Vec<u32>], x: u32, y: u32) {
+        self.runs.clear();
+        self.ways.clear();
+        for (part, (Part { frame, .. }, over)) in parts.iter().zip(cells).enumerate() {
+            if over.is_empty() {
+                continue;
+            }
+            let mut ray = Ray::new(frame, x, y, Vec4::ZERO, [0.0, f64::INFINITY]);
+            let from = self.runs.len();
+            for &index in over {
+                if ray.cursor >= ray.end {
+                    break;
+                }
+                let cell = &frame.cells[index as usize];
+                if cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+                    continue;
+                }
+                if let Some((first, end)) = ray.run(&frame.ticks, cell, Reach::Middles) {
+                    ray.cursor = end;
+                    self.runs.push(Run { cell: index, first, end });
+                }
+            }
+            if self.runs.len() > from {
+                self.ways.push(Way { part, ray, runs: from..self.runs.len() });
+            }
+        }
+    }
+
+    /// Goes along them, front to back. Returns colour and the light that is left.
+    fn march(&mut self, parts: &[Part<'_>]) -> (Vec3, f32) {
+        let (mut color, mut light) = (Vec3::ZERO, 1.0);
+        // The same for all.
+        let ticks = &parts[0].frame.ticks;
+        let first = |way: &Way| self.runs[way.runs.start].first;
+        let mut next = self.ways.iter().map(first).min();
+        while let Some(tick) = next.filter(|_| light >= FAINTEST) {
+            let zone = ticks.zone(tick);
+            let end = (tick + ((CHUNK as u32) << zone)).min(ticks.zone_end(zone));
+            next = None;
+            for Way { part, ray, runs } in &mut self.ways {
+                let part = &parts[*part];
+                while let Some(&run) = self.runs[runs.clone()].first() {
+                    if run.first < end {
+                        let (from, to) = (run.first.max(tick), run.end.min(end));
+                        let cell = &part.frame.cells[run.cell as usize];
+                        let at = ((from - tick) >> zone) as usize;
+                        (part.gather)(part, cell, ray, from..to, at, &mut self.chunk, &mut self.media);
+                    }
+                    if run.end > end {
+                        let after = run.first.max(end);
+                        next = Some(next.map_or(after, |next| next.min(after)));
+                        break;
+                    }
+                    runs.start += 1;
+                }
+            }
+            (color, light) = self.media.see(((end - tick) >> zone) as usize, color, light);
+        }
+        (color, light)
+    }
+}
+
+/// Leaves what a cell has in a run of segments, from one of a chunk's on.
+type Gather = fn(&Part<'_>, &Cell<'_>, &Ray, Range<u32>, usize, &mut Chunk, &mut Media);
+
+fn for_machine<C: Code, const INVALID: bool>() -> Gather {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |part, cell, ray, run, at, chunk, media| unsafe {
+            gather_avx2::<C, INVALID>(part, cell, ray, run, at, chunk, media);
+        };
+    }
+    gather::<C, Portable, INVALID>
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn gather_avx2<C: Code, const INVALID: bool>(
+    part: &Part<'_>,
+    cell: &Cell<'_>,
+    ray: &Ray,
+    run: Range<u32>,
+    at: usize,
+    chunk: &mut Chunk,
+    media: &mut Media,
+) {
+    gather::<C, Avx2, INVALID>(part, cell, ray, run, at, chunk, media);
+}
+
+#[inline(always)]
+fn gather<C: Code, U: Unit, const INVALID: bool>(
+    Part { frame, blend, .. }: &Part<'_>,
+    cell: &Cell<'_>,
+    ray: &Ray,
+    run: Range<u32>,
+    at: usize,
+    chunk: &mut Chunk,
+    media: &mut Media,
+) {
+    let mut stretch = Stretch::new(frame, cell, ray, 0, run.start, run.end, Reach::Middles);
+    if cell.mask.coverage() == Coverage::Some {
+        stretch.look::<Dvr>(cell, Vec4::ZERO, &mut [0; LANES]);
+    }
+    let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
+    let (entries, filter) = (Entries::of(frame), frame.settings.sampling.filter);
+    let mut seen = stretch.seen;
+    while let Some(segments) = stretch.next_seen(&mut seen) {
+        // Blocks are asked for eight at a time, those past the last among them.
+        if segments.is_empty() {
+            break;
+        }
+        stretch.place_samples::<INVALID>(frame, ray, chunk, segments.clone());
+        brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+        for (i, segment) in segments.enumerate().take(CHUNK) {
+            let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
+            let entry = entries.lookup(code * frame.positions_per_code);
+            if weight > 0.0 && entry.w > 0.0 {
+                media.put(*blend, at + segment as usize, entry, weight);
+            }
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! Where a volume stands among others: an affine map from its own world, which its store's spacing and origin give, to the
+//! world of the scene.
+//!
+//! Renderers and the pager work in the volume's own world, and bring the rays there. A ray keeps its parameter on the way: `t` stays the
+//! distance from the eye in the scene's world, and its direction there no longer has length 1. So the sampling lattice is one for all
+//! volumes of a scene, whatever their maps, and boxes of voxels stay boxes.
+
+use crate::camera::Ray;
+use crate::geometry::Geometry;
+use crate::space::Extent;
+use glam::{DAffine3, DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// How much more a map may stretch one direction than another: what is more cannot be told from a volume without thickness.
+pub const MAX_CONDITION: f64 = 1e6;
+
+/// An invertible affine map from a volume's own world to the scene's; in JSON its rows, three or four of four numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<Vec<f64>>", into = "Vec<Vec<f64>>")]
+pub struct Placement {
+    world_from_volume: DAffine3,
+    volume_from_world: DAffine3,
+    least_stretch: f64,
+    greatest_stretch: f64,
+}
+
+/// Why a volume cannot be placed so.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PlacementError {
+    /// Not a matrix of this kind.
+    #[error("a matrix of {found}: expected three or four rows of four numbers")]
+    Shape {
+        /// What there is, in words.
+        found: String,
+    },
+    /// A number that is none.
+    #[error("the matrix has {0} in it: expected finite numbers")]
+    NotFinite(f64),
+    /// A last row that makes the map a projective one.
+    #[error("the matrix's last row is {0:?}: expected 0, 0, 0, 1")]
+    LastRow([f64; 4]),
+    /// Volumes become planes, lines or points.
+    #[error(
+        "the matrix is singular (its determinant is {determinant}): a volume would be flat, expected one that can be inverted"
+    )]
+    Singular {
+        /// Its determinant.
+        determinant: f64,
+    },
+    /// Volumes become all but planes or lines.
+    #[error(
+        "the matrix stretches one direction {0:.1e} times as much as another: expected at most {MAX_CONDITION:.0e}"
+    )]
+    Condition(f64),
+    /// Not a list of numbers.
+    #[error("'{0}' is not a number: expected the 12 or 16 numbers of a matrix, row by row")]
+    Word(String),
+}
+
+impl Default for Placement {
+    /// Where the store says.
+    fn default() -> Self {
+        let map = DAffine3::IDENTITY;
+        Self { world_from_volume: map, volume_from_world: map, least_stretch: 1.0, greatest_stretch: 1.0 }
+    }
+}
+
+impl Placement {
+    /// The map with these columns.
+    ///
+    /// # Errors
+    /// If it is not finite, singular, or so nearly.
+    pub fn new(world_from_volume: DAffine3) -> Result<Self, PlacementError> {
+        if let Some(bad) = world_from_volume.to_cols_array().into_iter().find(|v| !v.is_finite()) {
+            return Err(PlacementError::NotFinite(bad));
+        }
+        let determinant = world_from_volume.matrix3.determinant();
+        let volume_from_world = world_from_volume.inverse();
+        if determinant == 0.0 || !volume_from_world.is_finite() {
+            return Err(PlacementError::Singular { determinant });
+        }
+        let greatest = greatest_stretch(world_from_volume.matrix3);
+        let least = 1.0 / greatest_stretch(volume_from_world.matrix3);
+        let condition = greatest / least;
+        if !(greatest.is_finite() && condition.is_finite() && least > 0.0) {
+            return Err(PlacementError::Singular { determinant });
+        }
+        if condition > MAX_CONDITION {
+            return Err(PlacementError::Condition(condition));
+        }
+        Ok(Self { world_from_volume, volume_from_world, least_stretch: least, greatest_stretch: greatest })
+    }
+
+    /// The map with these rows: three, or a fourth of 0, 0, 0, 1.
+    ///
+    /// # Errors
+    /// If there are other rows, or the map cannot be used.
+    pub fn from_rows(rows: &[[f64; 4]]) -> Result<Self, PlacementError> {
+        let ([x, y, z], last) = match *rows {
+            [x, y, z] => ([x, y, z], None),
+            [x, y, z, last] => ([x, y, z], Some(last)),
+            _ => return Err(PlacementError::Shape { found: format!("{} rows", rows.len()) }),
+        };
+        if let Some(last) = last.filter(|last| *last != [0.0, 0.0, 0.0, 1.0]) {
+            return Err(PlacementError::LastRow(last));
+        }
+        let column = |i: usize| DVec3::new(x[i], y[i], z[i]);
+        Self::new(DAffine3::from_cols(column(0), column(1), column(2), column(3)))
+    }
+
+    /// The 12 or 16 numbers of a matrix, row by row, with blanks, line ends or commas between them: what registration programs
+    /// write.
+    ///
+    /// # Errors
+    /// If there are words among them, or the map cannot be used.
+    pub fn from_text(text: &str) -> Result<Self, PlacementError> {
+        let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+        let number = |word: &str| word.parse::<f64>().map_err(|_| PlacementError::Word(word.to_string()));
+        let numbers = words.map(number).collect::<Result<Vec<f64>, _>>()?;
+        let (rows, rest) = numbers.as_chunks::<4>();
+        if !rest.is_empty() {
+            return Err(PlacementError::Shape { found: format!("{} numbers", numbers.len()) });
+        }
+        Self::from_rows(rows)
+    }
+
+    /// Its three rows.
+    pub fn rows(&self) -> [[f64; 4]; 3] {
+        let DAffine3 { matrix3, translation } = self.world_from_volume;
+        std::array::from_fn(|a| matrix3.row(a).extend(translation[a]).to_array())
+    }
+
+    /// Whether the volume stands where its store says.
+    pub fn is_identity(&self) -> bool {
+        self.world_from_volume == DAffine3::IDENTITY
+    }
+
+    /// A point of the volume's own world, in the scene's.
+    pub fn world_from_volume(&self, point: DVec3) -> DVec3 {
+        self.world_from_volume.transform_point3(point)
+    }
+
+    /// A point of the scene's world, in the volume's own.
+    pub fn volume_from_world(&self, point: DVec3) -> DVec3 {
+        self.volume_from_world.transform_point3(point)
+    }
+
+    /// A direction of the scene's world, in the volume's own: as long as the map makes it.
+    pub fn volume_vector(&self, vector: DVec3) -> DVec3 {
+        self.volume_from_world.transform_vector3(vector)
+    }
+
+    /// A ray of the scene's world, in the volume's own: the same points at the same `t`.
+    pub fn volume_ray(&self, ray: &Ray) -> Ray {
+        Ray { origin: self.volume_from_world(ray.origin), direction: self.volume_vector(ray.direction) }
+    }
+
+    /// What is across a plane of the scene's world, across that plane in the volume's own: a point there is as high above it.
+    pub fn volume_normal(&self, normal: DVec3) -> DVec3 {
+        self.world_from_volume.matrix3.transpose() * normal
+    }
+
+    /// A gradient in the volume's own world, in the scene's.
+    pub fn world_gradient(&self, gradient: DVec3) -> DVec3 {
+        self.volume_from_world.matrix3.transpose() * gradient
+    }
+
+    /// How much longer the map makes what it makes longest; what it makes shortest.
+    pub fn stretches(&self) -> (f64, f64) {
+        (self.greatest_stretch, self.least_stretch)
+    }
+
+    /// The box in the scene's world around a box of the volume's own.
+    pub fn world_box(&self, (low, high): (DVec3, DVec3)) -> (DVec3, DVec3) {
+        let corners = (0..8).map(|i| {
+            let corner = DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
+            self.world_from_volume(corner)
+        });
+        let outside = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        corners.fold(outside, |(low, high), corner| (low.min(corner), high.max(corner)))
+    }
+
+    /// [`Geometry::voxel_size`] in the scene's world.
+    pub fn voxel_size(&self, geometry: &Geometry, extent: Extent) -> f64 {
+        let DMat3 { x_axis, y_axis, z_axis } = self.world_from_volume.matrix3;
+        let stretches = DVec3::new(x_axis.length(), y_axis.length(), z_axis.length());
+        Geometry { spacing: geometry.spacing * stretches, ..geometry.clone() }.voxel_size(extent)
+    }
+}
+
+/// The greatest singular value.
+fn greatest_stretch(map: DMat3) -> f64 {
+    // The greatest eigenvalue of a symmetric matrix (Smith, Eigenvalues of a Symmetric 3 x 3 Matrix, 1961).
+    let square = map.transpose() * map;
+    let entry = |i: usize, j: usize| square.col(j)[i];
+    let mean = (entry(0, 0) + entry(1, 1) + entry(2, 2)) / 3.0;
+    let off = square - DMat3::from_diagonal(DVec3::splat(mean));
+    let spread = (off.to_cols_array().iter().map(|v| v * v).sum::<f64>() / 6.0).sqrt();
+    if spread == 0.0 {
+        return mean.sqrt();
+    }
+    let turn = ((off * (1.0 / spread)).determinant() * 0.5).clamp(-1.0, 1.0).acos() / 3.0;
+    (mean + 2.0 * spread * turn.cos()).sqrt()
+}
+
+impl TryFrom<Vec<Vec<f64>>> for Placement {
+    type Error = PlacementError;
+
+    fn try_from(rows: Vec<Vec<f64>>) -> Result<Self, PlacementError> {
+        let row = |row: &Vec<f64>| {
+            let found = || PlacementError::Shape { found: format!("a row of {} numbers", row.len()) };
+            <[f64; 4]>::try_from(&row[..]).map_err(|_| found())
+        };
+        Self::from_rows(&rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
+    }
+}
+
+impl From<Placement> for Vec<Vec<f64>> {
+    fn from(placement: Placement) -> Self {
+        placement.rows().map(Vec::from).into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    #[test]
+    fn matrices_come_as_rows_and_as_text() {
+        let rows = [[2.0, 0.0, 0.0, 5.0], [0.0, 0.0, -1.0, 6.0], [0.0, 3.0, 0.0, 7.0]];
+        let placement = Placement::from_rows(&rows).unwrap();
+        assert_eq!(placement.world_from_volume(DVec3::new(1.0, 2.0, 3.0)), DVec3::new(7.0, 3.0, 13.0));
+        assert_eq!(placement.rows(), rows);
+        assert_eq!(Placement::from_text("2 0 0 5\n0,0,-1,6\r\n0 3 0 7\n0 0 0 1\n"), Ok(placement));
+        let json = serde_json::to_string(&placement).unwrap();
+        assert_eq!(serde_json::from_str::<Placement>(&json).unwrap(), placement);
+        assert!(Placement::default().is_identity() && !placement.is_identity());
+    }
+
+    #[test]
+    fn impossible_matrices_say_why() {
+        let flat = [[1.0, 2.0, 0.0, 0.0], [2.0, 4.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        assert!(matches!(Placement::from_rows(&flat), Err(PlacementError::Singular { .. })));
+        let thin = [[1.0, 0.0, 0.0, 0.0], [0.0, 1e-7, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        assert!(matches!(Placement::from_rows(&thin), Err(PlacementError::Condition(c)) if (c - 1e7).abs() < 1.0));
+        let projective = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.1, 1.0]];
+        assert!(matches!(Placement::from_rows(&projective), Err(PlacementError::LastRow(_))));
+        assert!(matches!(Placement::from_text("1 0 0 nan 0 1 0 0 0 0 1 0"), Err(PlacementError::NotFinite(_))));
+        assert!(matches!(Placement::from_text("1 0 0 inf 0 1 0 0 0 0 1 0"), Err(PlacementError::NotFinite(_))));
+        assert!(matches!(Placement::from_text("1 0 0 1e400"), Err(PlacementError::Shape { .. })));
+        assert_eq!(Placement::from_text("#Insight"), Err(PlacementError::Word("#Insight".into())));
+        for text in ["", "1 2 3", "1 0 0 0 0 1 0 0"] {
+            assert!(matches!(Placement::from_text(text), Err(PlacementError::Shape { .. })), "{text}");
+        }
+        let error = serde_json::from_str::<Placement>("[[1,0,0],[0,1,0],[0,0,1]]").unwrap_err().to_string();
+        assert!(error.contains("a row of 3 numbers"), "{error}");
+    }
+
+    proptest! {
+        /// Turned, sheared, scaled and mirrored maps: points come back, lengths are within the stretches, which are reached
+        /// by scalings, and a height above a plane is what it was.
+        #[test]
+        fn maps_keep_what_they_promise(
+            axis in prop::array::uniform3(-1.0..1.0f64),
+            angle in 0.0..6.3f64,
+            scale in prop::array::uniform3(0.1..5.0f64),
+            shear in -1.0..1.0f64,
+            mirrors in any::<bool>(),
+            point in prop::array::uniform3(-9.0..9.0f64),
+        ) {
+            let axis = DVec3::from_array(axis) + 2.0;
+            let turn = DMat3::from_quat(DQuat::from_axis_angle(axis.normalize(), angle));
+            let mut scale = DVec3::from_array(scale);
+            let plain = Placement::new(DAffine3::from_mat3(turn * DMat3::from_diagonal(scale))).unwrap();
+            let (greatest, least) = plain.stretches();
+            prop_assert!((greatest - scale.max_element()).abs() < 1e-9 && (least - scale.min_element()).abs() < 1e-9);
+            scale.x *= if mirrors { -1.0 } else { 1.0 };
+            let lean = DMat3::from_cols(DVec3::X, DVec3::new(shear, 1.0, 0.0), DVec3::Z);
+            let map = DAffine3 { matrix3: turn * lean * DMat3::from_diagonal(scale), translation: axis * 7.0 };
+            let placement = Placement::new(map).unwrap();
+            let point = DVec3::from_array(point);
+            let there = placement.world_from_volume(point);
+            prop_assert!((placement.volume_from_world(there) - point).length() < 1e-9);
+            let (greatest, least) = placement.stretches();
+            let length = (there - placement.world_from_volume(DVec3::ZERO)).length();
+            prop_assert!(length <= point.length() * greatest * (1.0 + 1e-9));
+            prop_assert!(length >= point.length() * least * (1.0 - 1e-9));
+            let normal = DVec3::new(0.3, -0.8, 0.5);
+            let height = normal.dot(there - placement.world_from_volume(DVec3::ONE));
+            prop_assert!((placement.volume_normal(normal).dot(point - 1.0) - height).abs() < 1e-9);
+        }
+    }
+}

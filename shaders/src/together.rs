@@ -1,0 +1,144 @@
+//! The shader of several volumes: what there is once for each volume is written once, with `#` for its number, and what one
+//! volume has too is that very code, its names numbered.
+
+use crate::{CLASSIFY, FULLSCREEN, TREE, sample};
+
+/// The binding of the first volume's atlas; the others follow.
+pub const FIRST_ATLAS: u32 = 16;
+
+/// What the shader has to know of a volume. Positions are in buffers that all volumes share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct VolumeShader {
+    /// Whether code 0 is no value.
+    pub has_invalid: bool,
+    /// Whether the field is the tricubic spline of its voxels.
+    pub is_cubic: bool,
+    /// Whether it adds to what others show instead of mixing with it; then its places hold opacities, not depths.
+    pub adds: bool,
+    /// The word of its octree's root.
+    pub first_node: u32,
+    /// Its first place in the transfer tables.
+    pub first_place: u32,
+    /// Its first count of opaque entries.
+    pub first_count: u32,
+}
+
+/// The raycast compositor's pass for several volumes: entry points `fullscreen` and `raycast`.
+pub fn raycast_together(volumes: &[VolumeShader]) -> String {
+    let many = |source: &str| source.replace("frame_settings", "frames[volume]");
+    let (tree, find_place) = split(TREE, "fn find_place");
+    let (macrocells, _) = split(include_str!("../wgsl/macrocells.wgsl"), "// A ray's way from");
+    let (raycast, _) = split(include_str!("../wgsl/raycast.wgsl"), "// Macro-cells of a brick that are seen");
+    let (pixel, rest) = split(include_str!("../wgsl/composite.wgsl"), "fn accumulate");
+    let (_, is_final) = split(rest, "// Whatever lies behind");
+    let (together, main) = split(include_str!("../wgsl/raycast_together.wgsl"), "@fragment");
+    let numbered = |text: &str| (0..volumes.len()).map(|i| text.replace('#', &i.to_string())).collect::<Vec<_>>();
+    let begin =
+        "begin_#(position.xy);\n    whole = vec2f(min(whole.x, way_#.stretch.x), max(whole.y, way_#.stretch.y));";
+    let look = "together = look_#(together, walk, threshold);";
+    let main =
+        main.replace("BEGIN", &numbered(begin).join("\n    ")).replace("LOOK", &numbered(look).join("\n        "));
+    let mut parts = vec![
+        include_str!("../wgsl/frame.wgsl").to_string(),
+        include_str!("../wgsl/frame_many.wgsl").to_string(),
+        many(include_str!("../wgsl/ray.wgsl")),
+        include_str!("../wgsl/dither.wgsl").to_string(),
+        many(include_str!("../wgsl/lattice.wgsl")),
+        CLASSIFY.to_string(),
+        pixel.to_string(),
+        is_final.to_string(),
+        tree.to_string(),
+        macrocells.to_string(),
+        "@group(0) @binding(8) var<storage, read> opaque_before: array<u32>;".to_string(),
+        "@group(0) @binding(3) var atlas_sampler: sampler;".to_string(),
+        raycast.to_string(),
+        together.to_string(),
+    ];
+    for (i, volume) in volumes.iter().enumerate() {
+        // Constants before the first function are not needed here.
+        let (_, sample) = split(sample(volume.is_cubic, volume.has_invalid), "\nfn ");
+        parts.push(own(&[find_place, sample].join("\n"), i));
+        parts.push(volume.declarations(i));
+    }
+    parts.extend([main, FULLSCREEN.to_string()]);
+    parts.join("\n")
+}
+
+impl VolumeShader {
+    fn declarations(&self, i: usize) -> String {
+        let put = match self.adds {
+            false => "color += medium.color * amount;\n            together.depth += amount;",
+            true => "glow += medium.color * amount;",
+        };
+        let binding = FIRST_ATLAS as usize + i;
+        include_str!("../wgsl/volume.wgsl")
+            .replace("BINDING", &binding.to_string())
+            .replace("FIRST_NODEu", &format!("{}u", self.first_node))
+            .replace("FIRST_PLACEu", &format!("{}u", self.first_place))
+            .replace("FIRST_COUNTu", &format!("{}u", self.first_count))
+            .replace("PUT", put)
+            .replace('#', &i.to_string())
+    }
+}
+
+/// What is before a mark, and the rest. The mark is there: the test of every shader would fail.
+fn split<'a>(source: &'a str, mark: &str) -> (&'a str, &'a str) {
+    source.split_at(source.find(mark).unwrap_or(source.len()))
+}
+
+/// The names of one volume's code that there is one of for each.
+const OWN: [&str; 7] = ["atlas", "frame", "sample_atlas", "spline", "row", "find_place", "ROOT"];
+
+/// Code of one volume as that of volume `i`.
+fn own(source: &str, i: usize) -> String {
+    let is_of_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let mut out = String::with_capacity(source.len() + source.len() / 8);
+    let mut rest = source;
+    while !rest.is_empty() {
+        let end = rest.find(|c| !is_of_name(c)).unwrap_or(rest.len());
+        let (word, after) = rest.split_at(end);
+        out.push_str(word);
+        if OWN.contains(&word) {
+            out.push_str(&format!("_{i}"));
+        }
+        let next = after.find(is_of_name).unwrap_or(after.len());
+        out.push_str(&after[..next]);
+        rest = &after[next..];
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_numbered_as_whole_words() {
+        let source = "frame.x * frames + atlas(atlas_sampler, find_place(ROOT))";
+        assert_eq!(own(source, 7), "frame_7.x * frames + atlas_7(atlas_sampler, find_place_7(ROOT_7))");
+    }
+
+    #[test]
+    fn every_number_and_kind_of_volumes_is_valid() {
+        use naga::valid::{Capabilities, ValidationFlags, Validator};
+        for count in [1, 2, 32] {
+            let volume = |i: u32| VolumeShader {
+                has_invalid: i % 2 == 1,
+                is_cubic: i / 2 % 2 == 1,
+                adds: i / 4 % 2 == 1,
+                first_node: 800 * i,
+                first_place: 65536 * i,
+                first_count: 65537 * i,
+            };
+            let source = raycast_together(&(0..count).map(volume).collect::<Vec<_>>());
+            let module =
+                naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)));
+            let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+            assert!(checked.is_ok(), "{count}: {:?}", checked.err());
+            assert_eq!(module.entry_points.len(), 2);
+            let frame = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some("Frame")).expect("a frame");
+            let naga::TypeInner::Struct { span, .. } = frame.1.inner else { panic!("no struct") };
+            assert_eq!(span as usize, size_of::<crate::FrameUniform>(), "frames follow one another in memory");
+        }
+    }
+}
