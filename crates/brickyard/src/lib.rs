@@ -1,11 +1,13 @@
 //! brickyard shows volumes that fit neither a 3D texture, nor GPU memory, nor RAM: it packs them into brick stores and
 //! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
 //!
-//! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend;
+//! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend,
+//! [`ensemble::Ensemble`] several stores;
 //! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`projection`] chooses the pyramid
 //! that a mode is drawn from, [`survey`] compares ways to sample. The parts are re-exported under their own names.
 
 pub mod backend;
+pub mod ensemble;
 pub mod exact;
 pub mod flight;
 pub mod memory;

@@ -1,10 +1,11 @@
 //! `--compositor reference`: the picture that streaming must equal, from whole levels held in memory as f64.
 
+use crate::ensemble::ResolvedEnsemble;
 use crate::session::ResolvedScene;
-use brickyard_pager::{BrickSource, Cut};
+use brickyard_pager::{BrickSource, Cut, View};
 use brickyard_reference::{Array, ReferenceVolume};
 use brickyard_store::{ReadError, Store};
-use brickyard_volume::{BrickIndex, Level, Picture};
+use brickyard_volume::{BrickIndex, Extent, Level, Picture, Pyramid};
 use glam::DVec3;
 use std::collections::HashSet;
 
@@ -31,36 +32,97 @@ pub enum OracleError {
 /// # Errors
 /// If the levels that the view needs do not fit `host_memory_bytes` as f64, or cannot be read.
 pub fn render_reference(store: &Store, scene: &ResolvedScene, host_memory_bytes: u64) -> Result<Picture, OracleError> {
-    let pyramid = BrickSource::pyramid(store);
-    let cut = Cut::new(store, &scene.view, usize::MAX);
-    let cells: HashSet<(Level, BrickIndex)> = cut.cells().map(|c| (c.level, c.index)).collect();
-    let used: Vec<bool> = (0..pyramid.levels().len()).map(|l| cells.iter().any(|c| c.0.index() == l)).collect();
-    let voxels = |l: usize| if used[l] { pyramid.levels()[l].extent.volume() } else { 0 };
-    // Each level is held as stored bytes and as f64 while it is converted.
-    let needed = (0..used.len()).map(voxels).sum::<u64>().saturating_mul(8 + store.voxel_type().bytes() as u64);
+    let needed = Wanted::new(store, &scene.view).bytes(store);
     if needed > host_memory_bytes {
         return Err(OracleError::TooLarge { needed, allowed: host_memory_bytes });
     }
-    let mut levels = Vec::with_capacity(used.len());
-    for (l, grid) in pyramid.levels().iter().enumerate() {
-        if !used[l] {
-            levels.push(Array { extent: grid.extent, factor: grid.factor, values: Vec::new() });
-            continue;
-        }
-        let mut bytes = vec![0; grid.extent.volume() as usize * store.voxel_type().bytes()];
-        store.read_box(scene.view.time, scene.view.channel, Level(l as u8), grid.extent.full_box(), &mut bytes)?;
-        levels.push(Array::from_bytes(grid, store.voxel_type(), &bytes));
+    let levels = Levels::read(store, &scene.view)?;
+    let level_at = |point: DVec3| levels.at(point);
+    let volume = ReferenceVolume { levels: &levels.arrays, level_at: &level_at, transfer: &scene.transfer };
+    scene.picture(|_, frame| Ok(brickyard_reference::render(frame, &volume)))
+}
+
+/// The same of several volumes: the stores that a scene shows.
+///
+/// # Errors
+/// As [`render_reference`], of all levels of all volumes together.
+pub fn render_reference_together(
+    stores: &[&Store],
+    scene: &ResolvedEnsemble,
+    host_memory_bytes: u64,
+) -> Result<Picture, OracleError> {
+    let views = || stores.iter().zip(&scene.volumes).map(|(store, (_, resolved))| (*store, &resolved.view));
+    let needed = views().map(|(store, view)| Wanted::new(store, view).bytes(store)).fold(0, u64::saturating_add);
+    if needed > host_memory_bytes {
+        return Err(OracleError::TooLarge { needed, allowed: host_memory_bytes });
     }
-    // Cells that are invisible or empty are not in the cut; nothing is seen there at any finer level either.
-    let any = used.iter().position(|&u| u).unwrap_or(0);
-    let level_at = |point: DVec3| {
+    let levels = views().map(|(store, view)| Levels::read(store, view)).collect::<Result<Vec<_>, _>>()?;
+    let level_at: Vec<_> = levels.iter().map(|levels| |point: DVec3| levels.at(point)).collect();
+    let mut volumes = Vec::new();
+    for ((levels, level_at), transfer) in levels.iter().zip(&level_at).zip(scene.transfers()) {
+        volumes.push(ReferenceVolume { levels: &levels.arrays, level_at, transfer });
+    }
+    scene.picture(|_, frames| Ok(brickyard_reference::render_together(frames, &volumes)))
+}
+
+/// The cells that a view wants, and whether any is of each level.
+struct Wanted {
+    cells: HashSet<(Level, BrickIndex)>,
+    used: Vec<bool>,
+}
+
+impl Wanted {
+    fn new(store: &Store, view: &View) -> Self {
+        let cells: HashSet<_> = Cut::new(store, view, usize::MAX).cells().map(|c| (c.level, c.index)).collect();
+        let levels = 0..BrickSource::pyramid(store).levels().len();
+        let used = levels.map(|l| cells.iter().any(|c| c.0.index() == l)).collect();
+        Self { cells, used }
+    }
+
+    /// Each level is held as stored bytes and as f64 while it is converted.
+    fn bytes(&self, store: &Store) -> u64 {
+        let levels = BrickSource::pyramid(store).levels().iter().zip(&self.used);
+        let voxels = levels.filter(|(_, used)| **used).map(|(grid, _)| grid.extent.volume()).sum::<u64>();
+        voxels.saturating_mul(8 + store.voxel_type().bytes() as u64)
+    }
+}
+
+/// The levels that a view wants, whole; others are empty.
+struct Levels<'a> {
+    pyramid: &'a Pyramid,
+    wanted: Wanted,
+    arrays: Vec<Array>,
+}
+
+impl<'a> Levels<'a> {
+    fn read(store: &'a Store, view: &View) -> Result<Self, OracleError> {
+        let (pyramid, wanted) = (BrickSource::pyramid(store), Wanted::new(store, view));
+        let mut arrays = Vec::with_capacity(wanted.used.len());
+        for (l, grid) in pyramid.levels().iter().enumerate() {
+            if !wanted.used[l] {
+                arrays.push(Array { extent: grid.extent, factor: grid.factor, values: Vec::new() });
+                continue;
+            }
+            let mut bytes = vec![0; grid.extent.volume() as usize * store.voxel_type().bytes()];
+            store.read_box(view.time, view.channel, Level(l as u8), grid.extent.full_box(), &mut bytes)?;
+            arrays.push(Array::from_bytes(grid, store.voxel_type(), &bytes));
+        }
+        if !wanted.used.contains(&true) {
+            // Nothing is wanted, so nothing is seen: one voxel without a value says so wherever it is asked.
+            arrays[0] = Array { extent: Extent::new(1, 1, 1), factor: arrays[0].factor, values: vec![f64::NAN] };
+        }
+        Ok(Self { pyramid, wanted, arrays })
+    }
+
+    /// The level at a point. Cells that are invisible or empty are not in the cut; nothing is seen there at any finer level either.
+    fn at(&self, point: DVec3) -> usize {
+        let Wanted { cells, used } = &self.wanted;
         let cell_of = |l: usize| {
-            let size = pyramid.levels()[l].factor.map(|f| (f * pyramid.edge()) as f64);
+            let size = self.pyramid.levels()[l].factor.map(|f| (f * self.pyramid.edge()) as f64);
             let at = point.max(DVec3::ZERO).to_array();
             (Level(l as u8), BrickIndex::from_array(std::array::from_fn(|a| (at[a] / size[a]) as u32)))
         };
+        let any = used.iter().position(|&u| u).unwrap_or(0);
         (0..used.len()).find(|&l| used[l] && cells.contains(&cell_of(l))).unwrap_or(any)
-    };
-    let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &scene.transfer };
-    scene.picture(|_, frame| Ok(brickyard_reference::render(frame, &volume)))
+    }
 }

@@ -11,6 +11,7 @@ mod pack_settings;
 mod progress;
 mod quality;
 mod render;
+mod render_together;
 mod sampling_args;
 mod scene_args;
 mod session_args;
@@ -18,6 +19,7 @@ mod store_errors;
 mod synth;
 mod values;
 mod verify;
+mod volume_args;
 
 use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;

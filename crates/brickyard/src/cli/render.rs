@@ -5,7 +5,7 @@ use super::output::may_write;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
-use super::{store_errors, values};
+use super::{render_together, store_errors, values};
 use brickyard::backend::{BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::{OfflineError, render_settled};
@@ -14,7 +14,7 @@ use brickyard::pager::{ExactError, PagerError};
 use brickyard::picture_file::write_png;
 use brickyard::projection::for_mode;
 use brickyard::render::GpuError;
-use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, resolve};
+use brickyard::session::{Session, SessionError, SessionOptions, resolve};
 use brickyard::software::SoftwareError;
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
@@ -24,21 +24,22 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// `brickyard render STORE -o out.png`
+/// `brickyard render STORE... -o out.png`
 #[derive(Args)]
 pub(crate) struct RenderArguments {
-    /// The store
-    store: PathBuf,
+    /// The store; or several, up to 32, in one picture, each where its own world is or where --volume N:matrix=... puts it
+    #[arg(required = true)]
+    pub(super) stores: Vec<PathBuf>,
     /// Output PNG; several pictures are numbered: out_000.png, ...
     #[arg(short, long, value_name = "out.png")]
     output: PathBuf,
     /// Picture size in pixels
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
-    size: (u32, u32),
+    pub(super) size: (u32, u32),
     #[command(flatten)]
-    scene: SceneArguments,
+    pub(super) scene: SceneArguments,
     #[command(flatten)]
-    sampling: SamplingArguments,
+    pub(super) sampling: SamplingArguments,
     /// Turn the camera once around its target in N pictures
     #[arg(long, value_name = "N", conflicts_with = "path")]
     orbit: Option<u32>,
@@ -54,13 +55,13 @@ pub(crate) struct RenderArguments {
     compositor: CompositorArgument,
     /// Draw every brick that the view wants, however few fit at once: in passes, on a GPU (a software one will do)
     #[arg(long)]
-    exact: bool,
+    pub(super) exact: bool,
     /// Hard limit of brick slots, tables, targets and staging
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
-    host_memory: u64,
+    pub(super) host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(short = 'j', long)]
     threads: Option<usize>,
@@ -89,25 +90,19 @@ enum CompositorArgument {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let store = store_errors::open(&arguments.store)?;
+    let stores = arguments.stores.iter().map(|path| store_errors::open(path));
+    let mut stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
+    if stores.len() > 1 || arguments.scene.is_of_several()? {
+        return render_together::run(&arguments, stores.into_iter().map(Arc::new).collect(), started);
+    }
+    let store = stores.remove(0);
     let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
     let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
     let store = Arc::new(store);
-    let scenes = scenes(&arguments, scene, &store)?;
-    let outputs: Vec<PathBuf> = (0..scenes.len()).map(|i| numbered(&arguments.output, i, scenes.len())).collect();
-    for path in outputs.iter().chain(&arguments.stats) {
-        may_write(path, arguments.overwrite)?;
-    }
-    if let Some(path) = arguments.stats.as_ref().filter(|path| outputs.contains(path)) {
-        return Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())));
-    }
+    let scenes = arguments.scenes(scene)?;
+    let outputs = arguments.outputs(scenes.len())?;
     let mut stats = RenderStats::default();
-    let compositor = match arguments.compositor {
-        CompositorArgument::Auto => Some(CompositorChoice::Auto),
-        CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
-        CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
-        CompositorArgument::Reference => None,
-    };
+    let compositor = arguments.compositor();
     match compositor {
         None if arguments.exact => return Err(exact_failure(ExactPictureError::Way)),
         Some(compositor) if arguments.exact => {
@@ -116,10 +111,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         None => run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?,
         Some(compositor) => run_streaming(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?,
     }
-    match &arguments.stats {
-        Some(path) => write_stats(path, &stats),
-        None => Ok(()),
-    }
+    arguments.write_stats(&stats)
 }
 
 fn run_streaming(
@@ -143,11 +135,8 @@ fn run_streaming(
     for (scene, output) in scenes.iter().zip(outputs) {
         let resolved = session.resolve(scene, arguments.size).map_err(session_failure)?;
         let picture = render_settled(&mut session, &resolved, arguments.max_wait(), started, stats, &mut frame_ms);
-        let picture = picture.map_err(|error| match error {
-            OfflineError::Session(error) => session_failure(error),
-            other => Failure::failed(other),
-        })?;
-        write(output, &picture, scene, &resolved, stats)?;
+        let picture = picture.map_err(offline_failure)?;
+        write(output, &picture, &resolved.shown(scene), stats)?;
     }
     stats.frame_ms = Percentiles::of(&frame_ms);
     stats.level_cells = level_cells(&session, store);
@@ -178,7 +167,7 @@ fn run_exact(
         let picture = exact.render(&resolved, arguments.max_wait(), started, stats).map_err(exact_failure)?;
         frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
         eprintln!("{} bricks in {} passes", stats.bricks.wanted, stats.passes.unwrap_or(0));
-        write(output, &picture, scene, &resolved, stats)?;
+        write(output, &picture, &resolved.shown(scene), stats)?;
     }
     stats.frame_ms = Percentiles::of(&frame_ms);
     report(stats);
@@ -186,7 +175,31 @@ fn run_exact(
 }
 
 impl RenderArguments {
-    fn session_options(&self, compositor: CompositorChoice, bricks: Needs) -> SessionOptions {
+    /// The files of so many pictures, all of which may be written, and the statistics', too.
+    pub(super) fn outputs(&self, count: usize) -> Result<Vec<PathBuf>, Failure> {
+        let outputs: Vec<PathBuf> = (0..count).map(|i| numbered(&self.output, i, count)).collect();
+        for path in outputs.iter().chain(&self.stats) {
+            may_write(path, self.overwrite)?;
+        }
+        match self.stats.as_ref().filter(|path| outputs.contains(path)) {
+            Some(path) => {
+                Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())))
+            }
+            None => Ok(outputs),
+        }
+    }
+
+    /// `None` is the reference.
+    pub(super) fn compositor(&self) -> Option<CompositorChoice> {
+        match self.compositor {
+            CompositorArgument::Auto => Some(CompositorChoice::Auto),
+            CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
+            CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
+            CompositorArgument::Reference => None,
+        }
+    }
+
+    pub(super) fn session_options(&self, compositor: CompositorChoice, bricks: Needs) -> SessionOptions {
         SessionOptions {
             backend: self.backend.into(),
             compositor,
@@ -200,7 +213,34 @@ impl RenderArguments {
         }
     }
 
-    fn max_wait(&self) -> Duration {
+    /// The scenes of all pictures: one, an orbit, or a path's cameras. The one given has a camera.
+    pub(super) fn scenes(&self, scene: Scene) -> Result<Vec<Scene>, Failure> {
+        let with_camera = |camera: Camera| Scene { camera: Some(camera), ..scene.clone() };
+        if let (Some(count), Some(start)) = (self.orbit, scene.camera) {
+            if count == 0 {
+                return Err(Failure::usage("--orbit 0: expected at least one picture"));
+            }
+            return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
+        }
+        let Some(path) = &self.path else { return Ok(vec![scene]) };
+        let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
+        let text = std::fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+        let cameras: Vec<Camera> =
+            serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
+        if cameras.is_empty() {
+            return Err(bad("the list of cameras is empty".into()));
+        }
+        Ok(cameras.into_iter().map(with_camera).collect())
+    }
+
+    /// Writes the statistics, where they are asked for.
+    pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
+        let Some(path) = &self.stats else { return Ok(()) };
+        let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
+        std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+    }
+
+    pub(super) fn max_wait(&self) -> Duration {
         Duration::from_secs_f64(self.max_wait.min(1e9))
     }
 }
@@ -213,7 +253,7 @@ fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
     counts
 }
 
-fn report(stats: &RenderStats) {
+pub(super) fn report(stats: &RenderStats) {
     if stats.memory_bound {
         let found = match stats.effective_pixel_error {
             Some(error) => format!("{error:.1} px of {:.1} px", stats.pixel_error),
@@ -244,13 +284,10 @@ fn run_reference(
         let window = store.default_window(scene.channel);
         let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
         let drawing = Instant::now();
-        let picture = render_reference(store, &resolved, arguments.host_memory).map_err(|error| match error {
-            OracleError::TooLarge { .. } => Failure::usage(error),
-            OracleError::Read(error) => store_errors::read_failure(&error),
-        })?;
+        let picture = render_reference(store, &resolved, arguments.host_memory).map_err(oracle_failure)?;
         frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
         stats.frames += 1;
-        write(output, &picture, scene, &resolved, stats)?;
+        write(output, &picture, &resolved.shown(scene), stats)?;
     }
     stats.settled_ms = started.elapsed().as_secs_f64() * 1e3;
     stats.first_image_ms = stats.settled_ms;
@@ -258,45 +295,17 @@ fn run_reference(
     Ok(())
 }
 
-fn write(
-    path: &Path,
-    picture: &Picture,
-    scene: &Scene,
-    resolved: &ResolvedScene,
-    stats: &RenderStats,
-) -> Result<(), Failure> {
-    let shown = Scene { camera: Some(resolved.camera), transfer: Some(resolved.transfer.clone()), ..scene.clone() };
+/// Writes a picture, and into it the scene it is of.
+pub(super) fn write(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), Failure> {
     let notes = [
         ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
-        ("Scene", serde_json::to_string(&shown).map_err(Failure::failed)?),
+        ("Scene", serde_json::to_string(shown).map_err(Failure::failed)?),
         (
             "Bricks",
             format!("{} of {} wanted, {} failed", stats.bricks.resident, stats.bricks.wanted, stats.bricks.failed),
         ),
     ];
     write_png(path, picture, &notes).map_err(Failure::failed)
-}
-
-/// The scenes of all pictures: one, an orbit, or a path's cameras.
-fn scenes(arguments: &RenderArguments, scene: Scene, store: &Store) -> Result<Vec<Scene>, Failure> {
-    let with_camera = |camera: Camera| Scene { camera: Some(camera), ..scene.clone() };
-    if let Some(count) = arguments.orbit {
-        if count == 0 {
-            return Err(Failure::usage("--orbit 0: expected at least one picture"));
-        }
-        let extent = store.pyramid().levels()[0].extent;
-        let start = scene.camera_for(store.geometry().world_box(extent), arguments.size);
-        return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
-    }
-    let Some(path) = &arguments.path else { return Ok(vec![scene]) };
-    let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
-    let cameras: Vec<Camera> =
-        serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
-    if cameras.is_empty() {
-        return Err(bad("the list of cameras is empty".into()));
-    }
-    Ok(cameras.into_iter().map(with_camera).collect())
 }
 
 fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
@@ -308,9 +317,18 @@ fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
     path.with_file_name(format!("{stem}_{index:03}.{extension}"))
 }
 
-fn write_stats(path: &Path, stats: &RenderStats) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
-    std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+pub(super) fn offline_failure(error: OfflineError) -> Failure {
+    match error {
+        OfflineError::Session(error) => session_failure(error),
+        other => Failure::failed(other),
+    }
+}
+
+pub(super) fn oracle_failure(error: OracleError) -> Failure {
+    match error {
+        OracleError::TooLarge { .. } => Failure::usage(error),
+        OracleError::Read(error) => store_errors::read_failure(&error),
+    }
 }
 
 pub(crate) fn session_failure(error: SessionError) -> Failure {
@@ -320,7 +338,12 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
         | SessionError::Backend(
-            BackendError::Gpu(GpuError::Budget { .. } | GpuError::PictureTooLarge { .. } | GpuError::Meshes { .. })
+            BackendError::Gpu(
+                GpuError::Budget { .. }
+                | GpuError::PictureTooLarge { .. }
+                | GpuError::Meshes { .. }
+                | GpuError::Textures { .. },
+            )
             | BackendError::Cpu(SoftwareError::Budget { .. })
             | BackendError::CpuSorted,
         ) => Failure::usage(error),

@@ -2,14 +2,15 @@
 
 use super::failure::Failure;
 use super::values;
+use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
 use brickyard::import::read_mesh;
 use brickyard::pager::BrickSource;
 use brickyard::session::subject;
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, Slice, Stereo, StereoLayout,
-    TransferFunction,
+    Camera, ClipPlane, Extent, Gradient, Isosurface, MAX_VOLUMES, MeshLook, Mode, Placement, PlacementError,
+    Projection, Scene, Slice, Stereo, StereoLayout, TransferFunction, VolumeLook,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -54,6 +55,11 @@ pub(crate) struct SceneArguments {
     isovalue: Vec<Isosurface>,
     #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
+    /// Of several stores, how store N looks, counted from 0; again and again. KEY=VALUE is one of: transfer=FILE|PRESET;
+    /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's; blend=mix|add; opacity=0..1;
+    /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
+    #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
+    volume: Vec<VolumeSetting>,
     /// How the gradients that `--lighting` needs are found
     #[arg(long, value_enum)]
     gradient: Option<GradientArgument>,
@@ -164,20 +170,81 @@ impl SceneArguments {
     /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel, eyes without stereo or a thickness without a
     /// slice.
     pub(crate) fn scene(&self, store: &Store, size_px: (u32, u32)) -> Result<Scene, Failure> {
+        let mut scene = self.without_stores()?;
+        if !(self.volume.is_empty() && scene.volumes.is_empty()) {
+            return Err(Failure::usage("--volume, and volumes of a scene file, are for `brickyard render`"));
+        }
+        check_channel(scene.channel, store)?;
+        if let Some(name) = &self.transfer {
+            scene.transfer = Some(transfer(name, store, scene.channel)?);
+        }
+        scene.camera = Some(self.camera(&scene, store.geometry().world_box(extent(store)), size_px));
+        Ok(scene)
+    }
+
+    /// Whether it says how stores look beside each other.
+    ///
+    /// # Errors
+    /// If the scene file cannot be read.
+    pub(crate) fn is_of_several(&self) -> Result<bool, Failure> {
+        Ok(!self.volume.is_empty() || !self.without_stores()?.volumes.is_empty())
+    }
+
+    /// The scene of several stores, or of one that is placed among none.
+    ///
+    /// # Errors
+    /// As [`SceneArguments::scene`]; and for more volumes than stores, or a volume that cannot look so.
+    pub(crate) fn scene_of_several(&self, stores: &[Arc<Store>], size_px: (u32, u32)) -> Result<Scene, Failure> {
+        let mut scene = self.without_stores()?;
+        if stores.len() > MAX_VOLUMES {
+            let problem = format!("{} volumes in one picture: expected at most {MAX_VOLUMES}", stores.len());
+            return Err(Failure::usage(problem));
+        }
+        if scene.volumes.len() > stores.len() {
+            let (named, count) = (scene.volumes.len(), stores.len());
+            return Err(Failure::usage(format!(
+                "the scene says how {named} volumes look, and there are {count} stores"
+            )));
+        }
+        scene.volumes.resize(stores.len(), VolumeLook::default());
+        let mut transfers = vec![None; stores.len()];
+        for VolumeSetting { volume, key, value } in &self.volume {
+            let count = stores.len();
+            let missing =
+                || Failure::usage(format!("--volume {volume}:...: there are {count} stores, numbered from 0"));
+            let look = scene.volumes.get_mut(*volume).ok_or_else(missing)?;
+            match key {
+                VolumeKey::Transfer => transfers[*volume] = Some(value),
+                VolumeKey::Matrix => look.world_from_volume = placement(*volume, value)?,
+                key => key.set(look, value).map_err(|error| Failure::usage(format!("--volume {volume}: {error}")))?,
+            }
+        }
+        for (i, (look, store)) in scene.volumes.iter_mut().zip(stores).enumerate() {
+            let channel = look.channel.unwrap_or(scene.channel);
+            check_channel(channel, store)?;
+            // A name that is for all stores means another function for each: that of its own values.
+            let of_all = self.transfer.as_ref().filter(|_| look.transfer.is_none());
+            if let Some(name) = transfers[i].or(of_all) {
+                look.transfer = Some(transfer(name, store, channel)?);
+            }
+        }
+        let boxes = stores.iter().zip(&scene.volumes).map(|(store, look)| {
+            let (low, high) = look.world_from_volume.world_box(store.geometry().world_box(extent(store)));
+            [low, high]
+        });
+        let all = boxes.reduce(|[low, high], [a, b]| [low.min(a), high.max(b)]);
+        let [low, high] = all.ok_or_else(|| Failure::usage("no store"))?;
+        scene.camera = Some(self.camera(&scene, (low, high), size_px));
+        Ok(scene)
+    }
+
+    /// All of it that is the same for any store.
+    fn without_stores(&self) -> Result<Scene, Failure> {
         let mut scene = match &self.scene {
             Some(path) => scene_file(path)?,
             None => Scene::default(),
         };
-        let channel = self.channel.unwrap_or(scene.channel);
-        if channel >= store.channels() {
-            let count = store.channels();
-            return Err(Failure::usage(format!(
-                "channel {channel} does not exist: the store has {count}, numbered from 0"
-            )));
-        }
-        if let Some(name) = &self.transfer {
-            scene.transfer = Some(transfer(name, store, channel)?);
-        }
+        scene.channel = self.channel.unwrap_or(scene.channel);
         scene.stereo = self.stereo(scene.stereo)?;
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
             scene.mode = Mode::Average;
@@ -196,7 +263,6 @@ impl SceneArguments {
         }
         scene.background = self.background.unwrap_or(scene.background);
         scene.time = self.time.unwrap_or(scene.time);
-        scene.channel = channel;
         scene.clip = self.clip.or(scene.clip);
         if !self.clip_plane.is_empty() {
             scene.clip_planes.clone_from(&self.clip_plane);
@@ -215,7 +281,6 @@ impl SceneArguments {
         for look in &mut scene.meshes {
             look.mesh = Some(Arc::new(read_mesh(&look.path).map_err(Failure::bad_input)?));
         }
-        scene.camera = self.camera(&scene, store, size_px);
         Ok(scene)
     }
 
@@ -234,8 +299,8 @@ impl SceneArguments {
         Ok(stereo)
     }
 
-    fn camera(&self, scene: &Scene, store: &Store, size_px: (u32, u32)) -> Option<Camera> {
-        let mut camera = scene.camera_for(store.geometry().world_box(extent(store)), size_px);
+    fn camera(&self, scene: &Scene, world_box: (DVec3, DVec3), size_px: (u32, u32)) -> Camera {
+        let mut camera = scene.camera_for(world_box, size_px);
         camera.eye = self.eye.unwrap_or(camera.eye);
         camera.target = self.target.unwrap_or(camera.target);
         camera.up = self.up.unwrap_or(camera.up);
@@ -244,8 +309,27 @@ impl SceneArguments {
             (_, Some(height)) => Projection::Orthographic { height },
             _ => camera.projection,
         };
-        Some(camera)
+        camera
     }
+}
+
+fn check_channel(channel: u32, store: &Store) -> Result<(), Failure> {
+    let count = store.channels();
+    let problem = || format!("channel {channel} does not exist: the store has {count}, numbered from 0");
+    if channel < count { Ok(()) } else { Err(Failure::usage(problem())) }
+}
+
+/// The placement in a file, or in the words themselves.
+fn placement(volume: usize, value: &str) -> Result<Placement, Failure> {
+    let path = Path::new(value);
+    let text = if path.is_file() { read_text(path)? } else { value.to_string() };
+    let what = if path.is_file() { path.display().to_string() } else { format!("--volume {volume}:matrix={value}") };
+    Placement::from_text(&text).map_err(|error| match error {
+        PlacementError::Word(_) if !path.is_file() => {
+            Failure::bad_input(format!("{what}: neither a file nor the 12 or 16 numbers of a matrix, row by row"))
+        }
+        error => Failure::bad_input(format!("{what}: {error}")),
+    })
 }
 
 fn extent(store: &Store) -> Extent {

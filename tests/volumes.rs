@@ -1,0 +1,213 @@
+//! Several stores in one picture: streamed by every backend against the oracle, 32 of them under the usual budgets, and all that is
+//! refused.
+
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::ensemble::{Ensemble, Member, ResolvedEnsemble};
+use brickyard::offline::render_settled;
+use brickyard::oracle::{render_reference, render_reference_together};
+use brickyard::render::GpuError;
+use brickyard::session::{SessionError, SessionOptions, resolve};
+use brickyard::stats::RenderStats;
+use brickyard::store::Store;
+use brickyard::volume::{
+    Blend, Extent, Filter, Geometry, LevelPolicy, MAX_VOLUMES, Mode, Picture, Placement, Sampling, Scene, Stereo,
+    StereoLayout, TransferFunction, VolumeLook, Voxel,
+};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, options};
+use glam::DVec3;
+use std::time::{Duration, Instant};
+
+const SIZE: (u32, u32) = (56, 44);
+
+/// Every way to draw several volumes.
+const WAYS: [(BackendChoice, CompositorChoice); 2] =
+    [(BackendChoice::Cpu, CompositorChoice::Auto), (BackendChoice::Gpu, CompositorChoice::Raycast)];
+
+fn store<T: Voxel>(extent: [u32; 3], spacing: [f64; 3], brick: u32, scale: f64) -> TestStore {
+    let geometry = Geometry { spacing: spacing.into(), ..Geometry::default() };
+    let value = move |_, _, v: [u32; 3]| {
+        let p = DVec3::from_array(v.map(f64::from)) * scale;
+        let wave = (p.x * 0.21).sin() + (p.y * 0.17 + 1.0).sin() + (p.z * 0.27 + p.x * 0.1).cos();
+        T::from_f64_rounded((wave / 6.0 + 0.5).clamp(0.0, 1.0) * 255.0)
+    };
+    TestStore::pack(&FunctionSource::new(Extent::from_array(extent), geometry, value), brick)
+}
+
+fn members(stores: &[TestStore]) -> Vec<Member> {
+    let member = |test: &TestStore| Member { source: test.store.clone(), default_window: test.store.default_window(0) };
+    stores.iter().map(member).collect()
+}
+
+fn transfer(rgb: [f64; 3], alpha: f64) -> TransferFunction {
+    TransferFunction {
+        color: vec![[0.0, rgb[0], rgb[1], rgb[2]], [255.0, 1.0 - rgb[0], rgb[1], 1.0 - rgb[2]]],
+        opacity: vec![[110.0, 0.0], [150.0, alpha], [200.0, 0.3 * alpha], [255.0, alpha]],
+        unit_distance: 3.0,
+    }
+}
+
+fn two() -> Vec<TestStore> {
+    vec![store::<u8>([61, 53, 47], [1.0, 1.0, 1.0], 16, 1.0), store::<u16>([40, 70, 33], [1.5, 0.75, 1.2], 16, 1.2)]
+}
+
+fn look_askew() -> VolumeLook {
+    VolumeLook {
+        world_from_volume: Placement::from_text("0.8 -0.6 0 20  0.6 0.8 0.1 -5  0 0 1.1 3").expect("a map"),
+        transfer: Some(transfer([0.1, 0.8, 0.9], 0.5)),
+        ..VolumeLook::default()
+    }
+}
+
+fn scene() -> Scene {
+    Scene {
+        transfer: Some(transfer([0.9, 0.3, 0.1], 0.4)),
+        background: [0.1, 0.05, 0.2],
+        volumes: vec![VolumeLook::default(), look_askew()],
+        ..Scene::default()
+    }
+}
+
+/// The settled picture of a way to draw; `None` (said loudly) where there is no GPU.
+fn draw(members: &[Member], resolved: &ResolvedEnsemble, options: &SessionOptions) -> Option<(Picture, RenderStats)> {
+    let mut ensemble = match Ensemble::new(members, resolved, options) {
+        Ok(ensemble) => ensemble,
+        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
+            eprintln!("SKIPPED the GPU half of this test: {error}");
+            return None;
+        }
+        Err(error) => panic!("{error}"),
+    };
+    let mut stats = RenderStats::default();
+    let wait = Duration::from_secs(120);
+    let picture = render_settled(&mut ensemble, resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
+    Some((picture.expect("the picture settles"), stats))
+}
+
+#[test]
+fn two_stores_equal_the_oracle_on_every_backend() {
+    let stores = two();
+    let members = members(&stores);
+    let glowing = VolumeLook { blend: Blend::Add, opacity: 0.5, ..look_askew() };
+    let cropped =
+        VolumeLook { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..Default::default() };
+    let stereo = Some(Stereo::new(StereoLayout::SideBySide));
+    let scenes = [
+        ("both", scene()),
+        ("coarse", Scene { pixel_error: 3.0, ..scene() }),
+        ("one glows, the other is cropped", Scene { volumes: vec![cropped, glowing], ..scene() }),
+        ("clipped", Scene { clip: Some([DVec3::splat(5.0), DVec3::new(48.0, 70.0, 40.0)]), ..scene() }),
+        ("two eyes", Scene { stereo, level: LevelPolicy::Locked(1), ..scene() }),
+        ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
+    ];
+    for (what, scene) in scenes {
+        let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+        let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
+        let expected = render_reference_together(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+        for way in WAYS {
+            let options = SessionOptions { bricks: scene.needs(), ..options(way, SIZE, 256 << 20, 256 << 20) };
+            let Some((picture, stats)) = draw(&members, &resolved, &options) else { continue };
+            assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
+            let difference = picture.difference(&expected);
+            // As for one volume: rounding, twice.
+            assert!(difference.max <= 2, "{what} {way:?}: {difference:?}");
+            let background = Picture::quantise(scene.background.map(|c| c as f32));
+            assert!(picture.rgb.iter().filter(|&&p| p != background).count() > 200, "{what}: nothing in view");
+        }
+    }
+}
+
+#[test]
+fn one_volume_among_none_is_the_picture_of_one_volume() {
+    let stores = [store::<u8>([61, 53, 47], [1.0, 0.8, 1.3], 16, 1.0)];
+    let members = members(&stores);
+    let scene = Scene { volumes: Vec::new(), ..scene() };
+    let source = &*stores[0].store;
+    let alone = resolve(source, source.default_window(0), &scene, SIZE).expect("a possible scene");
+    let alone = render_reference(source, &alone, 1 << 30).expect("the oracle's picture");
+    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+    for way in WAYS {
+        let Some((picture, _)) = draw(&members, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)) else { continue };
+        assert!(picture.difference(&alone).max <= 2, "{way:?}");
+    }
+}
+
+#[test]
+fn many_volumes_live_within_the_budgets() {
+    let small: Vec<TestStore> = (0..2).map(|i| store::<u8>([40, 37, 33], [1.0; 3], 16, 1.0 + i as f64 * 0.3)).collect();
+    let place = |i: usize| {
+        let at = [i % 4, i / 4 % 4, i / 16].map(|n| n as f64 * 30.0);
+        Placement::from_text(&format!("1 0 0 {} 0 1 0 {} 0 0 1 {}", at[0], at[1], at[2])).expect("a map")
+    };
+    let members: Vec<Member> = (0..MAX_VOLUMES).flat_map(|i| members(&small[i % 2..i % 2 + 1])).collect();
+    let look = |i| VolumeLook { world_from_volume: place(i), ..VolumeLook::default() };
+    let scene = Scene { volumes: (0..MAX_VOLUMES).map(look).collect(), ..scene() };
+    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+    let shown: Vec<&Store> = (0..MAX_VOLUMES).map(|i| &*small[i % 2].store).collect();
+    let expected = render_reference_together(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+    let budget = 96 << 20;
+    let options = options(WAYS[0], SIZE, budget, budget);
+    let (picture, stats) = draw(&members, &resolved, &options).expect("the CPU is there");
+    assert!(picture.difference(&expected).max <= 2);
+    assert!(stats.gpu_bytes_peak <= budget && stats.host_bytes_peak <= budget, "{stats:?}");
+}
+
+#[test]
+fn what_several_volumes_cannot_do_is_refused() {
+    let stores = two();
+    let members = members(&stores);
+    let refused = |scene: Scene, word: &str| {
+        let error = ResolvedEnsemble::new(&members, &scene, SIZE).expect_err(word).to_string();
+        assert!(error.contains(word), "{word}: {error}");
+    };
+    refused(Scene { mode: Mode::Mip, ..scene() }, "--mode dvr");
+    refused(Scene { volumes: vec![VolumeLook::default(); 3], ..scene() }, "3 volumes");
+    refused(Scene { volumes: vec![VolumeLook { opacity: 1.5, ..look_askew() }], ..scene() }, "volume 0");
+    refused(Scene { volumes: vec![VolumeLook { crop: Some([DVec3::ONE; 2]), ..look_askew() }], ..scene() }, "crop");
+    refused(Scene { volumes: vec![VolumeLook { visible: false, ..look_askew() }; 2], ..scene() }, "no volume");
+    refused(Scene { level: LevelPolicy::Locked(9), ..scene() }, "level 9");
+    let resolved = ResolvedEnsemble::new(&members, &scene(), SIZE).expect("a possible scene");
+    let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
+    let error = Ensemble::new(&members, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)).err().expect("refused");
+    assert!(error.to_string().contains("raycast"), "{error}");
+    for (gpu, host) in [(1 << 10, 64 << 20), (64 << 20, 1 << 10)] {
+        let options = options(WAYS[0], SIZE, gpu, host);
+        let error = Ensemble::new(&members, &resolved, &options).err().expect("a kibibyte is too little");
+        assert!(error.to_string().contains("least"), "{error}");
+    }
+}
+
+#[test]
+fn the_command_shows_several_stores_and_says_what_is_wrong() {
+    let sandbox = Sandbox::default();
+    sandbox.run_ok("synth flow a.zarr --shape 40,36,50 --brick 16 --shard 32 --progress none");
+    sandbox.run_ok("synth ct b.zarr --shape 30,30,30 --brick 16 --shard 32 --progress none");
+    sandbox.write("shift.txt", "1 0 0 20\n0 1 0 3\n0 0 1 4\n0 0 0 1\n");
+    sandbox.write("flat.txt", "1 0 0 20\n1 0 0 3\n0 0 1 4\n");
+    sandbox.write("scene.json", r#"{"volumes": [{}, {"world_from_volume": [[1,0,0,0],[1,0,0,0],[0,0,1,0]]}]}"#);
+    sandbox.run_ok(
+        "render a.zarr b.zarr -o two.png --size 32x32 --backend cpu --volume 1:matrix=shift.txt --volume 1:blend=add \
+         --volume 0:transfer=viridis --volume 0:opacity=0.5",
+    );
+    sandbox.run_ok("render a.zarr -o one.png --size 32x32 --backend cpu --volume 0:matrix=shift.txt");
+    let many = "a.zarr ".repeat(33);
+    let too_many = format!("render {many} -o no.png --size 32x32");
+    for (line, code, word) in [
+        (&too_many[..], 2, "33 volumes"),
+        ("render a.zarr b.zarr -o no.png --volume 1:matrix=flat.txt", 3, "singular"),
+        ("render a.zarr b.zarr -o no.png --volume 1:matrix=missing.txt", 3, "neither a file nor"),
+        ("render a.zarr b.zarr -o no.png --volume 1:matrix=1,0,0,0,0,nan,0,0,0,0,1,0", 3, "finite"),
+        ("render a.zarr b.zarr -o no.png --scene scene.json", 3, "singular"),
+        ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 stores"),
+        ("render a.zarr b.zarr -o no.png --volume 1:blend=over", 2, "mix or add"),
+        ("render a.zarr b.zarr -o no.png --mode mip", 2, "--mode dvr"),
+        ("render a.zarr b.zarr -o no.png --exact", 2, "one volume"),
+        ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
+        ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),
+        ("render a.zarr missing.zarr -o no.png", 3, "missing.zarr"),
+    ] {
+        let (found, _, stderr) = sandbox.run(line);
+        assert_eq!(found, code, "brickyard {line}: {stderr}");
+        assert!(stderr.contains(word), "brickyard {line}: {word:?} is not in: {stderr}");
+        assert!(!sandbox.path("no.png").exists());
+    }
+}
