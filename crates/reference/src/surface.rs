@@ -70,8 +70,6 @@ mod tests {
         path.segments(frame, volume).find_map(|segment| crossings.within(segment, field).first().map(|hit| hit.0))
     }
 
-    const ALL: [f64; 2] = [0.0, f64::INFINITY];
-
     fn transfer() -> TransferFunction {
         TransferFunction {
             color: vec![[0.0, 0.0, 0.5, 1.0], [200.0, 1.0, 0.5, 0.0]],

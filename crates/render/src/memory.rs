@@ -114,6 +114,7 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
 impl MemoryPlan {
     pub(crate) fn new(needs: &MemoryNeeds) -> Result<Self, GpuError> {
         let (width_px, height_px) = needs.max_size_px;
+        let pixels = width_px as u64 * height_px as u64;
         let picture = picture_bytes(&needs.formats, needs.max_size_px);
         let table = table::bytes(needs.codes, needs.has_integrals);
         let (compositor, beside_bytes, most) = match needs.raycast {

@@ -13,6 +13,7 @@ use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::{MARK_STEPS, Variant};
 use brickyard_volume::{FrameSettings, Picture, Pyramid};
 use std::time::Instant;
+use wgpu::BindingResource;
 
 /// A picture that has been begun: see [`GpuRenderer::passes`].
 #[derive(Debug)]
@@ -130,12 +131,7 @@ impl Passes<'_> {
         }
         let marked = self.marked();
         let (targets, pipelines) = self.target()?;
-        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
-        let copied = shared.resolve(gpu, &layouts.resolve, &pipelines.resolve, targets, |encoder| {
-            if let Some(raycast) = marked {
-                raycast.take_marks(encoder, self.cells, targets);
-            }
-        });
+        let copied = self.resolve(targets, pipelines, marked);
         let count = marked.map_or(0, |_| self.cells);
         let Found { picture, ticks, marks } = targets.read(&self.renderer.gpu, copied, count)?;
         // Bricks are numbered from front to back, cells from back to front.
