@@ -10,7 +10,7 @@ use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::{Atlas, AtlasPlan, texel_bytes};
 use crate::error::GpuError;
 use crate::frame::frame_uniform;
-use crate::gathering::{Gathering, SharedBuffers, buffer, entry, sampler};
+use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
 use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
 use crate::pipelines::{Layouts, Pipelines};
 use crate::raycast::PIXELS_PER_SUBMISSION;
@@ -250,7 +250,8 @@ impl GpuEnsemble {
                 pass.draw(0..3, 0..1);
             });
         }
-        let copied = shared.resolve(gpu, &layouts.resolve, &pipelines.resolve, targets);
+        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, targets);
+        let copied = shared.resolve(gpu, targets, |pass| draw_over_all(pass, &pipelines.resolve, &bindings), |_| {});
         Ok(targets.read(gpu, copied, 0)?.picture)
     }
 

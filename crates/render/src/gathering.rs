@@ -56,15 +56,14 @@ impl SharedBuffers {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 
-    /// The last submission of a picture of several volumes: display colours of what has been gathered, on their way to the CPU.
-    pub(crate) fn resolve(
+    /// What makes colours of what has been gathered.
+    pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
-        pipeline: &wgpu::RenderPipeline,
         targets: &Targets,
-    ) -> wgpu::SubmissionIndex {
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+    ) -> wgpu::BindGroup {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("resolve"),
             layout,
             entries: &[
@@ -72,20 +71,26 @@ impl SharedBuffers {
                 entry(4, self.table.as_entire_binding()),
                 entry(5, BindingResource::TextureView(&targets.gathered)),
             ],
-        });
+        })
+    }
+
+    /// The last submission of a picture: display colours, on their way to the CPU, what else the encoder is given, and timestamps.
+    pub(crate) fn resolve(
+        &self,
+        gpu: &Gpu,
+        targets: &Targets,
+        show: impl FnOnce(&mut wgpu::RenderPass<'_>),
+        also: impl FnOnce(&mut wgpu::CommandEncoder),
+    ) -> wgpu::SubmissionIndex {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("resolve"),
-                color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
-                timestamp_writes: self.timestamp_writes(None, Some(1)),
-                ..Default::default()
-            });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.draw(0..3, 0..1);
-        }
+        show(&mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("resolve"),
+            color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
+            timestamp_writes: self.timestamp_writes(None, Some(1)),
+            ..Default::default()
+        }));
         targets.copy_back(&mut encoder);
+        also(&mut encoder);
         if let Some((queries, ticks)) = &self.timestamps {
             encoder.resolve_query_set(queries, 0..2, ticks, 0);
             encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
@@ -105,6 +110,17 @@ impl SharedBuffers {
             end_of_pass_write_index: end,
         })
     }
+}
+
+/// One triangle over the whole picture.
+pub(crate) fn draw_over_all(
+    pass: &mut wgpu::RenderPass<'_>,
+    pipeline: &wgpu::RenderPipeline,
+    bindings: &wgpu::BindGroup,
+) {
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, bindings, &[]);
+    pass.draw(0..3, 0..1);
 }
 
 /// How an atlas is sampled.

@@ -2,8 +2,7 @@
 //! the way back to the CPU. Where there are meshes, all of that but the way back once for each slab.
 
 use crate::error::GpuError;
-use crate::gathering::{Gathering, attachment, entry};
-use crate::memory::TIMESTAMP_BYTES;
+use crate::gathering::{Gathering, draw_over_all};
 use crate::meshes::Layers;
 use crate::pipelines::Pipelines;
 use crate::raycast::Raycast;
@@ -13,7 +12,6 @@ use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::{MARK_STEPS, Variant};
 use brickyard_volume::{FrameSettings, Picture, Pyramid};
 use std::time::Instant;
-use wgpu::BindingResource;
 
 /// A picture that has been begun: see [`GpuRenderer::passes`].
 #[derive(Debug)]
@@ -131,7 +129,17 @@ impl Passes<'_> {
         }
         let marked = self.marked();
         let (targets, pipelines) = self.target()?;
-        let copied = self.resolve(targets, pipelines, marked);
+        let GpuRenderer { gpu, shared, meshes, layers, .. } = &*self.renderer;
+        let bindings = self.resolve_bindings(targets);
+        let show = |pass: &mut wgpu::RenderPass<'_>| match (meshes, layers) {
+            (Some(meshes), Some(layers)) if self.variant.has_meshes => meshes.show(pass, layers),
+            _ => draw_over_all(pass, &pipelines.resolve, &bindings),
+        };
+        let copied = shared.resolve(gpu, targets, show, |encoder| {
+            if let Some(raycast) = marked {
+                raycast.take_marks(encoder, self.cells, targets);
+            }
+        });
         let count = marked.map_or(0, |_| self.cells);
         let Found { picture, ticks, marks } = targets.read(&self.renderer.gpu, copied, count)?;
         // Bricks are numbered from front to back, cells from back to front.
@@ -160,15 +168,7 @@ impl Passes<'_> {
     /// What makes colours of what has been gathered.
     fn resolve_bindings(&self, targets: &Targets) -> wgpu::BindGroup {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("resolve"),
-            layout: &layouts.resolve,
-            entries: &[
-                entry(0, shared.frame.as_entire_binding()),
-                entry(4, shared.table.as_entire_binding()),
-                entry(5, BindingResource::TextureView(&targets.gathered)),
-            ],
-        })
+        shared.resolve_bindings(gpu, &layouts.resolve, targets)
     }
 
     /// The compositor, if it marks bricks in this frame.
@@ -178,38 +178,6 @@ impl Passes<'_> {
             March::Raycast(raycast) if marks => Some(raycast),
             _ => None,
         }
-    }
-
-    /// The last submission: display colours, read-back copy, timestamps.
-    fn resolve(&self, targets: &Targets, pipelines: &Pipelines, marked: Option<&Raycast>) -> wgpu::SubmissionIndex {
-        let GpuRenderer { gpu, shared, meshes, layers, .. } = &*self.renderer;
-        let bindings = self.resolve_bindings(targets);
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("resolve"),
-                color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
-                timestamp_writes: shared.timestamp_writes(None, Some(1)),
-                ..Default::default()
-            });
-            match (meshes, layers) {
-                (Some(meshes), Some(layers)) if self.variant.has_meshes => meshes.show(&mut pass, layers),
-                _ => {
-                    pass.set_pipeline(&pipelines.resolve);
-                    pass.set_bind_group(0, &bindings, &[]);
-                    pass.draw(0..3, 0..1);
-                }
-            }
-        }
-        targets.copy_back(&mut encoder);
-        if let Some(raycast) = marked {
-            raycast.take_marks(&mut encoder, self.cells, targets);
-        }
-        if let Some((queries, ticks)) = &shared.timestamps {
-            encoder.resolve_query_set(queries, 0..2, ticks, 0);
-            encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
-        }
-        gpu.queue.submit([encoder.finish()])
     }
 }
 
