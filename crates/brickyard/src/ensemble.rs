@@ -1,6 +1,6 @@
 //! An ensemble: several paged volumes in one picture, each with its pager, all through one backend and under one budget.
 //!
-//! Slots and host memory are shared out once, by what each volume could use ([`share`](brickyard_pager::share)). Pictures are
+//! Slots and host memory are shared out once, by what each volume could use ([`share`]). Pictures are
 //! waited for: there is no live ensemble.
 
 use crate::backend::{BackendChoice, BackendError, BackendNeeds, CompositorChoice};

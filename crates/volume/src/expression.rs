@@ -1,6 +1,6 @@
 //! Expressions over the values of several volumes at one place: `max(a, b * 0.5)`.
 //!
-//! A text is [parsed](parse) into a straight list of operations, each on results of earlier ones, so that it can be worked
+//! A text is parsed into a straight list of operations, each on results of earlier ones, so that it can be worked
 //! out without recursion and written down in a shader line by line. There is nothing in the language that loops, stores or
 //! calls out: an expression costs what its operations do, and of those there are at most [`MAX_OPERATIONS`].
 //!
