@@ -91,7 +91,15 @@ fn two_stores_equal_the_oracle_on_every_backend() {
     let cropped =
         VolumeLook { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..Default::default() };
     let stereo = Some(Stereo::new(StereoLayout::SideBySide));
+    let own_look = VolumeLook { transfer: None, opacity: 1.0, blend: Blend::Mix, ..look_askew() };
+    let combined = |text: &str| Scene {
+        expression: Some(text.into()),
+        volumes: vec![VolumeLook::default(), own_look.clone()],
+        ..scene()
+    };
     let scenes = [
+        ("an expression", combined("default(a, 0) * 0.7 + default(b, 0) * 0.5")),
+        ("an expression of what both have", combined("a > b ? a : sqrt(b) * 12")),
         ("both", scene()),
         ("coarse", Scene { pixel_error: 3.0, ..scene() }),
         ("one glows, the other is cropped", Scene { volumes: vec![cropped, glowing], ..scene() }),
@@ -165,6 +173,14 @@ fn what_several_volumes_cannot_do_is_refused() {
     refused(Scene { volumes: vec![VolumeLook { crop: Some([DVec3::ONE; 2]), ..look_askew() }], ..scene() }, "crop");
     refused(Scene { volumes: vec![VolumeLook { visible: false, ..look_askew() }; 2], ..scene() }, "no volume");
     refused(Scene { level: LevelPolicy::Locked(9), ..scene() }, "level 9");
+    let expression = |text: &str| Some(text.to_string());
+    refused(Scene { expression: expression("max(a, *b)"), ..scene() }, "\n         ^");
+    refused(Scene { expression: expression("a + c"), ..scene() }, "no volume c");
+    refused(Scene { expression: expression("1 + 2"), ..scene() }, "reads no volume");
+    let dimmed = VolumeLook { opacity: 0.5, ..VolumeLook::default() };
+    refused(Scene { expression: expression("a"), volumes: vec![dimmed], ..scene() }, "look of its own");
+    let hidden = VolumeLook { visible: false, ..VolumeLook::default() };
+    refused(Scene { expression: expression("a"), volumes: vec![hidden], ..scene() }, "not visible");
     let resolved = ResolvedEnsemble::new(&members, &scene(), SIZE).expect("a possible scene");
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
     let error = Ensemble::new(&members, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)).err().expect("refused");
@@ -189,6 +205,10 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
          --volume 0:transfer=viridis --volume 0:opacity=0.5",
     );
     sandbox.run_ok("render a.zarr -o one.png --size 32x32 --backend cpu --volume 0:matrix=shift.txt");
+    sandbox.run_ok(
+        "render a.zarr b.zarr -o max.png --size 32x32 --backend cpu --expr max(default(a,0),b*0.5) --transfer fire",
+    );
+    sandbox.run_ok("render a.zarr -o root.png --size 32x32 --backend cpu --expr sqrt(abs(a))");
     let many = "a.zarr ".repeat(33);
     let too_many = format!("render {many} -o no.png --size 32x32");
     for (line, code, word) in [
@@ -204,6 +224,9 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),
         ("render a.zarr missing.zarr -o no.png", 3, "missing.zarr"),
+        ("render a.zarr b.zarr -o no.png --expr max(a,*b)", 2, "\n  max(a,*b)\n        ^"),
+        ("render a.zarr b.zarr -o no.png --transfer fire --expr a+c", 2, "\n  a+c\n    ^"),
+        ("bench a.zarr --expr a*2", 2, "brickyard render"),
     ] {
         let (found, _, stderr) = sandbox.run(line);
         assert_eq!(found, code, "brickyard {line}: {stderr}");

@@ -7,7 +7,7 @@ mod layout;
 mod together;
 
 pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
-pub use together::{FIRST_ATLAS, VolumeShader, raycast_together};
+pub use together::{ExpressionShader, FIRST_ATLAS, VolumeShader, raycast_together};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

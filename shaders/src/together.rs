@@ -21,10 +21,25 @@ pub struct VolumeShader {
     pub first_place: u32,
     /// Its first count of opaque entries.
     pub first_count: u32,
+    /// The bits of the value of code 0, and of the difference to that of the last.
+    pub values: [u32; 2],
 }
 
-/// The raycast compositor's pass for several volumes: entry points `fullscreen` and `raycast`.
-pub fn raycast_together(volumes: &[VolumeShader]) -> String {
+/// What the shader has to know of an expression over the volumes.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct ExpressionShader {
+    /// The function `expression` and its result.
+    pub wgsl: String,
+    /// The first place of its values' media in the transfer tables, and how many more there are.
+    pub first_place: u32,
+    /// See above.
+    pub last_place: u32,
+    /// The bits of the value of the first place, and of the difference to that of the last.
+    pub values: [u32; 2],
+}
+
+/// The raycast compositor's pass for several volumes, or for an expression over them: entry points `fullscreen` and `raycast`.
+pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&ExpressionShader>) -> String {
     let many = |source: &str| source.replace("frame_settings", "frames[volume]");
     let (tree, find_place) = split(TREE, "fn find_place");
     let (macrocells, _) = split(include_str!("../wgsl/macrocells.wgsl"), "// A ray's way from");
@@ -36,6 +51,10 @@ pub fn raycast_together(volumes: &[VolumeShader]) -> String {
     let begin =
         "begin_#(position.xy);\n    whole = vec2f(min(whole.x, way_#.stretch.x), max(whole.y, way_#.stretch.y));";
     let look = "together = look_#(together, walk, threshold);";
+    let count = volumes.len();
+    let read = format!("values: array<f32, {count}>,\n    are_valid: array<bool, {count}>,\n    longest: f32,");
+    let together = together.replace("READ", if expression.is_some() { &read } else { "" });
+    let main = main.replace("COMBINE", if expression.is_some() { "together = combine(together);" } else { "" });
     let main =
         main.replace("BEGIN", &numbered(begin).join("\n    ")).replace("LOOK", &numbered(look).join("\n        "));
     let mut parts = vec![
@@ -52,21 +71,28 @@ pub fn raycast_together(volumes: &[VolumeShader]) -> String {
         "@group(0) @binding(8) var<storage, read> opaque_before: array<u32>;".to_string(),
         "@group(0) @binding(3) var atlas_sampler: sampler;".to_string(),
         raycast.to_string(),
-        together.to_string(),
+        together,
     ];
     for (i, volume) in volumes.iter().enumerate() {
         // Constants before the first function are not needed here.
         let (_, sample) = split(sample(volume.is_cubic, volume.has_invalid), "\nfn ");
         parts.push(own(&[find_place, sample].join("\n"), i));
-        parts.push(volume.declarations(i));
+        parts.push(volume.declarations(i, expression.is_some()));
     }
+    parts.extend(expression.map(ExpressionShader::declarations));
     parts.extend([main, FULLSCREEN.to_string()]);
     parts.join("\n")
 }
 
 impl VolumeShader {
-    fn declarations(&self, i: usize) -> String {
+    fn declarations(&self, i: usize, is_read: bool) -> String {
+        let [low, width] = self.values.map(f32::from_bits);
+        let read = format!(
+            "values[#] = {low:?}f + value * {width:?}f;\n            together.are_valid[#] = true;\n            \
+             together.longest = max(together.longest, end - start);"
+        );
         let put = match self.adds {
+            _ if is_read => &read,
             false => "color += medium.color * amount;\n            together.depth += amount;",
             true => "glow += medium.color * amount;",
         };
@@ -78,6 +104,18 @@ impl VolumeShader {
             .replace("FIRST_COUNTu", &format!("{}u", self.first_count))
             .replace("PUT", put)
             .replace('#', &i.to_string())
+    }
+}
+
+impl ExpressionShader {
+    fn declarations(&self) -> String {
+        let [low, width] = self.values.map(f32::from_bits);
+        let (first, last) = (self.first_place, self.last_place);
+        let constants = format!(
+            "const COMBINED_LOW: f32 = {low:?}f;\nconst COMBINED_WIDTH: f32 = {width:?}f;\n\
+             const COMBINED_PLACE: u32 = {first}u;\nconst COMBINED_LAST: f32 = {last}.0;"
+        );
+        [&constants, &self.wgsl, include_str!("../wgsl/combine.wgsl")].join("\n")
     }
 }
 
@@ -129,16 +167,25 @@ mod tests {
                 first_node: 800 * i,
                 first_place: 65536 * i,
                 first_count: 65537 * i,
+                values: [0f32.to_bits(), 255f32.to_bits()],
             };
-            let source = raycast_together(&(0..count).map(volume).collect::<Vec<_>>());
-            let module =
-                naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)));
-            let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
-            assert!(checked.is_ok(), "{count}: {:?}", checked.err());
-            assert_eq!(module.entry_points.len(), 2);
-            let frame = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some("Frame")).expect("a frame");
-            let naga::TypeInner::Struct { span, .. } = frame.1.inner else { panic!("no struct") };
-            assert_eq!(span as usize, size_of::<crate::FrameUniform>(), "frames follow one another in memory");
+            let volumes: Vec<_> = (0..count).map(volume).collect();
+            let expression = ExpressionShader {
+                wgsl: brickyard_volume::Expression::parse("sqrt(a * 2)", 1).unwrap().wgsl(count as usize),
+                first_place: 7,
+                last_place: 65535,
+                values: [(-1e-7f32).to_bits(), 1e20f32.to_bits()],
+            };
+            for source in [raycast_together(&volumes, None), raycast_together(&volumes, Some(&expression))] {
+                let module =
+                    naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(&source)));
+                let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+                assert!(checked.is_ok(), "{count}: {:?}", checked.err());
+                assert_eq!(module.entry_points.len(), 2);
+                let frame = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some("Frame")).expect("a frame");
+                let naga::TypeInner::Struct { span, .. } = frame.1.inner else { panic!("no struct") };
+                assert_eq!(span as usize, size_of::<crate::FrameUniform>(), "frames follow one another in memory");
+            }
         }
     }
 }

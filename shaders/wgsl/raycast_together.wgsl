@@ -25,6 +25,7 @@ struct Together {
     glow: vec3f,
     // Nothing is seen before.
     empty_until: f32,
+    READ
 }
 
 fn see(pixel: Pixel, together: Together) -> Pixel {
@@ -50,8 +51,10 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         if (is_zone_left(walk)) {
             walk = next_zone(walk, whole);
         }
-        var together = Together(vec3f(0.0), 0.0, vec3f(0.0), 1e30);
+        var together: Together;
+        together.empty_until = 1e30;
         LOOK
+        COMBINE
         pixel = see(pixel, together);
         if (together.empty_until > walk.end) {
             walk = walk_past(walk, together.empty_until, whole);

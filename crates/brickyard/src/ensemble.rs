@@ -13,8 +13,8 @@ use brickyard_render::{GpuEnsemble, GpuError, GpuPreference};
 use brickyard_software::{EnsembleOptions, SoftwareEnsemble};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, FrameSettings, Jitter, Lattice, LevelPolicy, LightingModel, MAX_VOLUMES, Method, Mode, Picture,
-    Scene, StereoLayout, TransferFunction, VolumeFrame, VolumeLook,
+    Blend, Camera, Clip, Combination, Expression, FrameSettings, Jitter, Lattice, LevelPolicy, LightingModel,
+    MAX_VOLUMES, Method, Mode, Picture, Scene, StereoLayout, TransferFunction, VolumeFrame, VolumeLook,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -39,6 +39,8 @@ pub struct ResolvedEnsemble {
     pub layout: Option<StereoLayout>,
     /// The camera in use.
     pub camera: Camera,
+    /// What is shown of the volumes together, if that is an expression's value.
+    pub combination: Option<Combination>,
 }
 
 impl ResolvedEnsemble {
@@ -52,11 +54,15 @@ impl ResolvedEnsemble {
         let looks: Vec<VolumeLook> =
             (0..members.len()).map(|i| scene.volumes.get(i).cloned().unwrap_or_default()).collect();
         let all = || members.iter().zip(&looks).enumerate();
-        let shown: Vec<_> = all().filter(|(_, (_, look))| look.visible).collect();
+        let read = expression(members, &looks, scene)?;
+        let is_shown = |i: usize| read.as_ref().map_or(looks[i].visible, |read| read.volumes().contains(&i));
+        let shown: Vec<_> = all().filter(|(i, _)| is_shown(*i)).collect();
+        let combination = read.map(|read| combination(read, members, scene));
         let camera = scene.camera_for(world_box(all().map(|(_, pair)| pair)), size_px);
         let mut volumes = Vec::new();
         for (i, (member, look)) in shown {
-            let own = own_scene(member, look, scene, camera);
+            let mut own = own_scene(member, look, scene, camera);
+            own.transfer = combination.as_ref().map(Combination::of_each).or(own.transfer);
             let mut resolved =
                 resolve(&*member.source, member.default_window, &own, size_px).map_err(|error| of_volume(i, error))?;
             let placement = look.world_from_volume;
@@ -86,7 +92,7 @@ impl ResolvedEnsemble {
         if layout.is_some() {
             eyes.push(eye(&|resolved| resolved.stereo.as_ref().map_or(&resolved.frame, |(right, _)| right).clone()));
         }
-        Ok(Self { volumes, eyes, layout, camera })
+        Ok(Self { volumes, eyes, layout, camera, combination })
     }
 
     /// The picture, whoever draws one eye's: given which eye, from 0, and the frames.
@@ -113,6 +119,45 @@ fn of_volume(i: usize, error: SessionError) -> SessionError {
     }
 }
 
+/// The scene's expression, if it has one.
+fn expression(members: &[Member], looks: &[VolumeLook], scene: &Scene) -> Result<Option<Expression>, SessionError> {
+    let Some(text) = &scene.expression else { return Ok(None) };
+    let of_expression = |problem: String| SessionError::Scene(format!("expression: {problem}"));
+    let expression = Expression::parse(text, members.len()).map_err(|error| of_expression(error.to_string()))?;
+    let read = expression.volumes();
+    let has_own_look = |look: &VolumeLook| look.transfer.is_some() || look.opacity != 1.0 || look.blend != Blend::Mix;
+    let problem = if read.is_empty() {
+        format!("'{text}' reads no volume: there is nothing to show")
+    } else if let Some(i) = read.iter().find(|i| !looks[**i].visible) {
+        format!("it reads volume {i}, which is not visible: leave one of both out")
+    } else if let Some(i) = looks.iter().position(has_own_look) {
+        let problem = "has a look of its own, and the expression's value has the scene's";
+        format!("volume {i} {problem}: leave its transfer, opacity and blend out")
+    } else {
+        return Ok(Some(expression));
+    };
+    Err(of_expression(problem))
+}
+
+/// An expression and how its values look: as the scene says, or on a gray ramp over all that they can be.
+fn combination(expression: Expression, members: &[Member], scene: &Scene) -> Combination {
+    let source = &members[expression.volumes()[0]].source;
+    let (geometry, extent) = (source.geometry(), source.pyramid().levels()[0].extent);
+    let window = expression_window(&expression, members.iter().map(|member| member.default_window));
+    let transfer = scene.transfer.clone().unwrap_or_else(|| default_transfer(window, geometry, extent));
+    Combination::new(expression.of_its_own(), transfer)
+}
+
+/// The values that an expression can have of volumes with values in these windows; a unit range where that has no end.
+pub fn expression_window(expression: &Expression, windows: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+    let windows: Vec<_> = windows.map(|(low, high)| Some([low, high])).collect();
+    match expression.range(&windows) {
+        Some([low, high]) if low < high && (high - low).is_finite() => (low, high),
+        Some([value, _]) if value.is_finite() => (value, value + 1.0),
+        _ => (0.0, 1.0),
+    }
+}
+
 /// What a volume would be shown by, alone.
 fn own_scene(member: &Member, look: &VolumeLook, scene: &Scene, camera: Camera) -> Scene {
     let (pyramid, geometry) = (member.source.pyramid(), member.source.geometry());
@@ -130,6 +175,7 @@ fn own_scene(member: &Member, look: &VolumeLook, scene: &Scene, camera: Camera) 
         channel: look.channel.unwrap_or(scene.channel),
         level,
         volumes: Vec::new(),
+        expression: None,
         ..scene.clone()
     }
 }
@@ -239,10 +285,10 @@ impl EnsembleBackend {
         Ok(())
     }
 
-    fn render(&mut self, layers: &[Layer<'_>]) -> Result<Picture, BackendError> {
+    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
         Ok(match self {
-            Self::Gpu(renderer) => renderer.render(layers)?,
-            Self::Cpu(renderer) => renderer.render(layers),
+            Self::Gpu(renderer) => renderer.render(layers, combination)?,
+            Self::Cpu(renderer) => renderer.render(layers, combination),
         })
     }
 }
@@ -370,7 +416,7 @@ impl Streamed for Ensemble {
                 let shown: &Shown = shown;
                 Layer { frame, pyramid: shown.source.pyramid(), draw: shown.draws.get(eye).unwrap_or(&nothing) }
             };
-            backend.render(&volumes.iter().zip(frames).map(layer).collect::<Vec<_>>())
+            backend.render(&volumes.iter().zip(frames).map(layer).collect::<Vec<_>>(), scene.combination.as_ref())
         })?;
         Ok(picture)
     }

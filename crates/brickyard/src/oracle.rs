@@ -62,7 +62,7 @@ pub fn render_reference_together(
     for ((levels, level_at), transfer) in levels.iter().zip(&level_at).zip(scene.transfers()) {
         volumes.push(ReferenceVolume { levels: &levels.arrays, level_at, transfer });
     }
-    scene.picture(|_, frames| Ok(brickyard_reference::render_together(frames, &volumes)))
+    scene.picture(|_, frames| Ok(brickyard_reference::render_together(frames, &volumes, scene.combination.as_ref())))
 }
 
 /// The cells that a view wants, and whether any is of each level.

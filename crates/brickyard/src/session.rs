@@ -434,6 +434,10 @@ fn check_scene(source: &dyn BrickSource, scene: &Scene, levels: usize) -> Result
     }
     check_look(scene)?;
     check_surfaces(scene)?;
+    if scene.expression.is_some() {
+        let problem = "an expression is over the volumes of an ensemble: show it with `brickyard render`";
+        return Err(SessionError::Scene(problem.into()));
+    }
     scene.check_slice().map_err(|error| SessionError::Scene(error.to_string()))?;
     if let Some(transfer) = &scene.transfer {
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;

@@ -2,19 +2,23 @@
 
 use crate::{Path, ReferenceVolume};
 use brickyard_volume::look::Together;
-use brickyard_volume::{Picture, Segment, VolumeFrame};
+use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, VolumeFrame};
 use glam::DVec3;
 
-/// Renders the whole picture of volumes, each with its frame; plainly sampled and unlit.
+/// Renders the whole picture of volumes, each with its frame; plainly sampled and unlit; or that of an expression over them.
 ///
 /// # Panics
 /// If there is no frame, or not one for each volume.
-pub fn render_together(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>]) -> Picture {
+pub fn render_together(
+    frames: &[VolumeFrame],
+    volumes: &[ReferenceVolume<'_>],
+    combination: Option<&Combination>,
+) -> Picture {
     let rays = &frames[0].settings.rays;
     let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
     for y in 0..rays.height {
         for x in 0..rays.width {
-            let color = pixel_together(frames, volumes, x, y);
+            let color = pixel_together(frames, volumes, combination, x, y);
             rgb.push(Picture::quantise(color.map(|c| c as f32)));
         }
     }
@@ -25,15 +29,26 @@ pub fn render_together(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>]) 
 ///
 /// # Panics
 /// As [`render_together`].
-pub fn pixel_together(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], x: u32, y: u32) -> [f64; 3] {
+pub fn pixel_together(
+    frames: &[VolumeFrame],
+    volumes: &[ReferenceVolume<'_>],
+    combination: Option<&Combination>,
+    x: u32,
+    y: u32,
+) -> [f64; 3] {
     assert_eq!(frames.len(), volumes.len(), "a frame for each volume");
-    let ways: Vec<_> = frames.iter().zip(volumes).filter_map(|(frame, volume)| Way::new(frame, volume, x, y)).collect();
+    let ways = frames.iter().zip(volumes).enumerate();
+    let ways: Vec<_> = ways.filter_map(|(i, (frame, volume))| Way::new(i, frame, volume, x, y)).collect();
     let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
     let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
     let (mut color, mut light) = (DVec3::ZERO, 1.0);
     for segment in frames[0].settings.lattice.segments(t_in, t_out) {
         let mut together = Together::default();
-        ways.iter().for_each(|way| way.put(segment, &mut together));
+        let read = || ways.iter().filter_map(|way| Some((way, way.read(segment)?)));
+        match combination {
+            None => read().for_each(|(way, (value, length))| way.put(value, length, &mut together)),
+            Some(combination) => put_combined(combination, read().map(|(way, read)| (way.index, read)), &mut together),
+        }
         let (seen, left) = together.seen();
         color += seen * light;
         light *= left;
@@ -42,8 +57,23 @@ pub fn pixel_together(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], x
     (color + background * light).to_array()
 }
 
+/// Puts in the medium of an expression's value, given volumes' values and the lengths of their parts.
+fn put_combined(combination: &Combination, read: impl Iterator<Item = (usize, (f64, f64))>, together: &mut Together) {
+    let (mut values, mut longest) = ([f64::NAN; MAX_VOLUMES], 0.0f64);
+    for (index, (value, length)) in read {
+        values[index] = value;
+        longest = longest.max(length);
+    }
+    let (value, transfer) = (combination.expression.value(&values), &combination.transfer);
+    if !value.is_nan() {
+        let length = longest / transfer.unit_distance;
+        together.put(Blend::Mix, transfer.rgb(value), transfer.alpha(value), length);
+    }
+}
+
 /// A ray's way through one volume.
 struct Way<'a> {
+    index: usize,
     frame: &'a VolumeFrame,
     volume: &'a ReferenceVolume<'a>,
     path: Path,
@@ -52,23 +82,27 @@ struct Way<'a> {
 
 impl<'a> Way<'a> {
     /// `None` if it misses what is shown.
-    fn new(frame: &'a VolumeFrame, volume: &'a ReferenceVolume<'a>, x: u32, y: u32) -> Option<Self> {
+    fn new(index: usize, frame: &'a VolumeFrame, volume: &'a ReferenceVolume<'a>, x: u32, y: u32) -> Option<Self> {
         let path = Path::new(&frame.settings, x, y);
         let stretch = path.stretch(&frame.settings, volume)?;
-        Some(Self { frame, volume, path, stretch })
+        Some(Self { index, frame, volume, path, stretch })
     }
 
-    /// Puts in what the volume has in its part of a segment.
-    fn put(&self, segment: Segment, together: &mut Together) {
+    /// The value in the middle of the volume's part of a segment, and that part's length.
+    fn read(&self, segment: Segment) -> Option<(f64, f64)> {
         let part = Segment { start: segment.start.max(self.stretch.0), end: segment.end.min(self.stretch.1) };
         if part.length() <= 0.0 {
-            return;
+            return None;
         }
-        let (VolumeFrame { settings, blend }, transfer) = (self.frame, self.volume.transfer);
         let point = self.path.at(part.middle());
         let level = &self.volume.levels[(self.volume.level_at)(point)];
-        let Some(value) = level.sample(point, settings.sampling.filter) else { return };
-        together.put(*blend, transfer.rgb(value), transfer.alpha(value), part.length() / transfer.unit_distance);
+        Some((level.sample(point, self.frame.settings.sampling.filter)?, part.length()))
+    }
+
+    /// Puts in the medium of a value, over a length.
+    fn put(&self, value: f64, length: f64, together: &mut Together) {
+        let transfer = self.volume.transfer;
+        together.put(self.frame.blend, transfer.rgb(value), transfer.alpha(value), length / transfer.unit_distance);
     }
 }
 
@@ -108,7 +142,7 @@ mod tests {
             };
             let volume = |i: usize| ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfers[i] };
             let frames = [frame(0), frame(1)];
-            let found = pixel_together(&frames, &[volume(0), volume(1)], 16, 16);
+            let found = pixel_together(&frames, &[volume(0), volume(1)], None, 16, 16);
             // Halvings of the light per world unit.
             let depths = [-0.9f64.log2(), -0.7f64.log2() / 2.0];
             let colors = transfers.each_ref().map(|t| DVec3::from_array(t.rgb(0.0)));
@@ -160,7 +194,7 @@ mod tests {
                 let ray = frame[0].settings.rays.ray((i % 33) as f64 + 0.5, (i / 33) as f64 + 0.5);
                 let length = chord(&placement.volume_ray(&ray), low, high).map_or(0.0, |(from, to)| to - from);
                 let alpha = 1.0 - 0.8f64.powf(length / 3.0);
-                let found = pixel_together(&frame, std::slice::from_ref(&volume), i % 33, i / 33);
+                let found = pixel_together(&frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
                 let expected = [alpha + (1.0 - alpha) * 0.25, alpha * 0.5, alpha * 0.25 + (1.0 - alpha)];
                 for k in 0..3 {
                     assert!((found[k] - expected[k]).abs() < 1e-9, "{i}: {found:?} {expected:?}");
@@ -192,10 +226,53 @@ mod tests {
         );
         let frame = [VolumeFrame { settings, blend: Blend::Mix }];
         for i in 0..33 * 33 {
-            let together = pixel_together(&frame, std::slice::from_ref(&volume), i % 33, i / 33);
+            let together = pixel_together(&frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
             let alone = pixel(&frame[0].settings, &volume, i % 33, i / 33);
             // Rounding.
             (0..3).for_each(|k| assert!((together[k] - alone[k]).abs() < 1e-12, "{i}: {together:?} {alone:?}"));
+        }
+    }
+
+    /// Two cubes that overlap by 3 of their 8 voxels, and what an expression makes of their values where it has one.
+    #[test]
+    fn an_expression_is_a_medium_where_it_has_a_value() {
+        let levels = [[cube(8, |_| 1.0)], [cube(8, |_| 3.0)]];
+        let level_at = one_level(0);
+        let view = camera(DVec3::new(-30.0, 3.5, 3.5), DVec3::new(8.0, 3.5, 3.5));
+        let transfer = TransferFunction {
+            color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 1.0, 1.0]],
+            opacity: vec![[0.0, 0.0], [10.0, 0.5]],
+            unit_distance: 1.5,
+        };
+        for (text, values) in [
+            ("a + b", [f64::NAN, 4.0, f64::NAN]),
+            ("default(a, 0) + default(b, 0)", [1.0, 4.0, 3.0]),
+            ("max(a, b * 0.5)", [f64::NAN, 1.5, f64::NAN]),
+            ("valid(a) && valid(b) ? 9 : default(a, b)", [1.0, 9.0, 3.0]),
+        ] {
+            let expression = brickyard_volume::Expression::parse(text, 2).unwrap();
+            let combination = Combination::new(expression, transfer.clone());
+            let (mut color, mut light) = (DVec3::ZERO, 1.0);
+            for (value, length) in values.into_iter().zip([5.0, 3.0, 5.0]).filter(|(value, _)| !value.is_nan()) {
+                let left = (1.0 - transfer.alpha(value)).powf(length / 1.5);
+                color += DVec3::from_array(transfer.rgb(value)) * light * (1.0 - left);
+                light *= left;
+            }
+            let expected = color + DVec3::new(0.25, 0.0, 1.0) * light;
+            // A step that divides what is met evenly, so that no segment is in two cubes with parts of two lengths.
+            for step in [0.5, 0.25] {
+                let frame = |i: usize| {
+                    let settings = settings(Mode::Dvr, Geometry::default(), view, &transfer, step);
+                    let placement = Placement::from_text(["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 5 0 1 0 0 0 0 1 0"][i]);
+                    let settings = FrameSettings { placement: placement.unwrap(), ..settings };
+                    VolumeFrame { settings, blend: Blend::Mix }
+                };
+                let volume =
+                    |i: usize| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer };
+                let found = pixel_together(&[frame(0), frame(1)], &[volume(0), volume(1)], Some(&combination), 16, 16);
+                let off = (DVec3::from_array(found) - expected).abs().max_element();
+                assert!(off < 1e-9, "{text} {step}: {found:?} {expected}");
+            }
         }
     }
 }

@@ -20,10 +20,11 @@ use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use crate::upload::{MAX_BATCH, Uploader, staging_bytes};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
-use brickyard_shaders::{FIRST_ATLAS, FrameUniform, Gather, LEAF, NO_RANGES, RayBrick, VolumeShader};
+use brickyard_shaders::{ExpressionShader, FIRST_ATLAS, FrameUniform, Gather, LEAF, NO_RANGES, RayBrick, VolumeShader};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{
-    Blend, Filter, Jitter, LightingModel, MacroCells, Method, Mode, OpaqueCodes, Picture, TransferTable,
+    Blend, Combination, Filter, Jitter, LightingModel, MacroCells, Method, Mode, OpaqueCodes, Picture, SlotEncoding,
+    SlotFormat, TransferTable,
 };
 use std::collections::HashMap;
 use wgpu::{BindingResource, BufferUsages};
@@ -41,7 +42,10 @@ pub struct GpuEnsemble {
     layouts: Layouts,
     bindings: wgpu::BindGroup,
     /// Made at first use.
-    pipelines: HashMap<Vec<VolumeShader>, Pipelines>,
+    pipelines: HashMap<(Vec<VolumeShader>, Option<ExpressionShader>), Pipelines>,
+    /// Where an expression's media begin in the transfer tables, and what is there.
+    combined_place: u32,
+    combined: Option<TransferTable>,
     targets: Targets,
     max_size_px: (u32, u32),
     bytes: u64,
@@ -68,6 +72,14 @@ struct Firsts {
     range: u32,
     place: u32,
     count: u32,
+}
+
+/// The codes of an expression's table.
+const COMBINED: SlotFormat = SlotFormat::U16;
+
+/// The bits of the value of code 0, and of the difference to that of the last.
+fn value_bits(encoding: &SlotEncoding) -> [u32; 2] {
+    [encoding.low, encoding.high - encoding.low].map(|value| (value as f32).to_bits())
 }
 
 /// How a budget is spent.
@@ -133,7 +145,7 @@ impl GpuEnsemble {
                 first,
             });
         }
-        let shared = SharedBuffers::new(&gpu, volumes.len() as u64, table_bytes)?;
+        let shared = SharedBuffers::new(&gpu, volumes.len() as u64, table_bytes + table::bytes(COMBINED, false))?;
         let word = size_of::<u32>() as u64;
         let sizes = [
             ("octrees", end.node as u64 * word),
@@ -173,6 +185,8 @@ impl GpuEnsemble {
             layouts,
             bindings,
             pipelines: HashMap::new(),
+            combined_place: end.place,
+            combined: None,
             targets,
             max_size_px,
             bytes: plan.bytes,
@@ -211,12 +225,12 @@ impl GpuEnsemble {
         uploader.upload(&self.gpu, atlas, slot, codes)
     }
 
-    /// Draws the layers together, one for each volume.
+    /// Draws the layers together, one for each volume; or an expression over them.
     ///
     /// # Errors
     /// If the picture is too large, layers do not fit the volumes or ask for what several volumes do not have (another mode, another
     /// method, light), or the device fails.
-    pub fn render(&mut self, layers: &[Layer<'_>]) -> Result<Picture, GpuError> {
+    pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
         self.gpu.check()?;
         if layers.len() != self.volumes.len() {
             let problem = format!("{} layers of {} volumes", layers.len(), self.volumes.len());
@@ -228,6 +242,7 @@ impl GpuEnsemble {
             self.write_table(i, layer);
             self.write_tree(i, layer)?;
         }
+        let expression = combination.map(|combination| self.write_combination(combination));
         let rays = &layers[0].frame.settings.rays;
         let size = (rays.width, rays.height);
         check_size(size, self.max_size_px)?;
@@ -237,8 +252,10 @@ impl GpuEnsemble {
         }
         let shaders: Vec<VolumeShader> =
             layers.iter().zip(&*volumes).map(|(layer, volume)| volume.shader(layer)).collect();
-        let pipelines =
-            pipelines.entry(shaders).or_insert_with_key(|shaders| Pipelines::together(gpu, layouts, shaders));
+        let make = |(shaders, expression): &(Vec<_>, Option<_>)| {
+            Pipelines::together(gpu, layouts, shaders, expression.as_ref())
+        };
+        let pipelines = pipelines.entry((shaders, expression)).or_insert_with_key(make);
         gpu.check()?;
         let target = &targets.gathered;
         let gathering =
@@ -274,6 +291,23 @@ impl GpuEnsemble {
         let at = first.count as u64 * size_of::<u32>() as u64;
         self.gpu.queue.write_buffer(&self.opaque_before, at, bytemuck::cast_slice(opaque.before()));
         *table = Some((wanted.clone(), blend));
+    }
+
+    /// Puts an expression's media into the tables, if they are not there.
+    fn write_combination(&mut self, combination: &Combination) -> ExpressionShader {
+        let Combination { expression, table: wanted, encoding, .. } = combination;
+        if self.combined.as_ref() != Some(wanted) {
+            let places = table::places(wanted, COMBINED, Blend::Mix);
+            let at = self.combined_place as u64 * size_of::<[u32; 2]>() as u64;
+            self.gpu.queue.write_buffer(&self.shared.table, at, bytemuck::cast_slice(&places));
+            self.combined = Some(wanted.clone());
+        }
+        ExpressionShader {
+            wgsl: expression.wgsl(self.volumes.len()),
+            first_place: self.combined_place,
+            last_place: table::last_place(COMBINED),
+            values: value_bits(encoding),
+        }
     }
 
     fn write_tree(&self, volume: usize, layer: &Layer<'_>) -> Result<(), GpuError> {
@@ -328,6 +362,7 @@ impl Volume {
             first_node: self.first.node,
             first_place: self.first.place,
             first_count: self.first.count,
+            values: value_bits(&self.needs.encoding),
         }
     }
 
@@ -362,7 +397,7 @@ impl Plan {
         let slot_edge = |needs: &VolumeNeeds| needs.edge + 2 * needs.bricks.apron;
         let slot_bytes =
             |needs: &VolumeNeeds| (slot_edge(needs) as u64).pow(3) * texel_bytes(formats.atlas(needs.encoding.format));
-        let (mut small, mut staging) = (picture_bytes(formats, max_size_px), 0);
+        let (mut small, mut staging) = (picture_bytes(formats, max_size_px) + table::bytes(COMBINED, false), 0);
         for (needs, plan) in volumes.iter().zip(&raycasts) {
             let codes = needs.encoding.format;
             small += table::bytes(codes, false) + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;

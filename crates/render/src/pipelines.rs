@@ -5,8 +5,8 @@ use crate::adapter::{Gpu, GpuFormats};
 use crate::meshes::MeshLayouts;
 use crate::renderer::Compositor;
 use brickyard_shaders::{
-    Curve, FIRST_ATLAS, Gather, Light, Medium, Surfaces, Variant, VolumeShader, raycast, raycast_together, resolve,
-    sorted,
+    Curve, ExpressionShader, FIRST_ATLAS, Gather, Light, Medium, Surfaces, Variant, VolumeShader, raycast,
+    raycast_together, resolve, sorted,
 };
 use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
 use wgpu::{
@@ -233,13 +233,18 @@ impl Pipelines {
     }
 
     /// Those of several volumes.
-    pub(crate) fn together(gpu: &Gpu, layouts: &Layouts, volumes: &[VolumeShader]) -> Self {
+    pub(crate) fn together(
+        gpu: &Gpu,
+        layouts: &Layouts,
+        volumes: &[VolumeShader],
+        expression: Option<&ExpressionShader>,
+    ) -> Self {
         let format = gather_format(Gather::Composite, &gpu.report.formats);
         let make = |source: &str, bindings: &wgpu::BindGroupLayout, fragment: &'static str, target: TextureFormat| {
             pipeline(gpu, source, &[bindings], ["fullscreen", fragment], Shape::default(), &[target.into()])
         };
         Self {
-            march: make(&raycast_together(volumes), &layouts.march, "raycast", format),
+            march: make(&raycast_together(volumes, expression), &layouts.march, "raycast", format),
             resolve: make(&resolve(Gather::Composite, false), &layouts.resolve, "resolve", DISPLAY_FORMAT),
         }
     }

@@ -17,7 +17,7 @@ use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, Portable, U
 use crate::tile::{self, Stretch, TILE_PX, Tile, TilePixels, place};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
 use brickyard_volume::integrals::MAX_DEPTH;
-use brickyard_volume::{Blend, Jitter, LightingModel, Method, Mode, Picture, SlotFormat};
+use brickyard_volume::{Blend, Combination, Jitter, LightingModel, Method, Mode, Picture, SlotFormat};
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -118,12 +118,12 @@ impl SoftwareEnsemble {
         slots.upload(options, slot, codes);
     }
 
-    /// Draws the layers together, one for each volume.
+    /// Draws the layers together, one for each volume; or an expression over them.
     ///
     /// # Panics
     /// If there are others, a list names a slot that was never uploaded, or frames, pyramids and options do not belong together or
     /// ask for what several volumes do not have: another mode, another method, light.
-    pub fn render(&self, layers: &[Layer<'_>]) -> Picture {
+    pub fn render(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
         assert_eq!(layers.len(), self.volumes.len(), "a layer for each volume");
         let rays = &layers[0].frame.settings.rays;
         let size = (rays.width, rays.height);
@@ -133,9 +133,10 @@ impl SoftwareEnsemble {
         );
         let tiles: Vec<Tile> = tile::tiles(size.0, size.1).collect();
         let drawn: Vec<TilePixels> = self.pool.install(|| {
-            let parts = layers.iter().zip(&self.volumes).map(|(layer, volume)| Part::new(layer, volume));
-            let parts: Vec<Part<'_>> = parts.collect();
-            tiles.par_iter().map(|tile| draw(&parts, tile)).collect()
+            let parts = layers.iter().zip(&self.volumes).enumerate();
+            let part = |(i, (layer, volume))| Part::new(layer, volume, combination.map(|_| i));
+            let parts: Vec<Part<'_>> = parts.map(part).collect();
+            tiles.par_iter().map(|tile| draw(&parts, combination, tile)).collect()
         });
         tile::picture(size, &tiles, &drawn)
     }
@@ -145,11 +146,13 @@ impl SoftwareEnsemble {
 struct Part<'a> {
     frame: Frame<'a>,
     blend: Blend,
+    /// Its place, if what is wanted of it are its values.
+    read_as: Option<usize>,
     gather: Gather,
 }
 
 impl<'a> Part<'a> {
-    fn new(layer: &Layer<'a>, Volume { options, slots }: &'a Volume) -> Self {
+    fn new(layer: &Layer<'a>, Volume { options, slots }: &'a Volume, read_as: Option<usize>) -> Self {
         let settings = &layer.frame.settings;
         assert_eq!(options.edge, layer.pyramid.edge(), "other bricks");
         assert_eq!(options.encoding, settings.encoding, "other codes");
@@ -167,7 +170,7 @@ impl<'a> Part<'a> {
             (SlotFormat::U16, false) => for_machine::<Code16, false>(),
             (SlotFormat::U16, true) => for_machine::<Code16, true>(),
         };
-        Self { frame, blend: layer.frame.blend, gather }
+        Self { frame, blend: layer.frame.blend, read_as, gather }
     }
 }
 
@@ -177,10 +180,34 @@ struct Media {
     mixed: [Vec4; CHUNK],
     /// Of volumes that add.
     glow: [Vec3; CHUNK],
+    /// Of volumes that an expression reads: their values, all of a segment's together, and the longest of their parts.
+    values: Vec<f64>,
+    longest: [f32; CHUNK],
 }
 
 impl Media {
-    const NONE: Self = Self { mixed: [Vec4::ZERO; CHUNK], glow: [Vec3::ZERO; CHUNK] };
+    /// Of so many volumes that are read.
+    fn new(read: usize) -> Self {
+        let values = vec![f64::NAN; read * CHUNK];
+        Self { mixed: [Vec4::ZERO; CHUNK], glow: [Vec3::ZERO; CHUNK], values, longest: [0.0; CHUNK] }
+    }
+
+    /// Puts in the media of an expression's values, and forgets what it is made of.
+    fn combine(&mut self, combination: &Combination, count: usize) {
+        let read = self.values.len() / CHUNK;
+        for segment in 0..count.min(CHUNK) {
+            let length = std::mem::take(&mut self.longest[segment]);
+            if length == 0.0 {
+                continue;
+            }
+            let values = segment * read..(segment + 1) * read;
+            let look = combination.look(&self.values[values.clone()]);
+            self.values[values].fill(f64::NAN);
+            if let Some(look) = look {
+                self.put(Blend::Mix, segment, Vec4::from_array(look), length);
+            }
+        }
+    }
 
     /// Twin of [`brickyard_volume::look::Together::put`]; `entry` is straight colour and opacity.
     #[inline(always)]
@@ -241,7 +268,7 @@ struct Scratch {
     media: Media,
 }
 
-fn draw(parts: &[Part<'_>], tile: &Tile) -> TilePixels {
+fn draw(parts: &[Part<'_>], combination: Option<&Combination>, tile: &Tile) -> TilePixels {
     let meets = |cell: &Cell<'_>| {
         let rect = &cell.rect;
         rect.x0 < tile.x1 && tile.x0 < rect.x1 && rect.y0 < tile.y1 && tile.y0 < rect.y1
@@ -252,12 +279,13 @@ fn draw(parts: &[Part<'_>], tile: &Tile) -> TilePixels {
         cells.filter(|(cell, _)| cell.mask.coverage() != Coverage::None).map(|(_, i)| i).collect()
     };
     let cells: Vec<Vec<u32>> = parts.iter().map(over).collect();
-    let mut scratch = Scratch { runs: Vec::new(), ways: Vec::new(), chunk: Chunk::EMPTY, media: Media::NONE };
+    let media = Media::new(combination.map_or(0, |_| parts.len()));
+    let mut scratch = Scratch { runs: Vec::new(), ways: Vec::new(), chunk: Chunk::EMPTY, media };
     let mut pixels = [[0; 3]; (TILE_PX * TILE_PX) as usize];
     for y in tile.y0..tile.y1 {
         for x in tile.x0..tile.x1 {
             scratch.follow(parts, &cells, x, y);
-            let (color, light) = scratch.march(parts);
+            let (color, light) = scratch.march(parts, combination);
             let background = Vec3::from_array(parts[0].frame.settings.background);
             pixels[place(tile, x, y)] = Picture::quantise((color + background * light).to_array());
         }
@@ -296,7 +324,7 @@ impl Scratch {
     }
 
     /// Goes along them, front to back. Returns colour and the light that is left.
-    fn march(&mut self, parts: &[Part<'_>]) -> (Vec3, f32) {
+    fn march(&mut self, parts: &[Part<'_>], combination: Option<&Combination>) -> (Vec3, f32) {
         let (mut color, mut light) = (Vec3::ZERO, 1.0);
         // The same for all.
         let ticks = &parts[0].frame.ticks;
@@ -323,7 +351,11 @@ impl Scratch {
                     runs.start += 1;
                 }
             }
-            (color, light) = self.media.see(((end - tick) >> zone) as usize, color, light);
+            let count = ((end - tick) >> zone) as usize;
+            if let Some(combination) = combination {
+                self.media.combine(combination, count);
+            }
+            (color, light) = self.media.see(count, color, light);
         }
         (color, light)
     }
@@ -359,7 +391,7 @@ fn gather_avx2<C: Code, const INVALID: bool>(
 
 #[inline(always)]
 fn gather<C: Code, U: Unit, const INVALID: bool>(
-    Part { frame, blend, .. }: &Part<'_>,
+    Part { frame, blend, read_as, .. }: &Part<'_>,
     cell: &Cell<'_>,
     ray: &Ray,
     run: Range<u32>,
@@ -383,9 +415,18 @@ fn gather<C: Code, U: Unit, const INVALID: bool>(
         brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
         for (i, segment) in segments.enumerate().take(CHUNK) {
             let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
+            let segment = at + segment as usize;
+            if let Some(volume) = *read_as {
+                if weight > 0.0 {
+                    let read = media.values.len() / CHUNK;
+                    media.values[segment * read + volume] = frame.settings.encoding.value(code as f64 / C::MAX as f64);
+                    media.longest[segment] = media.longest[segment].max(weight);
+                }
+                continue;
+            }
             let entry = entries.lookup(code * frame.positions_per_code);
             if weight > 0.0 && entry.w > 0.0 {
-                media.put(*blend, at + segment as usize, entry, weight);
+                media.put(*blend, segment, entry, weight);
             }
         }
     }

@@ -121,7 +121,7 @@ fn cut(member: &Member, rays: &ViewRays) -> Vec<CutCell> {
     volume.cut(&own, geometry, &|_, _| true)
 }
 
-fn draw(members: &[Member], frames: &[VolumeFrame], threads: usize) -> Picture {
+fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combination>, threads: usize) -> Picture {
     let loaded: Vec<(Vec<_>, DrawList)> = members
         .iter()
         .zip(frames)
@@ -146,10 +146,10 @@ fn draw(members: &[Member], frames: &[VolumeFrame], threads: usize) -> Picture {
     let layers = members.iter().zip(frames).zip(&loaded);
     let layers: Vec<Layer<'_>> =
         layers.map(|((member, frame), (_, draw))| Layer { frame, pyramid: &member.volume.pyramid, draw }).collect();
-    ensemble.render(&layers)
+    ensemble.render(&layers, combination)
 }
 
-fn oracle(members: &[Member], frames: &[VolumeFrame]) -> Picture {
+fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combination>) -> Picture {
     let level_at = one_level(0);
     let mut volumes = Vec::new();
     for member in members {
@@ -159,7 +159,7 @@ fn oracle(members: &[Member], frames: &[VolumeFrame]) -> Picture {
             transfer: &member.transfer,
         });
     }
-    render_together(frames, &volumes)
+    render_together(frames, &volumes, combination)
 }
 
 #[test]
@@ -177,13 +177,13 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         (camera(false, [60.0, 50.0, -20.0]), 1.9, Filter::Tricubic, Some(&clip)),
     ] {
         let frames = frames(&members, &camera, step, filter, clip);
-        let found = draw(&members, &frames, 2);
-        let expected = oracle(&members, &frames);
+        let found = draw(&members, &frames, None, 2);
+        let expected = oracle(&members, &frames, None);
         let difference = found.difference(&expected);
         assert!(difference.max <= TOLERANCE, "{camera:?} {step}: {difference:?}");
         let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
         assert!(shown > 200, "{shown} pixels prove nothing");
-        assert_eq!(draw(&members, &frames, 1), found, "the number of threads shows");
+        assert_eq!(draw(&members, &frames, None, 1), found, "the number of threads shows");
     }
 }
 
@@ -191,12 +191,12 @@ fn volumes_of_unlike_grids_match_the_oracle() {
 fn the_order_of_volumes_does_not_show() {
     let members = members();
     let mut frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), 0.7, Filter::Trilinear, None);
-    let forward = draw(&members, &frames, 2);
+    let forward = draw(&members, &frames, None, 2);
     frames.reverse();
     let mut reversed = members;
     reversed.reverse();
     // Sums in another order round otherwise.
-    assert!(draw(&reversed, &frames, 2).difference(&forward).max <= 1);
+    assert!(draw(&reversed, &frames, None, 2).difference(&forward).max <= 1);
 }
 
 #[test]
@@ -224,4 +224,34 @@ fn budgets_are_shared_and_hard() {
     assert!((0..3).all(|volume| more.slots(volume) > 2) && more.bytes() <= least_bytes + 300_000);
     let all = with(1 << 30).expect("all works");
     assert!((0..3).all(|volume| all.slots(volume) == needs[volume].most_slots));
+}
+
+/// Over three volumes; the second one is made of what some of them have not.
+const EXPRESSIONS: [&str; 2] = [
+    "default(a, 0) / 255 + default(b, 0) / 65535 * 0.5 + default(c, -1) * 0.1",
+    "valid(a) && valid(b) ? max(a / 255, b / 65535) : default(c, -1) * 0.5 + 0.5",
+];
+
+#[test]
+fn expressions_match_the_oracle() {
+    for text in EXPRESSIONS {
+        let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
+        let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
+        let mut members = members();
+        members.iter_mut().for_each(|member| member.transfer = combination.of_each());
+        for (camera, step, filter) in [
+            (camera(false, [-40.0, -25.0, 60.0]), 0.7, Filter::Trilinear),
+            (camera(true, [70.0, 35.0, 20.0]), 1.3, Filter::Tricubic),
+        ] {
+            let frames = frames(&members, &camera, step, filter, None);
+            let found = draw(&members, &frames, Some(&combination), 2);
+            let expected = oracle(&members, &frames, Some(&combination));
+            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
+            let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+            // Where half of a place's weight has no value, rounding decides which side of an expression is taken.
+            assert!(off <= 3, "{text} {step}: {off} pixels");
+            let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
+            assert!(shown > 200, "{shown} pixels prove nothing");
+        }
+    }
 }

@@ -144,6 +144,17 @@ impl Expression {
         (0..MAX_VOLUMES).filter(reads).collect()
     }
 
+    /// The same over the volumes that it reads alone, in their order.
+    pub fn of_its_own(&self) -> Self {
+        let volumes = self.volumes();
+        let place = |volume: usize| volumes.iter().position(|v| *v == volume).unwrap_or(volume);
+        let operations = self.operations.iter().map(|operation| match *operation {
+            Operation::Volume(volume) => Operation::Volume(place(volume)),
+            other => other,
+        });
+        Self { text: self.text.clone(), operations: operations.collect() }
+    }
+
     /// The value where volumes have these; NaN is no value.
     ///
     /// # Panics

@@ -90,6 +90,10 @@ pub struct Scene {
     /// that are not named look as [`VolumeLook::default`].
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub volumes: Vec<VolumeLook>,
+    /// Several volumes shown as one: an [`Expression`](crate::Expression) over their values, which goes through
+    /// [`Scene::transfer`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expression: Option<String>,
 }
 
 impl Default for Scene {
@@ -113,6 +117,7 @@ impl Default for Scene {
             slice: None,
             meshes: Vec::new(),
             volumes: Vec::new(),
+            expression: None,
         }
     }
 }
@@ -236,6 +241,7 @@ mod tests {
                     visible: false,
                 },
             ],
+            expression: Some("max(a, b)".into()),
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);

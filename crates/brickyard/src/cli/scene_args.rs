@@ -3,14 +3,15 @@
 use super::failure::Failure;
 use super::values;
 use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
+use brickyard::ensemble::expression_window;
 use brickyard::import::read_mesh;
 use brickyard::pager::BrickSource;
 use brickyard::session::subject;
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Gradient, Isosurface, MAX_VOLUMES, MeshLook, Mode, Placement, PlacementError,
-    Projection, Scene, Slice, Stereo, StereoLayout, TransferFunction, VolumeLook,
+    Camera, ClipPlane, Expression, Extent, Gradient, Isosurface, MAX_VOLUMES, MeshLook, Mode, Placement,
+    PlacementError, Projection, Scene, Slice, Stereo, StereoLayout, Subject, TransferFunction, VolumeLook,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -60,6 +61,9 @@ pub(crate) struct SceneArguments {
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
     #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
+    /// Show one value made of several stores', through one transfer function: `max(a, b * 0.5)`, where a is the first store
+    #[arg(long, value_name = "EXPRESSION", allow_hyphen_values = true)]
+    expr: Option<String>,
     /// How the gradients that `--lighting` needs are found
     #[arg(long, value_enum)]
     gradient: Option<GradientArgument>,
@@ -171,12 +175,12 @@ impl SceneArguments {
     /// slice.
     pub(crate) fn scene(&self, store: &Store, size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = self.without_stores()?;
-        if !(self.volume.is_empty() && scene.volumes.is_empty()) {
-            return Err(Failure::usage("--volume, and volumes of a scene file, are for `brickyard render`"));
+        if !(self.volume.is_empty() && scene.volumes.is_empty() && scene.expression.is_none()) {
+            return Err(Failure::usage("--volume, --expr, and volumes of a scene file, are for `brickyard render`"));
         }
         check_channel(scene.channel, store)?;
         if let Some(name) = &self.transfer {
-            scene.transfer = Some(transfer(name, store, scene.channel)?);
+            scene.transfer = Some(transfer(name, &subject_of(store, scene.channel))?);
         }
         scene.camera = Some(self.camera(&scene, store.geometry().world_box(extent(store)), size_px));
         Ok(scene)
@@ -187,7 +191,8 @@ impl SceneArguments {
     /// # Errors
     /// If the scene file cannot be read.
     pub(crate) fn is_of_several(&self) -> Result<bool, Failure> {
-        Ok(!self.volume.is_empty() || !self.without_stores()?.volumes.is_empty())
+        let scene = self.without_stores()?;
+        Ok(!self.volume.is_empty() || !scene.volumes.is_empty() || scene.expression.is_some())
     }
 
     /// The scene of several stores, or of one that is placed among none.
@@ -223,10 +228,22 @@ impl SceneArguments {
             let channel = look.channel.unwrap_or(scene.channel);
             check_channel(channel, store)?;
             // A name that is for all stores means another function for each: that of its own values.
-            let of_all = self.transfer.as_ref().filter(|_| look.transfer.is_none());
+            let is_of_each = look.transfer.is_none() && scene.expression.is_none();
+            let of_all = self.transfer.as_ref().filter(|_| is_of_each);
             if let Some(name) = transfers[i].or(of_all) {
-                look.transfer = Some(transfer(name, store, channel)?);
+                look.transfer = Some(transfer(name, &subject_of(store, channel))?);
             }
+        }
+        if let (Some(text), Some(name)) = (&scene.expression, &self.transfer) {
+            let expression = Expression::parse(text, stores.len());
+            let expression = expression.map_err(|error| Failure::usage(format!("--expr: {error}")))?;
+            let window =
+                |(store, look): (&Arc<Store>, &VolumeLook)| store.default_window(look.channel.unwrap_or(scene.channel));
+            let windows = stores.iter().zip(&scene.volumes).map(window);
+            let window = expression_window(&expression, windows);
+            let first = &stores[expression.volumes().first().copied().unwrap_or(0)];
+            let subject = subject(first.geometry(), extent(first), window);
+            scene.transfer = Some(transfer(name, &subject)?);
         }
         let boxes = stores.iter().zip(&scene.volumes).map(|(store, look)| {
             let (low, high) = look.world_from_volume.world_box(store.geometry().world_box(extent(store)));
@@ -245,6 +262,7 @@ impl SceneArguments {
             None => Scene::default(),
         };
         scene.channel = self.channel.unwrap_or(scene.channel);
+        scene.expression = self.expr.clone().or(scene.expression);
         scene.stereo = self.stereo(scene.stereo)?;
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
             scene.mode = Mode::Average;
@@ -344,12 +362,16 @@ fn transfer_help() -> String {
     )
 }
 
-fn transfer(argument: &str, store: &Store, channel: u32) -> Result<TransferFunction, Failure> {
-    let subject = subject(store.geometry(), extent(store), store.default_window(channel));
+/// What a store's channel is to a transfer function.
+fn subject_of(store: &Store, channel: u32) -> Subject {
+    subject(store.geometry(), extent(store), store.default_window(channel))
+}
+
+fn transfer(argument: &str, subject: &Subject) -> Result<TransferFunction, Failure> {
     let Some((path, name)) = file_and_name(argument) else {
         return TransferFunction::preset(argument, subject.window, subject.unit_distance).map_err(Failure::usage);
     };
-    let imported = file::read(&read_text(path)?, name, &subject)
+    let imported = file::read(&read_text(path)?, name, subject)
         .map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))?;
     for remark in imported.remarks {
         eprintln!("note: {}: {remark}", path.display());
