@@ -192,6 +192,16 @@ fn ensemble(members: &[Member], bytes: u64) -> Option<GpuEnsemble> {
     }
 }
 
+/// The oracle's picture of the same bricks.
+fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combination>) -> Picture {
+    let level_at: Vec<_> = members.iter().map(|member| |point| member.level_at(point)).collect();
+    let mut volumes = Vec::new();
+    for (Member { bricks, transfer, .. }, level_at) in members.iter().zip(&level_at) {
+        volumes.push(ReferenceVolume { levels: &bricks.levels, level_at, transfer });
+    }
+    render_together(frames, &volumes, combination)
+}
+
 #[test]
 fn volumes_of_unlike_grids_match_the_oracle() {
     let mut members = members();
@@ -211,17 +221,7 @@ fn volumes_of_unlike_grids_match_the_oracle() {
     ] {
         let frames = frames(&members, &camera, steps, filter, clip);
         let found = ensemble.render(&layers(&members, &frames, &draws), None).expect("a picture");
-        let level_at: Vec<_> = members.iter().map(|member| |point| member.level_at(point)).collect();
-        let volumes: Vec<ReferenceVolume<'_>> = members
-            .iter()
-            .zip(&level_at)
-            .map(|(Member { bricks, transfer, .. }, level_at)| ReferenceVolume {
-                levels: &bricks.levels,
-                level_at,
-                transfer,
-            })
-            .collect();
-        let expected = render_together(&frames, &volumes, None);
+        let expected = oracle(&members, &frames, None);
         let difference = found.difference(&expected);
         assert!(difference.max <= TOLERANCE, "{camera:?} {steps:?}: {difference:?}");
         let background = Picture::quantise(frames[0].settings.background);
@@ -268,17 +268,7 @@ fn expressions_match_the_oracle() {
         members.iter_mut().for_each(|member| member.transfer = combination.of_each());
         let frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None);
         let found = ensemble.render(&layers(&members, &frames, &draws), Some(&combination)).expect("a picture");
-        let level_at: Vec<_> = members.iter().map(|member| |point| member.level_at(point)).collect();
-        let volumes: Vec<ReferenceVolume<'_>> = members
-            .iter()
-            .zip(&level_at)
-            .map(|(Member { bricks, transfer, .. }, level_at)| ReferenceVolume {
-                levels: &bricks.levels,
-                level_at,
-                transfer,
-            })
-            .collect();
-        let expected = render_together(&frames, &volumes, Some(&combination));
+        let expected = oracle(&members, &frames, Some(&combination));
         let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
         let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
         // Where half of a place's weight has no value, rounding decides which side of an expression is taken.

@@ -191,8 +191,9 @@ impl SceneArguments {
     /// # Errors
     /// If the scene file cannot be read.
     pub(crate) fn is_of_several(&self) -> Result<bool, Failure> {
-        let scene = self.without_stores()?;
-        Ok(!self.volume.is_empty() || !scene.volumes.is_empty() || scene.expression.is_some())
+        let file = self.scene.as_deref().map(scene_file).transpose()?;
+        let says_file = file.is_some_and(|scene| !scene.volumes.is_empty() || scene.expression.is_some());
+        Ok(!self.volume.is_empty() || self.expr.is_some() || says_file)
     }
 
     /// The scene of several stores, or of one that is placed among none.
