@@ -2,12 +2,12 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel,
-    VoxelType,
+    Camera, Extent, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, Mode, Picture, Projection,
+    Scene, TransferFunction, Voxel, VoxelType,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, oracle, read_png, session,
-    session_for, session_within, session_without_leaps, settled,
+    session_for, session_for_scene, session_within, session_without_leaps, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -73,7 +73,7 @@ fn isosurfaces(mode: Mode) -> Vec<Isosurface> {
 fn check(store: &Arc<Store>, scene: &Scene, what: &str) {
     let expected = oracle(store, scene, SIZE);
     for backend in WAYS {
-        let Some(mut session) = session_for(store, scene.mode, backend, SIZE) else { continue };
+        let Some(mut session) = session_for_scene(store, scene, backend, SIZE) else { continue };
         let (picture, stats) = settled(&mut session, scene, SIZE);
         assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
         let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
@@ -198,8 +198,13 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");
         }
         check(&test.store, &scene, &format!("mixed levels at {pixel_error} px"));
-        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene };
+        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene.clone() };
         check(&test.store, &surface, &format!("surface of mixed levels at {pixel_error} px"));
+        for gradient in Gradient::ALL {
+            let lighting = Lighting { model: LightingModel::BlinnPhong, gradient, ..Lighting::default() };
+            let lit = Scene { lighting, ..scene.clone() };
+            check(&test.store, &lit, &format!("mixed levels at {pixel_error} px, {gradient:?}"));
+        }
     }
 }
 

@@ -83,8 +83,12 @@ pub struct FrameUniform {
     pub jitter_seed: u32,
     /// No ray meets a mesh farther away: what depths are shares of.
     pub mesh_far: f32,
+    /// Nodes of stored gradients along a slot's edge; 0 if there are none.
+    pub gradient_edge: f32,
+    /// Where in a slot, in texels, the first of them lies.
+    pub first_gradient: f32,
     /// Padding.
-    pub spare: [f32; 3],
+    pub spare: f32,
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
     pub thresholds: [[f32; 4]; 2],
     /// Of each surface its colour and opacity.

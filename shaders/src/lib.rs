@@ -1,7 +1,7 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
 //! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, from 16 on the atlases of
-//! several volumes. Where there are meshes, group 1 has what cuts the picture into slabs.
+//! several volumes. 10 is the texture of stored gradients. Where there are meshes, group 1 has what cuts the picture into slabs.
 
 mod layout;
 mod together;
@@ -61,6 +61,17 @@ pub enum Light {
     Tone,
 }
 
+/// How the field's gradient is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Gradient {
+    /// From the six values next to a place.
+    Central,
+    /// From the 26 around it.
+    Sobel,
+    /// From a texture beside the atlas.
+    Stored,
+}
+
 /// What else there is to see of a composite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Surfaces {
@@ -83,8 +94,8 @@ pub struct Medium {
     pub is_pre_integrated: bool,
     /// How colours become lit ones.
     pub light: Light,
-    /// Whether gradients are the Sobel operator's.
-    pub is_sobel: bool,
+    /// How gradients are found.
+    pub gradient: Gradient,
     /// What else there is to see.
     pub surfaces: Surfaces,
 }
@@ -96,7 +107,7 @@ impl Medium {
         parts: 1,
         is_pre_integrated: false,
         light: Light::Unlit,
-        is_sobel: false,
+        gradient: Gradient::Central,
         surfaces: Surfaces::None,
     };
 
@@ -105,14 +116,13 @@ impl Medium {
         let surface_light = if self.light == Light::Unlit { Light::BlinnPhong } else { self.light };
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
-             const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\nconst IS_SOBEL: bool = {};\n\
+             const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\n\
              const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};",
             self.curve as u32,
             self.parts,
             self.is_pre_integrated,
             self.light as u32,
             surface_light as u32,
-            self.is_sobel,
             self.surfaces != Surfaces::Alone,
             self.surfaces != Surfaces::None
         )
@@ -224,6 +234,7 @@ fn marching(variant: &Variant) -> String {
     }
     if !variant.is_plain() {
         parts.push(&constants);
+        parts.extend(gradient(variant.medium.gradient));
     }
     parts.push(accumulate);
     if !variant.is_plain() {
@@ -233,6 +244,15 @@ fn marching(variant: &Variant) -> String {
         });
     }
     parts.join("\n")
+}
+
+fn gradient(gradient: Gradient) -> &'static [&'static str] {
+    const NEIGHBOUR: &str = include_str!("../wgsl/neighbour.wgsl");
+    match gradient {
+        Gradient::Central => &[NEIGHBOUR, include_str!("../wgsl/gradient_central.wgsl")],
+        Gradient::Sobel => &[NEIGHBOUR, include_str!("../wgsl/gradient_sobel.wgsl")],
+        Gradient::Stored => &[include_str!("../wgsl/gradient_stored.wgsl")],
+    }
 }
 
 fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
@@ -272,7 +292,7 @@ pub fn peel() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{integrals, jitter, lighting, mesh, sampling, surface};
+    use brickyard_volume::{gradients, integrals, jitter, lighting, mesh, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -281,8 +301,14 @@ mod tests {
         let mut all = Vec::new();
         for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
             for light in [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone] {
-                for (is_pre_integrated, is_sobel) in [(false, false), (true, false), (false, true)] {
-                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, is_sobel, surfaces: Surfaces::None });
+                let surfaces = Surfaces::None;
+                for (is_pre_integrated, gradient) in [
+                    (false, Gradient::Central),
+                    (true, Gradient::Central),
+                    (false, Gradient::Sobel),
+                    (true, Gradient::Stored),
+                ] {
+                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, gradient, surfaces });
                 }
                 for surfaces in [Surfaces::InFog, Surfaces::Alone] {
                     all.push(Medium { curve, light, surfaces, ..Medium::PLAIN });
@@ -368,7 +394,7 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far spare thresholds surfaces light_places zone_starts planes);
+                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient spare thresholds surfaces light_places zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
@@ -414,6 +440,9 @@ mod tests {
         let surface = parse("a surface", &raycast(&surface, true));
         let expected = expected.map(|(name, value)| (&surface, name, value));
         let lit = parse("a lit composite", &raycast(&lit, true));
+        let stored = Medium { light: Light::Phong, gradient: Gradient::Stored, ..Medium::PLAIN };
+        let stored = parse("stored gradients", &raycast(&variant(Gather::Composite, stored), true));
+        let of_gradients = [("GRADIENT_SCALE", single(gradients::SCALE as f64))];
         let of_media = [
             ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
             ("ADAPTIVE_SHARE", single(sampling::ADAPTIVE_SHARE)),
@@ -435,7 +464,10 @@ mod tests {
             ("IS_LIT", naga::Literal::U32(MeshLook::IS_LIT)),
         ];
         let of_meshes = of_meshes.map(|(name, value)| (&peel, name, value));
-        for (module, name, value) in expected.into_iter().chain(of_media).chain(of_surfaces).chain(of_meshes) {
+        let of_gradients = of_gradients.map(|(name, value)| (&stored, name, value));
+        for (module, name, value) in
+            expected.into_iter().chain(of_gradients).chain(of_media).chain(of_surfaces).chain(of_meshes)
+        {
             let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
             let found = &module.global_expressions[constant.init];
             assert!(matches!(found, naga::Expression::Literal(v) if *v == value), "{name}: {found:?}");

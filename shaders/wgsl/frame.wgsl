@@ -38,7 +38,9 @@ struct Frame {
     jitter: u32,
     jitter_seed: u32,
     mesh_far: f32,
-    spare: array<f32, 3>,
+    gradient_edge: f32,
+    first_gradient: f32,
+    spare: f32,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,

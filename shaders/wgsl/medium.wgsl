@@ -1,6 +1,6 @@
 // Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
-// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
-// `IS_SOBEL` and `HAS_FOG` leave out is no part of the compiled shader.
+// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING` and
+// `HAS_FOG` leave out is no part of the compiled shader.
 const FIRST_SHARE: f32 = 0.0;
 
 // Values of CURVE.
@@ -92,33 +92,6 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     known.g2 = before.g3;
     known.gradients = select(before.gradients >> 1u & 2u, before.gradients >> 1u, CURVE == CUBIC);
     return known;
-}
-
-// The value a voxel away from a texel; one that is not there is as good as the one in the middle.
-fn neighbour(field: Field, texel: vec3f, offset: vec3f, middle: f32) -> f32 {
-    let value = sample_atlas(clamp(texel + offset, field.low, field.high));
-    return select(value, middle, HAS_INVALID && value < 0.0);
-}
-
-// Differences of values across two voxels along each axis, about a place with a value.
-fn differences(field: Field, t: f32, middle: f32) -> vec3f {
-    let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
-    var sum = vec3f(0.0);
-    if (IS_SOBEL) {
-        for (var i = 0u; i < 27u; i++) {
-            let offset = vec3f(vec3u(i % 3u, i / 3u % 3u, i / 9u)) - 1.0;
-            let smoothed = 0.5 - 0.25 * abs(offset);
-            sum += offset * smoothed.yxx * smoothed.zzy * neighbour(field, texel, offset, middle);
-        }
-    } else {
-        let x = vec3f(1.0, 0.0, 0.0);
-        let y = vec3f(0.0, 1.0, 0.0);
-        let z = vec3f(0.0, 0.0, 1.0);
-        sum.x = neighbour(field, texel, x, middle) - neighbour(field, texel, -x, middle);
-        sum.y = neighbour(field, texel, y, middle) - neighbour(field, texel, -y, middle);
-        sum.z = neighbour(field, texel, z, middle) - neighbour(field, texel, -z, middle);
-    }
-    return sum;
 }
 
 fn toned(color: vec3f, cosine: f32) -> vec3f {

@@ -328,6 +328,7 @@ impl Ensemble {
         let config = |(i, needs): (usize, &VolumeNeeds)| PagerConfig {
             slots: backend.slots(i),
             apron: needs.bricks.apron,
+            gradient_layers: needs.bricks.gradient_layers,
             host_bytes: 0,
             // Twice as many as there are threads, in all: some wait while others read.
             workers: (2 * options.threads).div_ceil(sources.len().max(1)).min(options.threads).max(1) as u32,

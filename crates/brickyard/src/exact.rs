@@ -77,6 +77,7 @@ impl ExactRenderer {
         let config = PagerConfig {
             slots: renderer.slots(),
             apron: needs.bricks.apron,
+            gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             workers: options.threads as u32,
             planning: Planning::Inline,

@@ -153,6 +153,7 @@ impl Session {
         let config = PagerConfig {
             slots: backend.slots(),
             apron: needs.bricks.apron,
+            gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             workers: options.threads as u32,
             planning: if options.live { Planning::Thread } else { Planning::Inline },

@@ -1,4 +1,5 @@
-//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level.
+//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level; and where they
+//! are wanted, the gradients of all that behind it.
 //!
 //! Where the source has aprons stored, a brick takes one core and one apron. Else:
 //!
@@ -12,7 +13,7 @@ use crate::layout::Layout;
 use crate::parts::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Whole};
 use crate::source::BrickError;
-use brickyard_volume::BrickId;
+use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -30,12 +31,12 @@ impl PaddedReader {
         Self { cache, layout, scratch }
     }
 
-    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes.
+    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, and gradients.
     pub fn padded_bytes(&self) -> usize {
         self.layout.padded_bytes()
     }
 
-    /// Fills `out` with the brick and its apron, x fastest.
+    /// Fills `out` with the brick and its apron, x fastest, and gradients behind them.
     ///
     /// # Errors
     /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there, and so
@@ -46,13 +47,21 @@ impl PaddedReader {
         let index = id.index.to_array();
         let layout = self.layout;
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
+        let (codes, gradients) = out.split_at_mut(layout.voxel_bytes());
         if layout.has_stored() {
             let whole = self.cache.whole(id, &mut self.scratch)?;
-            paste_whole(&layout, &whole, spans, out);
+            paste_whole(&layout, &whole, spans, codes);
         } else {
-            self.gather(id, spans, out)?;
+            self.gather(id, spans, codes)?;
         }
-        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), out);
+        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), codes);
+        if !gradients.is_empty() {
+            let first = index.map(|i| i as i64 * layout.edge as i64);
+            let inside = std::array::from_fn(|a| -first[a]..extent[a] as i64 - first[a]);
+            let SlotEncoding { format, has_invalid, .. } = self.cache.encoding();
+            let brick = PaddedCodes { codes, format, has_invalid, apron: layout.apron as u32 };
+            layout.gradients.fill(brick, &inside, gradients);
+        }
         Ok(())
     }
 
@@ -152,6 +161,7 @@ mod tests {
     use crate::test_source::TestSource;
     use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
     use proptest::prelude::*;
+    use std::collections::HashMap;
 
     fn padded(source: TestSource, id: BrickId, apron: u32) -> Vec<u8> {
         let cache = RamCache::new(Arc::new(source), apron, 1 << 16).unwrap();
@@ -169,7 +179,7 @@ mod tests {
     }
 
     fn cache(source: TestSource, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, 1).unwrap();
+        let layout = layout_of(&source, 1, 0).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
         (Arc::new(RamCache::with_meter(Arc::new(source), layout, cores, meter.clone())), meter)
     }
@@ -247,6 +257,39 @@ mod tests {
             assert!(other != id || out == expected);
         }
         assert_eq!(cache.counters().failed, 1, "each is counted once");
+    }
+
+    /// Bricks side by side have the same gradients where both have some, with stored aprons or without, at the level's faces too.
+    #[test]
+    fn neighbours_agree_on_their_gradients() {
+        for (n, layers, stored) in [([24, 17, 9], 1, 0), ([24, 17, 9], 1, 2), ([13, 20, 16], 2, 0)] {
+            let pyramid = Pyramid::new(Extent::from_array(n), [1.0; 3], 8);
+            let source = TestSource::new(pyramid, [1.0; 3], VoxelType::U16).with_aprons(stored);
+            let bricks = rows(&source);
+            let layout = layout_of(&source, 2 * layers, layers).unwrap();
+            let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
+            let cache = Arc::new(RamCache::with_meter(Arc::new(source), layout, 4, meter));
+            let mut reader = PaddedReader::new(cache);
+            let mut out = vec![0xEE; reader.padded_bytes()];
+            let (mut known, mut met_again) = (HashMap::new(), 0);
+            for id in bricks {
+                reader.read(id, &mut out).unwrap();
+                let along = layout.gradients.along();
+                for (i, node) in out[layout.voxel_bytes()..].chunks_exact(8).enumerate() {
+                    let at = [1, along, along * along].map(|stride| i as u32 / stride % along);
+                    let index = id.index.to_array();
+                    let place: [u32; 3] = std::array::from_fn(|a| index[a] * 4 + at[a]);
+                    match known.insert(place, node.to_vec()) {
+                        Some(before) => {
+                            assert_eq!(before, node, "{id} {at:?}");
+                            met_again += 1;
+                        }
+                        None => assert!(node[..6] != [0xEE; 6]),
+                    }
+                }
+            }
+            assert!(met_again > 500, "{met_again}");
+        }
     }
 
     proptest! {

@@ -173,6 +173,7 @@ fn copy_runs(run: usize, codes: &[u8], step: usize, count: usize, out: &mut [u8]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::GradientNodes;
 
     /// Each part of a padded brick comes out of a shell as it would out of the core, alone or with its bar.
     #[test]
@@ -180,7 +181,8 @@ mod tests {
         for (edge, apron, code_bytes) in
             [(4, 1, 1), (4, 2, 2), (3, 2, 1), (64, 1, 1), (64, 2, 1), (64, 1, 2), (64, 2, 2), (2, 2, 4)]
         {
-            let layout = Layout { edge, apron, stored: 0, code_bytes };
+            let gradients = GradientNodes { edge: edge as u32, layers: 0 };
+            let layout = Layout { edge, apron, stored: 0, code_bytes, gradients };
             let core: Vec<u8> = (0..layout.core_bytes()).map(|i| ((i * 2654435761) >> 11) as u8).collect();
             let mut shell = vec![0; layout.shell_bytes()];
             copy_shell(&layout, &core, &mut shell);

@@ -17,6 +17,8 @@ pub struct PagerConfig {
     pub slots: u32,
     /// Voxels copied from neighbours on each side of a brick: 1 for trilinear samples, 2 for tricubic ones.
     pub apron: u32,
+    /// Layers of stored gradients outside of a brick, which are put behind its voxels; 0 for no gradients.
+    pub gradient_layers: u32,
     /// Limit for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
     pub host_bytes: u64,
     /// Decoding threads; fewer are started where the host budget cannot feed them.
@@ -60,6 +62,18 @@ pub enum PagerError {
     Apron {
         /// The apron given.
         apron: u32,
+        /// The bricks' edge.
+        edge: u32,
+    },
+    /// The gradients do not fit the bricks.
+    #[error(
+        "stored gradients need bricks of an even edge with an apron of {least} voxels: these have an edge of {edge} and an apron of {apron}"
+    )]
+    Gradients {
+        /// The apron given.
+        apron: u32,
+        /// The narrowest that works.
+        least: u32,
         /// The bricks' edge.
         edge: u32,
     },

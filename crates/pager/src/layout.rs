@@ -1,4 +1,5 @@
-//! How bricks lie in host memory: cores and their shells in the RAM cache, padded bricks in staging.
+//! How bricks lie in host memory: cores and their shells in the RAM cache, padded bricks in staging, those with their gradients
+//! behind them where pictures want some.
 //!
 //! Where the source has aprons stored, of the width asked for or wider, there are no shells: the RAM cache holds each core with
 //! its stored apron behind it.
@@ -7,7 +8,7 @@
 //! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
 //! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
 
-use brickyard_volume::{Apron, SlotEncoding};
+use brickyard_volume::{Apron, GradientNodes, SlotEncoding};
 
 /// Shells that the RAM cache holds for each core.
 ///
@@ -30,13 +31,16 @@ pub(crate) struct Layout {
     pub(crate) stored: usize,
     /// Bytes of a code.
     pub(crate) code_bytes: usize,
+    /// The gradients behind a padded brick's voxels.
+    pub(crate) gradients: GradientNodes,
 }
 
 impl Layout {
-    /// The layout for padded bricks with this apron, where the source has aprons of width `stored`.
-    pub(crate) fn new(edge: u32, apron: u32, stored: u32, encoding: &SlotEncoding) -> Self {
+    /// The layout for padded bricks with this apron and these gradients, where the source has aprons of width `stored`.
+    pub(crate) fn new(gradients: GradientNodes, apron: u32, stored: u32, encoding: &SlotEncoding) -> Self {
         let stored = if stored >= apron { stored as usize } else { 0 };
-        Self { edge: edge as usize, apron: apron as usize, stored, code_bytes: encoding.format.bytes() }
+        let (edge, code_bytes) = (gradients.edge as usize, encoding.format.bytes());
+        Self { edge, apron: apron as usize, stored, code_bytes, gradients }
     }
 
     /// Whether padded bricks are made from stored aprons.
@@ -54,8 +58,14 @@ impl Layout {
         self.edge + 2 * self.apron
     }
 
-    pub(crate) fn padded_bytes(&self) -> usize {
+    /// Bytes of a padded brick's voxels.
+    pub(crate) fn voxel_bytes(&self) -> usize {
         self.padded().pow(3) * self.code_bytes
+    }
+
+    /// Bytes of a padded brick: its voxels, and its gradients behind them.
+    pub(crate) fn padded_bytes(&self) -> usize {
+        self.voxel_bytes() + self.gradients.bytes()
     }
 
     pub(crate) fn core_bytes(&self) -> usize {

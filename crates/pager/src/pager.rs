@@ -192,7 +192,7 @@ impl Pager {
     /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
     /// not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, config: PagerConfig) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, config.apron)?;
+        let layout = layout_of(&*source, config.apron, config.gradient_layers)?;
         check_slots(&*source, config.slots, layout.padded_bytes() as u64)?;
         let sizes = buffer_sizes(&*source, &layout, &config);
         let HostSplit { workers, staged, cores } = split_host(config.host_bytes, config.workers, sizes)?;
@@ -230,7 +230,7 @@ impl Pager {
     /// # Errors
     /// If the apron does not fit.
     pub fn host_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, PagerError> {
-        let layout = layout_of(source, config.apron)?;
+        let layout = layout_of(source, config.apron, config.gradient_layers)?;
         let sizes = buffer_sizes(source, &layout, config);
         let BufferSizes { fixed, scratch, core, padded } = sizes;
         let workers = config.workers.max(1) as u64;
@@ -375,7 +375,7 @@ impl Pager {
         self.cache.layout().padded() as u32
     }
 
-    /// Bytes of one slot.
+    /// Bytes of one slot, gradients included.
     pub fn slot_bytes(&self) -> u64 {
         self.cache.layout().padded_bytes() as u64
     }
@@ -467,6 +467,7 @@ mod tests {
         PagerConfig {
             slots,
             apron: 1,
+            gradient_layers: 0,
             host_bytes,
             workers: 3,
             planning: Planning::Inline,

@@ -96,7 +96,7 @@ impl ExactPasses {
     /// # Errors
     /// If a budget cannot hold the cells or a brick on its way, the apron does not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
-        let layout = layout_of(&*source, config.apron)?;
+        let layout = layout_of(&*source, config.apron, config.gradient_layers)?;
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
@@ -331,6 +331,7 @@ mod tests {
         PagerConfig {
             slots,
             apron: 1,
+            gradient_layers: 0,
             host_bytes,
             workers: 3,
             planning: Planning::Inline,

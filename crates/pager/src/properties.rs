@@ -631,7 +631,7 @@ proptest! {
         let slots = slots.max(roots(&*source, 0, 0).len() as u32);
         let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
         let (planning, prefetch, uploads) = (Planning::Inline, false, None);
-        let config = PagerConfig { slots, apron: 1, host_bytes, workers: 1, planning, prefetch, uploads, fade: None };
+        let config = PagerConfig { slots, apron: 1, gradient_layers: 0, host_bytes, workers: 1, planning, prefetch, uploads, fade: None };
         let mut pager = Pager::new(source.clone(), config).unwrap();
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         for view in views.iter().map(|shot| shot.view(&source)) {

@@ -19,7 +19,7 @@ use crate::parts::Part;
 use crate::shelf::Shelf;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, SlotEncoding, VoxelType};
+use brickyard_volume::{BrickId, GradientNodes, SlotEncoding, VoxelType};
 use std::collections::{HashMap, HashSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -82,7 +82,7 @@ impl RamCache {
     /// # Errors
     /// If not one core fits, or the apron is wider than a brick.
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, apron)?;
+        let layout = layout_of(&*source, apron, 0)?;
         let core = layout.cached_bytes() as u64;
         match bytes / core {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
@@ -310,12 +310,16 @@ pub(crate) fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
 }
 
 /// The layout of a source's bricks.
-pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32) -> Result<Layout, PagerError> {
+pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u32) -> Result<Layout, PagerError> {
     let edge = source.pyramid().edge();
     if !(1..=MAX_REACH).contains(&apron) || apron > edge {
         return Err(PagerError::Apron { apron, edge });
     }
-    Ok(Layout::new(edge, apron, source.stored_apron(), &encoding_of(source)))
+    let gradients = GradientNodes { edge, layers: gradient_layers };
+    if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
+        return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
+    }
+    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source)))
 }
 
 /// Bytes of a decoding thread's scratch.

@@ -64,6 +64,38 @@ impl Array {
         self.values[self.extent.linear(inside) as usize]
     }
 
+    /// Differences across two voxels along each axis between nodes in the middle of eight voxels: see
+    /// [`gradients`](brickyard_volume::gradients).
+    fn stored_differences(&self, point: DVec3) -> DVec3 {
+        let p = DVec3::from_array(std::array::from_fn(|a| (point[a] / self.factor[a] as f64 - 1.0) / 2.0));
+        let (base, t) = (p.floor(), p - p.floor());
+        let mut sum = DVec3::ZERO;
+        for corner in (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from)) {
+            let weight: f64 = (0..3).map(|a| if corner[a] > 0.0 { t[a] } else { 1.0 - t[a] }).product();
+            let node = base + DVec3::from_array(corner);
+            sum += weight * self.node_differences(node.as_i64vec3().to_array());
+        }
+        sum
+    }
+
+    /// Those at a node: the mean of what its eight voxels have of them, and 0 where they have none.
+    fn node_differences(&self, node: [i64; 3]) -> DVec3 {
+        let last = self.extent.to_array().map(|n| n as i64 - 1);
+        let low: [i64; 3] = std::array::from_fn(|a| (2 * node[a]).min(last[a] - 1).max(0));
+        let along = |a: usize| {
+            let pairs = (0..8i64).map(|i| [i & 1, i >> 1 & 1, i >> 2]).filter(|corner| corner[a] == 0);
+            let difference = |corner: [i64; 3]| {
+                let near: [i64; 3] = std::array::from_fn(|k| low[k] + corner[k]);
+                let mut far = near;
+                far[a] += 1;
+                self.voxel(far) - self.voxel(near)
+            };
+            let known: Vec<f64> = pairs.map(difference).filter(|d| d.is_finite()).collect();
+            2.0 * known.iter().sum::<f64>() / known.len().max(1) as f64
+        };
+        DVec3::new(along(0), along(1), along(2))
+    }
+
     /// Filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; where they hold more than
     /// half the weight there is no value.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {

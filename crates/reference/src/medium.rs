@@ -171,17 +171,18 @@ impl Field<'_> {
         let around = |offset: DVec3| {
             self.level.sample(self.path.at(t) + offset * voxel, self.frame.sampling.filter).unwrap_or(value)
         };
-        let along = |a: usize| match self.lighting.gradient {
-            Gradient::Central => around(DVec3::AXES[a]) - around(-DVec3::AXES[a]),
-            Gradient::Sobel => {
-                let (u, v) = (DVec3::AXES[(a + 1) % 3], DVec3::AXES[(a + 2) % 3]);
-                let across = (0..9).map(|i| (i % 3, i / 3));
-                let side = |i: usize, j: usize| u * (i as f64 - 1.0) + v * (j as f64 - 1.0);
-                let difference = |side: DVec3| around(side + DVec3::AXES[a]) - around(side - DVec3::AXES[a]);
-                across.map(|(i, j)| SMOOTH[i] * SMOOTH[j] * difference(side(i, j))).sum()
-            }
+        let difference = |a: usize, side: DVec3| around(side + DVec3::AXES[a]) - around(side - DVec3::AXES[a]);
+        let smoothed = |a: usize| {
+            let (u, v) = (DVec3::AXES[(a + 1) % 3], DVec3::AXES[(a + 2) % 3]);
+            let across = (0..9).map(|i| (i % 3, i / 3));
+            let side = |i: usize, j: usize| u * (i as f64 - 1.0) + v * (j as f64 - 1.0);
+            across.map(|(i, j)| SMOOTH[i] * SMOOTH[j] * difference(a, side(i, j))).sum()
         };
-        DVec3::new(along(0), along(1), along(2))
+        match self.lighting.gradient {
+            Gradient::Central => DVec3::from_array([0, 1, 2].map(|a| difference(a, DVec3::ZERO))),
+            Gradient::Sobel => DVec3::from_array([0, 1, 2].map(smoothed)),
+            Gradient::Stored => self.level.stored_differences(self.path.at(t)),
+        }
     }
 
     /// The unit vector along the gradient in the world; `None` where the field is flat.
@@ -326,6 +327,7 @@ mod tests {
             (Gradient::Sobel, Filter::Trilinear, 0.3, 20.0),
             (Gradient::Central, Filter::Tricubic, 0.2, 20.0),
             (Gradient::Sobel, Filter::Tricubic, 0.3, 25.0),
+            (Gradient::Stored, Filter::Trilinear, 0.2, 36.0),
         ] {
             let sphere = mean_error_deg(64, sphere, gradient, filter);
             let signal = mean_error_deg(64, marschner_lobb(64.0), gradient, filter);

@@ -1,4 +1,5 @@
-//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, made once.
+//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, made once. Where there are stored
+//! gradients, a second one has a slot of nodes for each of them, in the same order.
 //!
 //! [`AtlasPlan`] is the arithmetic: how many slots fit a budget and where each lies. The whole texture is written before
 //! anything samples it, because wgpu 30 otherwise zero-fills it at the first upload, and can deadlock on it.
@@ -6,11 +7,17 @@
 use crate::adapter::Gpu;
 use crate::error::GpuError;
 use brickyard_pager::Slot;
+use brickyard_volume::GradientNodes;
+use brickyard_volume::gradients::NODE_BYTES;
 use wgpu::{Extent3d, TextureFormat};
 
 /// Bytes of a texel of the formats an atlas can have.
 pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
-    if format == TextureFormat::R8Unorm { 1 } else { 2 }
+    match format {
+        TextureFormat::R8Unorm => 1,
+        GRADIENT_FORMAT => NODE_BYTES as u64,
+        _ => 2,
+    }
 }
 
 /// How slots are laid out in the texture.
@@ -20,17 +27,16 @@ pub struct AtlasPlan {
     pub slot_edge: u32,
     /// Slots along x, y, z.
     pub grid: [u32; 3],
-    /// Size of the texture.
+    /// Size of the texture, or of both.
     pub bytes: u64,
 }
 
 impl AtlasPlan {
-    /// The atlas with the most slots of `slot_edge`^3 texels of `texel_bytes` that fits `budget_bytes` and `max_edge`
+    /// The atlas with the most slots of `slot_edge`^3 texels, and of `slot_bytes` all in all, that fits `budget_bytes` and `max_edge`
     /// texels along an axis, but no more than `max_slots`. `None` if not one slot fits.
     ///
     /// Among equals the narrowest wins: neighbouring rows and slices of a brick then lie closer together in memory.
-    pub fn new(slot_edge: u32, texel_bytes: u64, budget_bytes: u64, max_edge: u32, max_slots: u32) -> Option<Self> {
-        let slot_bytes = (slot_edge as u64).pow(3) * texel_bytes;
+    pub fn new(slot_edge: u32, slot_bytes: u64, budget_bytes: u64, max_edge: u32, max_slots: u32) -> Option<Self> {
         let most = (budget_bytes / slot_bytes).min(max_slots as u64);
         let along = (max_edge / slot_edge) as u64;
         let mut best = [0u64; 3];
@@ -57,59 +63,102 @@ impl AtlasPlan {
     }
 
     /// The slot's first texel.
-    pub fn origin(&self, Slot(slot): Slot) -> [u32; 3] {
+    pub fn origin(&self, slot: Slot) -> [u32; 3] {
+        self.place(slot).map(|i| i * self.slot_edge)
+    }
+
+    /// Where the slot is in the grid.
+    fn place(&self, Slot(slot): Slot) -> [u32; 3] {
         let [nx, ny, _] = self.grid;
-        [slot % nx, slot / nx % ny, slot / (nx * ny)].map(|i| i * self.slot_edge)
+        [slot % nx, slot / nx % ny, slot / (nx * ny)]
     }
 }
 
-/// The texture.
+/// The format of stored gradients.
+const GRADIENT_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+
+/// Bytes of a slot: a padded brick's texels, and its gradients.
+pub(crate) fn slot_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
+    (slot_edge as u64).pow(3) * texel_bytes(format) + gradients.bytes() as u64
+}
+
+/// The texture, or both.
 #[derive(Debug)]
 pub(crate) struct Atlas {
     pub(crate) plan: AtlasPlan,
     pub(crate) format: TextureFormat,
+    pub(crate) nodes: GradientNodes,
     pub(crate) texture: wgpu::Texture,
+    pub(crate) gradients: Option<wgpu::Texture>,
 }
 
 impl Atlas {
-    /// Makes and zero-fills the texture. Costs about a second per GiB on a software rasteriser.
-    pub(crate) fn new(gpu: &Gpu, plan: AtlasPlan, format: TextureFormat) -> Result<Self, GpuError> {
-        let [width, height, depth_or_array_layers] = plan.size();
-        let descriptor = wgpu::TextureDescriptor {
-            label: Some("atlas"),
-            size: Extent3d { width, height, depth_or_array_layers },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D3,
-            format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        };
-        let texture = gpu.allocate("the brick atlas", plan.bytes, |device| device.create_texture(&descriptor))?;
-        let atlas = Self { plan, format, texture };
+    /// Makes and zero-fills the texture, or both. Costs about a second per GiB on a software rasteriser.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        plan: AtlasPlan,
+        format: TextureFormat,
+        nodes: GradientNodes,
+    ) -> Result<Self, GpuError> {
+        let texture = texture(gpu, "the brick atlas", plan.size(), format)?;
+        let size = plan.grid.map(|n| n * nodes.along());
+        let gradients = (nodes.layers > 0).then(|| self::texture(gpu, "the gradients", size, GRADIENT_FORMAT));
+        let atlas = Self { plan, format, nodes, texture, gradients: gradients.transpose()? };
         // A partial write makes wgpu fill all the rest with zeros.
-        let zero = [0; 2];
-        atlas.write(gpu, [0; 3], 1, &zero[..texel_bytes(format) as usize]);
+        let zero = [0; NODE_BYTES];
+        write(gpu, &atlas.texture, [0; 3], 1, &zero[..texel_bytes(format) as usize]);
+        if let Some(gradients) = &atlas.gradients {
+            write(gpu, gradients, [0; 3], 1, &zero);
+        }
         gpu.wait(gpu.queue.submit([]))?;
         Ok(atlas)
     }
 
-    /// Queues a cube of texels.
-    pub(crate) fn write(&self, gpu: &Gpu, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {
-        let destination = wgpu::TexelCopyTextureInfo {
-            texture: &self.texture,
-            mip_level: 0,
-            origin: wgpu::Origin3d { x, y, z },
-            aspect: wgpu::TextureAspect::All,
-        };
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(edge * texel_bytes(self.format) as u32),
-            rows_per_image: Some(edge),
-        };
-        let size = Extent3d { width: edge, height: edge, depth_or_array_layers: edge };
-        gpu.queue.write_texture(destination, texels, layout, size);
+    /// Queues a slot's texels and gradients.
+    pub(crate) fn write(&self, gpu: &Gpu, slot: Slot, texels: &[u8], gradients: &[u8]) {
+        write(gpu, &self.texture, self.plan.origin(slot), self.plan.slot_edge, texels);
+        if let Some(texture) = &self.gradients {
+            let along = self.nodes.along();
+            write(gpu, texture, self.plan.place(slot).map(|i| i * along), along, gradients);
+        }
     }
+}
+
+fn texture(
+    gpu: &Gpu,
+    label: &'static str,
+    [width, height, depth_or_array_layers]: [u32; 3],
+    format: TextureFormat,
+) -> Result<wgpu::Texture, GpuError> {
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some(label),
+        size: Extent3d { width, height, depth_or_array_layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    };
+    let texels = [width, height, depth_or_array_layers].map(u64::from).iter().product::<u64>();
+    gpu.allocate(label, texels * texel_bytes(format), |device| device.create_texture(&descriptor))
+}
+
+/// Queues a cube of texels.
+fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {
+    let destination = wgpu::TexelCopyTextureInfo {
+        texture,
+        mip_level: 0,
+        origin: wgpu::Origin3d { x, y, z },
+        aspect: wgpu::TextureAspect::All,
+    };
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(edge * texel_bytes(texture.format()) as u32),
+        rows_per_image: Some(edge),
+    };
+    let size = Extent3d { width: edge, height: edge, depth_or_array_layers: edge };
+    gpu.queue.write_texture(destination, texels, layout, size);
 }
 
 #[cfg(test)]
@@ -126,8 +175,8 @@ mod tests {
             (68, 2, 40 << 30, 2048, u32::MAX),
             (66, 1, 1 << 30, 2048, 73),
         ] {
-            let plan = AtlasPlan::new(edge, bytes, budget, max_edge, max_slots).unwrap();
             let slot_bytes = (edge as u64).pow(3) * bytes;
+            let plan = AtlasPlan::new(edge, slot_bytes, budget, max_edge, max_slots).unwrap();
             assert_eq!(plan.bytes, plan.slots() as u64 * slot_bytes);
             assert!(plan.bytes <= budget && plan.slots() <= max_slots);
             assert!(plan.size().iter().all(|&n| n <= max_edge));
@@ -136,13 +185,13 @@ mod tests {
             let possible = (budget / slot_bytes).min(max_slots as u64).min(along.pow(3));
             assert!(plan.slots() as u64 * 100 >= possible * 97, "{plan:?} of {possible}");
         }
-        assert_eq!(AtlasPlan::new(66, 2, 574_000, 2048, 9), None);
-        assert_eq!(AtlasPlan::new(66, 2, 1 << 30, 64, 9), None);
+        assert_eq!(AtlasPlan::new(66, 574_992, 574_000, 2048, 9), None);
+        assert_eq!(AtlasPlan::new(66, 574_992, 1 << 30, 64, 9), None);
     }
 
     #[test]
     fn slots_do_not_overlap() {
-        let plan = AtlasPlan::new(10, 1, 1000 * 48, 40, u32::MAX).unwrap();
+        let plan = AtlasPlan::new(10, 1000, 1000 * 48, 40, u32::MAX).unwrap();
         let origins: HashSet<_> = (0..plan.slots()).map(|s| plan.origin(Slot(s))).collect();
         assert_eq!(origins.len(), 48);
         for o in origins {

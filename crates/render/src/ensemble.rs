@@ -7,7 +7,7 @@
 //! A device that is lost stays lost: the picture fails.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
-use crate::atlas::{Atlas, AtlasPlan, texel_bytes};
+use crate::atlas::{Atlas, AtlasPlan, slot_bytes};
 use crate::error::GpuError;
 use crate::frame::frame_uniform;
 use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
@@ -137,7 +137,7 @@ impl GpuEnsemble {
             volumes.push(Volume {
                 needs: *needs,
                 plan: raycast,
-                atlas: Atlas::new(&gpu, atlas, gpu.report.formats.atlas(codes))?,
+                atlas: Atlas::new(&gpu, atlas, gpu.report.formats.atlas(codes), needs.bricks.gradients(needs.edge))?,
                 uploader: Uploader::new(codes, plan.batch),
                 slot_ranges: vec![macrocells::NONE; slots as usize],
                 table: None,
@@ -395,13 +395,14 @@ impl Plan {
         let raycast = |needs: &VolumeNeeds| RaycastPlan::new(needs.edge, needs.levels, needs.encoding.format, true);
         let raycasts: Vec<RaycastPlan> = volumes.iter().map(raycast).collect();
         let slot_edge = |needs: &VolumeNeeds| needs.edge + 2 * needs.bricks.apron;
-        let slot_bytes =
-            |needs: &VolumeNeeds| (slot_edge(needs) as u64).pow(3) * texel_bytes(formats.atlas(needs.encoding.format));
+        let format = |needs: &VolumeNeeds| formats.atlas(needs.encoding.format);
+        let gradients = |needs: &VolumeNeeds| needs.bricks.gradients(needs.edge);
+        let slot_bytes = |needs: &VolumeNeeds| slot_bytes(slot_edge(needs), format(needs), gradients(needs));
         let (mut small, mut staging) = (picture_bytes(formats, max_size_px) + table::bytes(COMBINED, false), 0);
         for (needs, plan) in volumes.iter().zip(&raycasts) {
             let codes = needs.encoding.format;
             small += table::bytes(codes, false) + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
-            staging += staging_bytes(slot_edge(needs), formats.atlas(codes)) + plan.ranges_bytes(1);
+            staging += staging_bytes(slot_edge(needs), format(needs), gradients(needs)) + plan.ranges_bytes(1);
         }
         // As for one volume: two batches are under way at once, together at most an eighth of the budget.
         let batch = (budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
@@ -423,9 +424,9 @@ impl Plan {
         let shares = shares.map_err(|least| too_little(small + 2 * staging + least))?;
         let (mut atlases, mut bytes) = (Vec::new(), fixed_bytes);
         for ((needs, wish), slots) in volumes.iter().zip(&wishes).zip(shares) {
-            let texel = texel_bytes(formats.atlas(needs.encoding.format));
-            let (room, max_edge) = (slots * slot_bytes(needs), gpu.report.max_texture_3d);
-            let atlas = AtlasPlan::new(slot_edge(needs), texel, room, max_edge, slots.min(u32::MAX as u64) as u32);
+            let (each, max_edge) = (slot_bytes(needs), gpu.report.max_texture_3d);
+            let most = slots.min(u32::MAX as u64) as u32;
+            let atlas = AtlasPlan::new(slot_edge(needs), each, slots * each, max_edge, most);
             let atlas = atlas.filter(|atlas| atlas.slots() as u64 >= wish.least);
             let atlas =
                 atlas.ok_or_else(|| too_little(fixed_bytes + wishes.iter().map(|w| w.least * w.bytes).sum::<u64>()))?;

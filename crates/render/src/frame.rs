@@ -77,7 +77,9 @@ pub(crate) fn frame_uniform(
         thresholds,
         surfaces,
         mesh_far: 0.0,
-        spare: [0.0; 3],
+        gradient_edge: 0.0,
+        first_gradient: 0.0,
+        spare: 0.0,
         light_places: light_places(frame),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
@@ -157,7 +159,7 @@ mod tests {
     #[test]
     fn a_voxel_centre_meets_its_texel_centre() {
         let pyramid = Pyramid::new(Extent::new(300, 200, 100), [1.0; 3], 32);
-        let atlas = AtlasPlan::new(34, 2, 40 * 34 * 34 * 34 * 2, 256, u32::MAX).unwrap();
+        let atlas = AtlasPlan::new(34, 34 * 34 * 34 * 2, 40 * 34 * 34 * 34 * 2, 256, u32::MAX).unwrap();
         let id = |level, x, y, z| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, y, z) };
         let brick = id(1, 4, 2, 1);
         let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);

@@ -52,7 +52,9 @@ impl SharedBuffers {
             entry(3, BindingResource::Sampler(&sampler)),
             entry(4, self.table.as_entire_binding()),
         ];
-        let entries: Vec<_> = shared.iter().chain(own).cloned().collect();
+        let gradients = atlas.gradients.as_ref().map(|texture| texture.create_view(&Default::default()));
+        let gradients = gradients.as_ref().map(|view| entry(10, BindingResource::TextureView(view)));
+        let entries: Vec<_> = shared.iter().chain(own).chain(&gradients).cloned().collect();
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 

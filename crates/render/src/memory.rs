@@ -2,13 +2,13 @@
 //! to slots, each with what the compositor keeps beside it.
 
 use crate::adapter::GpuFormats;
-use crate::atlas::{AtlasPlan, texel_bytes};
+use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
 use crate::meshes;
 use crate::table;
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_shaders::{CellInstance, FrameUniform};
-use brickyard_volume::{MeshRoom, SlotFormat};
+use brickyard_volume::{GradientNodes, MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Cells drawn per submission: longer draw lists take several. Short enough that no watchdog sees one as a hang.
@@ -79,6 +79,8 @@ pub(crate) struct MemoryNeeds {
     /// Whether running integrals are among the tables.
     pub(crate) has_integrals: bool,
     pub(crate) slot_edge: u32,
+    /// Stored with each brick.
+    pub(crate) gradients: GradientNodes,
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
@@ -122,7 +124,8 @@ impl MemoryPlan {
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
         };
         let format = needs.formats.atlas(needs.codes);
-        let staging = staging_bytes(needs.slot_edge, format) + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
+        let staging = staging_bytes(needs.slot_edge, format, needs.gradients)
+            + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
         let largest = meshes::largest_binding_bytes(needs.meshes);
@@ -133,10 +136,9 @@ impl MemoryPlan {
         let small = picture + meshes + table + compositor + size_of::<FrameUniform>() as u64;
         let fixed_bytes = small + 2 * batch * staging;
         let left = needs.budget_bytes.saturating_sub(fixed_bytes);
-        let texel = texel_bytes(format);
-        let slot_bytes = (needs.slot_edge as u64).pow(3) * texel;
+        let slot_bytes = slot_bytes(needs.slot_edge, format, needs.gradients);
         let slots = (left / (slot_bytes + beside_bytes)).min(most).min(needs.max_slots as u64);
-        let atlas = AtlasPlan::new(needs.slot_edge, texel, slots * slot_bytes, needs.max_texture_3d, slots as u32);
+        let atlas = AtlasPlan::new(needs.slot_edge, slot_bytes, slots * slot_bytes, needs.max_texture_3d, slots as u32);
         let enough = atlas.filter(|a| a.slots() >= MIN_SLOTS.min(needs.max_slots));
         let least_bytes = small + 2 * staging + MIN_SLOTS as u64 * (slot_bytes + beside_bytes);
         let atlas = enough.ok_or(GpuError::Budget {
@@ -170,6 +172,7 @@ mod tests {
             codes: SlotFormat::U8,
             has_integrals: false,
             slot_edge: 66,
+            gradients: GradientNodes { edge: 64, layers: 0 },
             budget_bytes,
             max_size_px: (512, 512),
             max_texture_3d: 4096,
@@ -212,6 +215,18 @@ mod tests {
                 let plan = MemoryPlan::new(&needs).unwrap();
                 assert!(plan.bytes() <= mebibytes << 20, "{mebibytes}: {plan:?}");
             }
+        }
+    }
+
+    #[test]
+    fn gradients_are_paid_for() {
+        for plain in both(needs(100 << 20)) {
+            let stored = MemoryNeeds { gradients: GradientNodes { edge: 64, layers: 1 }, ..plain };
+            let [plain, stored] = [plain, stored].map(|needs| MemoryPlan::new(&needs).unwrap());
+            assert!(stored.bytes() <= 100 << 20);
+            let slot_bytes = 34 * 34 * 34 * 8 + 66 * 66 * 66 * 2;
+            assert_eq!(stored.atlas.bytes, stored.atlas.slots() as u64 * slot_bytes);
+            assert!(stored.atlas.slots() * 10 < plain.atlas.slots() * 8, "{stored:?} {plain:?}");
         }
     }
 

@@ -48,13 +48,17 @@ fn medium_of(frame: &FrameSettings) -> Medium {
     };
     // Without light a gradient is asked for by nothing: no variant of its own for each.
     let is_lit = light != Light::Unlit || surfaces != Surfaces::None;
-    let is_sobel = is_lit && frame.lighting.gradient == Gradient::Sobel;
+    let gradient = match frame.lighting.gradient {
+        Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
+        Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
+        _ => brickyard_shaders::Gradient::Central,
+    };
     if surfaces == Surfaces::Alone {
         // Nor a method without fog.
-        return Medium { light, is_sobel, surfaces, ..Medium::PLAIN };
+        return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
     let (parts, is_pre_integrated) = (method.parts(0.0) as u32, method.is_pre_integrated());
-    Medium { curve, parts, is_pre_integrated, light, is_sobel, surfaces }
+    Medium { curve, parts, is_pre_integrated, light, gradient, surfaces }
 }
 
 /// The march that a frame needs.
@@ -127,7 +131,8 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    pub(crate) fn new(gpu: &Gpu, compositor: Compositor) -> Self {
+    /// Those of one volume, with stored gradients or without.
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, has_gradients: bool) -> Self {
         let fragment = ShaderStages::FRAGMENT;
         let mut march = vec![
             (0, ShaderStages::VERTEX_FRAGMENT, storage()),
@@ -135,6 +140,7 @@ impl Layouts {
             (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             (4, fragment, storage()),
         ];
+        march.extend(has_gradients.then_some((10, fragment, texture(TextureViewDimension::D3, true))));
         match compositor {
             Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage())),
             Compositor::Raycast => {

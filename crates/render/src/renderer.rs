@@ -125,6 +125,7 @@ impl Recipe {
             codes: self.encoding.format,
             has_integrals: self.needs.is_pre_integrated,
             slot_edge: self.edge + 2 * self.needs.apron,
+            gradients: self.needs.gradients(self.edge),
             budget_bytes: self.budget_bytes,
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
@@ -184,9 +185,10 @@ impl GpuRenderer {
 
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
         let codes = recipe.encoding.format;
-        let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes))?;
+        let gradients = recipe.needs.gradients(recipe.edge);
+        let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes), gradients)?;
         let shared = SharedBuffers::new(&gpu, 1, table::bytes(codes, recipe.needs.is_pre_integrated))?;
-        let layouts = Layouts::new(&gpu, recipe.options.compositor);
+        let layouts = Layouts::new(&gpu, recipe.options.compositor, gradients.layers > 0);
         let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
             Some(plan) => March::Raycast(Raycast::new(&gpu, &layouts.march, &shared, &atlas, plan)?),
@@ -277,8 +279,8 @@ impl GpuRenderer {
         &self.gpu.report
     }
 
-    /// Puts a padded brick's codes (little-endian, x fastest) into a slot. Returns before they are there; later frames see
-    /// them.
+    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a slot. Returns before they are
+    /// there; later frames see them.
     ///
     /// # Errors
     /// If the codes are not a padded brick, there is no such slot, or the device fails.
@@ -318,6 +320,9 @@ impl GpuRenderer {
         self.prepare(&variant, frame)?;
         let mask_at = table::mask_at(frame.encoding.format, self.recipe.needs.is_pre_integrated);
         let mut uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit, mask_at);
+        let gradients = self.atlas.nodes;
+        uniform.gradient_edge = gradients.along() as f32;
+        uniform.first_gradient = self.recipe.needs.apron as f32 + gradients.first();
         if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
             uniform.mesh_far = meshes.far(frame) as f32;
         }

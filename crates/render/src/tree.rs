@@ -204,7 +204,7 @@ mod tests {
         for (pyramid, level) in [(own, Level(2)), (Pyramid::from_levels(&levels, 8), Level(2))] {
             let list = list(&pyramid, level);
             let ranges = vec![[1, 9]; list.cells.len()];
-            let atlas = AtlasPlan::new(10, 1, 1 << 30, 2048, list.cells.len() as u32).unwrap();
+            let atlas = AtlasPlan::new(10, 1000, 1 << 30, 2048, list.cells.len() as u32).unwrap();
             let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 1, ranges: &ranges };
             let opaque = table(|_| 1.0);
             let tree = Tree::new(
@@ -263,7 +263,7 @@ mod tests {
         let list = DrawList { cells };
         let none = brickyard_volume::macrocells::NONE;
         let ranges = [[0, 9], [0, 10], [5, 30], [10, 30], [20, 31], [40, 90], none, [15, 15]];
-        let atlas = AtlasPlan::new(10, 1, 1 << 30, 2048, 8).unwrap();
+        let atlas = AtlasPlan::new(10, 1000, 1 << 30, 2048, 8).unwrap();
         let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 4, ranges: &ranges };
         let opaque = table(|i| (10..=30).contains(&i) as u8 as f32);
         let firsts = |mode, has_invalid| {
@@ -289,7 +289,7 @@ mod tests {
         };
         // Far away the one fades in, nearer the other is whole.
         let list = DrawList { cells: vec![entry(1, 1, 0, 20, 64), entry(1, 0, 1, 0, 20), entry(0, 0, 2, 0, 64)] };
-        let atlas = AtlasPlan::new(10, 1, 1 << 30, 2048, 3).unwrap();
+        let atlas = AtlasPlan::new(10, 1000, 1 << 30, 2048, 3).unwrap();
         let opaque = table(|_| 1.0);
         // In a maximum projection a brick without values gets no leaf of its own, but keeps its place in a pair.
         for (mode, of_ancestor) in [(Mode::Dvr, [0, 9]), (Mode::Mip, [0, 9]), (Mode::Mip, macrocells::NONE)] {

@@ -8,16 +8,17 @@ use crate::adapter::Gpu;
 use crate::atlas::{Atlas, texel_bytes};
 use crate::error::GpuError;
 use brickyard_pager::Slot;
-use brickyard_volume::SlotFormat;
+use brickyard_volume::gradients::NODE_BYTES;
+use brickyard_volume::{GradientNodes, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Bricks per submission where the budget allows it. Measured best on lavapipe; 64 is half as fast.
 pub(crate) const MAX_BATCH: u64 = 8;
 
-/// Staging bytes of a brick: drivers pad rows to 256 bytes at most.
-pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat) -> u64 {
-    let edge = slot_edge as u64;
-    (edge * texel_bytes(format)).next_multiple_of(256) * edge * edge
+/// Staging bytes of a brick and its gradients: drivers pad rows to 256 bytes at most.
+pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
+    let cube = |edge: u64, bytes: u64| (edge * bytes).next_multiple_of(256) * edge * edge;
+    cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
 }
 
 /// Moves codes into the atlas.
@@ -42,7 +43,7 @@ impl Uploader {
 
     /// Whether these are a padded brick's codes and there is such a slot.
     pub(crate) fn check(&self, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        let expected = (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes();
+        let expected = self.voxel_bytes(atlas) + atlas.nodes.bytes();
         if codes.len() == expected && slot.0 < atlas.plan.slots() {
             return Ok(());
         }
@@ -54,11 +55,15 @@ impl Uploader {
         )))
     }
 
+    fn voxel_bytes(&self, atlas: &Atlas) -> usize {
+        (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes()
+    }
+
     /// Writes a brick that [`Uploader::check`] has passed.
     pub(crate) fn upload(&mut self, gpu: &Gpu, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        let edge = atlas.plan.slot_edge;
-        let texels = convert(codes, self.codes, atlas.format, &mut self.converted);
-        atlas.write(gpu, atlas.plan.origin(slot), edge, texels);
+        let (voxels, gradients) = codes.split_at(self.voxel_bytes(atlas));
+        let texels = convert(voxels, self.codes, atlas.format, &mut self.converted);
+        atlas.write(gpu, slot, texels, gradients);
         self.bytes += codes.len() as u64;
         self.pending += 1;
         if self.pending < self.batch {

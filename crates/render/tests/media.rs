@@ -50,15 +50,22 @@ fn frame(bricks: &Bricks, sampling: Sampling, lighting: Lighting) -> FrameSettin
     FrameSettings { sampling, lighting, ..plain }
 }
 
-fn lightings() -> Vec<Lighting> {
+fn lightings() -> [Lighting; 5] {
     let light = DVec3::new(-30.0, 10.0, 40.0);
     let lit = |model, gradient, lights: &[DVec3]| Lighting { model, gradient, lights: lights.to_vec() };
-    vec![
+    [
         Lighting::default(),
         lit(LightingModel::BlinnPhong, Gradient::Central, &[]),
         lit(LightingModel::Phong, Gradient::Sobel, &[light]),
         lit(LightingModel::Tone, Gradient::Central, &[light, DVec3::new(90.0, 10.0, 40.0)]),
+        lit(LightingModel::BlinnPhong, Gradient::Stored, &[light]),
     ]
+}
+
+/// None, and one of values and one of stored gradients.
+fn few_lightings() -> [Lighting; 3] {
+    let [unlit, central, _, _, stored] = lightings();
+    [unlit, central, stored]
 }
 
 /// One picture of all bricks by both compositors, against the oracle: all pixels but so many.
@@ -83,7 +90,7 @@ fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
 
 /// The bricks that these frames need at most, with the frames.
 fn all_frames(filter: Filter, make: impl Fn(Needs) -> Bricks, lightings: &[Lighting]) -> (Bricks, Vec<FrameSettings>) {
-    let bricks = make(Needs { apron: 4, filter, is_pre_integrated: true, meshes: MeshRoom::NONE });
+    let bricks = make(Needs { apron: 4, gradient_layers: 2, filter, is_pre_integrated: true, meshes: MeshRoom::NONE });
     let methods = Method::ALL.iter().map(|&method| Sampling { method, filter, ..Sampling::default() });
     let looks = methods.flat_map(|sampling| lightings.iter().map(move |lighting| (sampling, lighting.clone())));
     let frames = looks.map(|(sampling, lighting)| frame(&bricks, sampling, lighting)).collect();
@@ -102,7 +109,7 @@ fn every_method_and_lighting_matches_the_oracle() {
 fn every_method_matches_the_oracle_with_splines() {
     let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
     let make = |needs| bricks([35, 29, 37], 16, encoding, needs, waves);
-    let (bricks, mut frames) = all_frames(Filter::Tricubic, make, &lightings()[..2]);
+    let (bricks, mut frames) = all_frames(Filter::Tricubic, make, &few_lightings());
     for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
         frames.push(FrameSettings { mode, ..frames[0].clone() });
     }
@@ -118,7 +125,7 @@ fn every_method_matches_the_oracle_with_invalid_voxels_in_wide_codes() {
     };
     for filter in Filter::ALL {
         let make = |needs| bricks([35, 29, 37], 16, encoding, needs, value);
-        let (bricks, frames) = all_frames(filter, make, &lightings()[..2]);
+        let (bricks, frames) = all_frames(filter, make, &few_lightings());
         // A place has a value if half of the weight is valid: where it is just half, rounding decides.
         agree(&bricks, &frames, 1);
     }
@@ -135,8 +142,9 @@ fn bricks_of_other_sizes_show_the_same() {
         (Method::Plvs, Filter::Tricubic),
     ] {
         let sampling = Sampling { method, filter, ..Sampling::default() };
-        for lighting in [Lighting::default(), lightings().swap_remove(2)] {
-            for edge in [8, 64] {
+        let [unlit, _, sobel, _, stored] = lightings();
+        for lighting in [unlit, sobel, stored] {
+            for edge in [8, 32, 64] {
                 let needs = Needs::new(Mode::Dvr, sampling, &lighting, false);
                 let bricks = bricks([35, 29, 37], edge, encoding, needs, waves);
                 agree(&bricks, &[frame(&bricks, sampling, lighting.clone())], 0);
@@ -158,7 +166,7 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
         [(whole, Filter::Trilinear, &[16, 64][..]), (wide, Filter::Trilinear, &[16]), (whole, Filter::Tricubic, &[16])]
     {
         for &edge in edges {
-            let needs = Needs { apron: 4, filter, is_pre_integrated: true, meshes: MeshRoom::NONE };
+            let needs = Needs { apron: 4, gradient_layers: 1, filter, is_pre_integrated: true, meshes: MeshRoom::NONE };
             let value = |voxel: [u32; 3]| if encoding.has_invalid { hole(voxel) } else { waves(voxel) };
             let bricks = bricks([35, 29, 37], edge, encoding, needs, value);
             let at = |code: f64| encoding.low + code / 255.0 * (encoding.high - encoding.low);
@@ -174,6 +182,8 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
                 (Mode::Dvr, Method::Plvs, &lit[1]),
                 (Mode::Dvr, Method::Pcvs, &lit[0]),
                 (Mode::Dvr, Method::Asm, &lit[3]),
+                (Mode::Isosurface, Method::Udvr, &lit[4]),
+                (Mode::Dvr, Method::Udvr, &lit[4]),
             ]
             .into_iter()
             .map(|(mode, method, lighting)| {
@@ -196,14 +206,20 @@ fn surface_of(mode: Mode) -> Vec<Surface> {
 #[test]
 fn jittered_pictures_match_the_oracle() {
     let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
-    let needs = Needs { apron: 4, filter: Filter::Trilinear, is_pre_integrated: true, meshes: MeshRoom::NONE };
+    let needs = Needs {
+        apron: 4,
+        gradient_layers: 0,
+        filter: Filter::Trilinear,
+        is_pre_integrated: true,
+        meshes: MeshRoom::NONE,
+    };
     for needs in [needs, Needs { is_pre_integrated: false, ..needs }] {
         let bricks = bricks([35, 29, 37], 16, encoding, needs, waves);
         let mut frames = Vec::new();
         for jitter in [Jitter::White(0), Jitter::White(99), Jitter::Blue] {
             let method = if needs.is_pre_integrated { Method::Plvs } else { Method::Asm };
             let sampling = |method| Sampling { method, jitter, ..Sampling::default() };
-            frames.push(frame(&bricks, sampling(method), lightings().swap_remove(2)));
+            frames.push(frame(&bricks, sampling(method), lightings()[2].clone()));
             for mode in Mode::ALL {
                 let frame = frame(&bricks, sampling(Method::Udvr), Lighting::default());
                 frames.push(FrameSettings { mode, surfaces: surface_of(mode), ..frame.clone() });

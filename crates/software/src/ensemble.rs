@@ -163,7 +163,7 @@ impl<'a> Part<'a> {
         let is_plain = settings.mode == Mode::Dvr && is_bare && is_udvr && !is_lit;
         assert!(is_plain, "several volumes are sampled plainly and unlit");
         let brick = |slot: Slot| slots.brick(slot);
-        let frame = Frame::new(settings, layer.pyramid, layer.draw, options.needs.apron, brick);
+        let frame = Frame::new(settings, layer.pyramid, layer.draw, &options.needs, brick);
         let gather = match (options.encoding.format, options.encoding.has_invalid) {
             (SlotFormat::U8, false) => for_machine::<Code8, false>(),
             (SlotFormat::U8, true) => for_machine::<Code8, true>(),
@@ -403,7 +403,7 @@ fn gather<C: Code, U: Unit, const INVALID: bool>(
     if cell.mask.coverage() == Coverage::Some {
         stretch.look::<Dvr>(cell, Vec4::ZERO, &mut [0; LANES]);
     }
-    let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
     let (entries, filter) = (Entries::of(frame), frame.settings.sampling.filter);
     let mut seen = stretch.seen;
     while let Some(segments) = stretch.next_seen(&mut seen) {

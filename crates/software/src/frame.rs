@@ -11,7 +11,8 @@ use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    FrameSettings, Geometry, Integrals, Lighting, Mode, Placement, Pyramid, ViewRays, VoxelBox, surface,
+    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, Placement, Pyramid, ViewRays, VoxelBox,
+    surface,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -34,6 +35,8 @@ pub(crate) struct Frame<'a> {
     /// Voxels along a core's edge, and around it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
+    /// The gradients stored with each.
+    pub(crate) gradients: GradientNodes,
     /// Table positions from one code to the next.
     pub(crate) positions_per_code: f32,
     /// Unit distances of a world unit.
@@ -81,9 +84,28 @@ pub(crate) struct Cell<'a> {
 /// A brick in a slot.
 #[derive(Debug)]
 pub(crate) struct Resident {
-    /// The padded brick.
-    pub(crate) codes: Arc<[u8]>,
+    /// The padded brick: voxels, and gradients behind them.
+    codes: Arc<[u8]>,
+    voxel_bytes: usize,
     pub(crate) cells: MacroCells,
+}
+
+impl Resident {
+    /// Those of a padded brick whose voxels take so much of it, with its macro-cells.
+    pub(crate) fn new(codes: Arc<[u8]>, voxel_bytes: usize, cells: MacroCells) -> Self {
+        assert!(voxel_bytes <= codes.len(), "not a padded brick");
+        Self { codes, voxel_bytes, cells }
+    }
+
+    /// Codes.
+    pub(crate) fn voxels(&self) -> &[u8] {
+        &self.codes[..self.voxel_bytes]
+    }
+
+    /// Nodes of stored gradients; none where there are none.
+    pub(crate) fn gradients(&self) -> &[u8] {
+        &self.codes[self.voxel_bytes..]
+    }
 }
 
 /// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
@@ -100,9 +122,10 @@ impl<'a> Frame<'a> {
         settings: &'a FrameSettings,
         pyramid: &Pyramid,
         list: &DrawList,
-        apron: u32,
+        needs: &Needs,
         brick: impl Fn(Slot) -> &'a Resident + Sync,
     ) -> Self {
+        let (edge, apron) = (pyramid.edge(), needs.apron);
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let (shown_low, shown_high) = settings.shown_box(pyramid.levels()[0].extent);
@@ -133,8 +156,9 @@ impl<'a> Frame<'a> {
             shown_low,
             shown_high,
             cells,
-            edge: pyramid.edge(),
+            edge,
             apron,
+            gradients: needs.gradients(edge),
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,

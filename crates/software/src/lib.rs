@@ -23,6 +23,7 @@ mod blend;
 mod cubic;
 mod ensemble;
 mod frame;
+mod gradients;
 mod layers;
 mod macrocells;
 mod medium;

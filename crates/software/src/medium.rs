@@ -7,6 +7,7 @@
 
 use crate::blend::{Blend, Entries, FAINTEST};
 use crate::frame::{Cell, Frame};
+use crate::gradients::Gradients;
 use crate::layers::{NO_RANK, Pieces};
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::ray::Ray;
@@ -367,14 +368,18 @@ impl<'a> Path<'a> {
     /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.
     #[inline(always)]
     fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
-        let along = along.max(self.low).min(self.high);
-        let centre: [f32; 3] = std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a]);
-        let mut differences = Vec3::ZERO;
-        // The 27 places about the centre, the centre itself among them, in four packets; or the six nearest in one.
         let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
+            // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
             Gradient::Central => (false, 6),
             Gradient::Sobel => (true, 27),
+            Gradient::Stored => {
+                let March { frame, cell, .. } = self.march;
+                let gradients = Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron);
+                return gradients.at(self.slot_place(along)) * C::MAX as f32;
+            }
         };
+        let centre = self.slot_place(along);
+        let mut differences = Vec3::ZERO;
         for first in (0..places).step_by(LANES) {
             let offsets: [[f32; 3]; LANES] =
                 std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
@@ -386,6 +391,13 @@ impl<'a> Path<'a> {
             }
         }
         differences
+    }
+
+    /// Where a place, or the nearest one that can be sampled, is in its slot.
+    #[inline(always)]
+    fn slot_place(&self, along: f32) -> [f32; 3] {
+        let along = along.max(self.low).min(self.high);
+        std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
     }
 
     /// Codes at offsets in voxels from a slot coordinate.

@@ -111,8 +111,8 @@ impl SoftwareRenderer {
         self.fixed_bytes + self.slots() as u64 * bytes_per_slot(&self.options)
     }
 
-    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest. Nothing is copied; the codes
-    /// are read once, for the macro-cells.
+    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients behind them if
+    /// pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
     ///
     /// # Panics
     /// If there is no such slot or the length is not a padded brick's.
@@ -140,7 +140,7 @@ impl SoftwareRenderer {
         }
         let tiles: Vec<Tile> = tile::tiles(width, height).collect();
         let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
-            let mut frame = Frame::new(settings, pyramid, list, needs.apron, |slot| self.slots.brick(slot));
+            let mut frame = Frame::new(settings, pyramid, list, &needs, |slot| self.slots.brick(slot));
             frame.meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
             let draw = tile::for_frame(&frame);
             (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
@@ -177,11 +177,12 @@ impl Slots {
     pub(crate) fn upload(&mut self, options: &SoftwareOptions, slot: Slot, codes: Arc<[u8]>) {
         assert_eq!(codes.len() as u64, slot_bytes(options), "not a padded brick");
         let SoftwareOptions { encoding, edge, needs, leaps, .. } = *options;
+        let voxels = &codes[..voxel_bytes(options) as usize];
         let cells = match leaps {
-            true => MacroCells::new(&codes, encoding.format, encoding.has_invalid, edge as usize, needs),
+            true => MacroCells::new(voxels, encoding.format, encoding.has_invalid, edge as usize, needs),
             false => MacroCells::of_anything(encoding.format, edge as usize),
         };
-        self.0[slot.0 as usize] = Some(Resident { codes, cells });
+        self.0[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes(options) as usize, cells));
     }
 
     pub(crate) fn brick(&self, slot: Slot) -> &Resident {
@@ -195,8 +196,12 @@ pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, SoftwareError> {
     pool.build().map_err(|source| SoftwareError::Threads { threads, source })
 }
 
-fn slot_bytes(options: &SoftwareOptions) -> u64 {
+fn voxel_bytes(options: &SoftwareOptions) -> u64 {
     (options.edge as u64 + 2 * options.needs.apron as u64).pow(3) * options.encoding.format.bytes() as u64
+}
+
+fn slot_bytes(options: &SoftwareOptions) -> u64 {
+    voxel_bytes(options) + options.needs.gradients(options.edge).bytes() as u64
 }
 
 /// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or
@@ -231,7 +236,13 @@ mod tests {
         SoftwareOptions {
             encoding,
             edge: 32,
-            needs: Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE },
+            needs: Needs {
+                apron: 1,
+                gradient_layers: 0,
+                filter: Filter::Trilinear,
+                is_pre_integrated: false,
+                meshes: MeshRoom::NONE,
+            },
             memory_bytes,
             max_picture_px: [640, 481],
             threads: 2,

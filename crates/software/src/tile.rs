@@ -255,7 +255,7 @@ impl Queue {
                 stretch.look::<B>(cell, ray.sum, &mut self.boxes);
             }
         }
-        let brick = Brick::new::<C>(&cell.brick.codes, frame.edge + 2 * frame.apron);
+        let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
         let march = March { frame, cell, brick };
         let mut ended = 0;
         for stretch in stretches {
@@ -543,14 +543,14 @@ mod tests {
             if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
         };
         let needs = settings.needs();
-        let (apron, padded) = (needs.apron, 16 + 2 * needs.apron as usize);
+        let padded = 16 + 2 * needs.apron as usize;
         let codes: std::sync::Arc<[u8]> = (0..padded.pow(3) * C::BYTES).map(noise).collect();
         let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
-        let resident = Resident { codes, cells };
+        let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);
         let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0) };
-        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, apron, |_| &resident);
+        let frame = Frame::new(&settings, &pyramid, &DrawList { cells: vec![cell] }, &needs, |_| &resident);
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
         let picture = draw::<C, B, Portable, INVALID>(&frame, &tile);
         assert!(picture.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");

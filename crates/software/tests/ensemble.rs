@@ -125,7 +125,7 @@ fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combina
     let loaded: Vec<(Vec<_>, DrawList)> = members
         .iter()
         .zip(frames)
-        .map(|(member, frame)| member.volume.bricks(&cut(member, &frame.settings.rays), frame.settings.needs().apron))
+        .map(|(member, frame)| member.volume.bricks(&cut(member, &frame.settings.rays), &frame.settings.needs()))
         .collect();
     let needs = |(member, frame): (&Member, &VolumeFrame)| VolumeNeeds {
         encoding: member.volume.encoding,
@@ -208,7 +208,13 @@ fn budgets_are_shared_and_hard() {
             encoding: member.volume.encoding,
             edge: member.volume.pyramid.edge(),
             levels: member.volume.pyramid.levels().len() as u32,
-            bricks: Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE },
+            bricks: Needs {
+                apron: 1,
+                gradient_layers: 0,
+                filter: Filter::Trilinear,
+                is_pre_integrated: false,
+                meshes: MeshRoom::NONE,
+            },
             least_slots: 2,
             most_slots: member.volume.pyramid.brick_count() as u32,
         })

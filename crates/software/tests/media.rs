@@ -73,8 +73,9 @@ fn agree(volume: &Volume, frame: &FrameSettings, expected: &mut Option<Picture>,
     assert!(colors.len() > 60, "{what}: a flat picture proves nothing");
 }
 
-fn volumes(encoding: SlotEncoding, value: impl Fn(DVec3) -> f64) -> [Volume; 3] {
-    [8, 16, 64].map(|edge| Volume::new(Extent::new(41, 37, 45), DVec3::ONE, edge, encoding, &value))
+/// In bricks of several sizes, the last of which holds all of it.
+fn volumes(encoding: SlotEncoding, value: impl Fn(DVec3) -> f64) -> [Volume; 4] {
+    [16, 32, 64, 128].map(|edge| Volume::new(Extent::new(70, 37, 45), DVec3::ONE, edge, encoding, &value))
 }
 
 #[test]
@@ -102,8 +103,10 @@ fn invalid_voxels_and_wide_codes_match_the_oracle() {
     let hole = |p: DVec3| (p - DVec3::new(20.0, 15.0, 22.0)).length() < 7.0;
     let volumes = volumes(encoding, |p| if hole(p) { f64::NAN } else { -1.0 + 4.0 * blobs(p) });
     let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
+    let stored = Lighting { gradient: Gradient::Stored, ..lit.clone() };
+    let (linear, cubic) = (Filter::Trilinear, Filter::Tricubic);
     for method in Method::ALL {
-        for (filter, lighting) in [(Filter::Trilinear, Lighting::default()), (Filter::Tricubic, lit.clone())] {
+        for (filter, lighting) in [(linear, Lighting::default()), (cubic, lit.clone()), (linear, stored.clone())] {
             let sampling = Sampling { method, filter, ..Sampling::default() };
             let frame = frame(&volumes[0], sampling, lighting, 0.8);
             let mut expected = None;

@@ -1,5 +1,5 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, surfaces, meshes, expressions, several
+//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, gradients, surfaces, meshes, expressions, several
 //! volumes and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
@@ -13,8 +13,10 @@ pub mod camera;
 pub mod clip;
 pub mod code;
 pub mod combination;
+mod every;
 pub mod expression;
 pub mod geometry;
+pub mod gradients;
 pub mod integrals;
 pub mod jitter;
 pub mod lattice;
@@ -42,6 +44,7 @@ pub use code::{SlotEncoding, SlotFormat};
 pub use combination::Combination;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
 pub use geometry::Geometry;
+pub use gradients::{GradientNodes, PaddedCodes};
 pub use integrals::{Integrals, Medium};
 pub use jitter::Jitter;
 pub use lattice::{Lattice, Segment};

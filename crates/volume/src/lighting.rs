@@ -2,6 +2,7 @@
 //!
 //! Both sides of a surface are lit: a normal is turned to the eye. Colours are as they are written, without gamma.
 
+use crate::every::every;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -21,10 +22,7 @@ pub enum LightingModel {
     Tone,
 }
 
-impl LightingModel {
-    /// All models.
-    pub const ALL: [LightingModel; 4] = [Self::None, Self::Phong, Self::BlinnPhong, Self::Tone];
-}
+every!(LightingModel: None Phong BlinnPhong Tone);
 
 /// How the field's gradient is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -35,14 +33,20 @@ pub enum Gradient {
     Central,
     /// The 3D Sobel operator on the filtered field's 26 neighbours: such differences, smoothed across.
     Sobel,
+    /// One kept for every eight voxels and interpolated, whatever the filter: see [`gradients`](crate::gradients).
+    Stored,
 }
 
-impl Gradient {
-    /// Both.
-    pub const ALL: [Gradient; 2] = [Self::Central, Self::Sobel];
+every!(Gradient: Central Sobel Stored);
 
-    /// How far they reach, in voxels.
-    pub const REACH: f64 = 1.0;
+impl Gradient {
+    /// How far outside of a place the field is read for one, in voxels; `None` if it is not.
+    pub const fn reach(self) -> Option<f64> {
+        match self {
+            Self::Central | Self::Sobel => Some(1.0),
+            Self::Stored => None,
+        }
+    }
 }
 
 /// Weights of the Sobel operator across the axis of its difference; they add up to 1.

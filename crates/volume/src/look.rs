@@ -6,6 +6,7 @@
 //! distance, and hides nothing. Along a segment all of them are spread evenly, so what glows is dimmed by what mixes in the
 //! same segment: the picture of media that do not change is the same for every step.
 
+use crate::every::every;
 use crate::integrals;
 use crate::picture::FrameSettings;
 use crate::placement::Placement;
@@ -23,6 +24,8 @@ pub enum Blend {
     /// Its colour is added, and it hides nothing.
     Add,
 }
+
+every!(Blend: Mix Add);
 
 /// How one of several volumes looks. Distances are of the volume's own world: what its store says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -217,8 +217,13 @@ mod tests {
     use crate::mesh::MeshRoom;
     use crate::sampling::Filter;
 
-    const NEEDS: Needs =
-        Needs { apron: 1, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
+    const NEEDS: Needs = Needs {
+        apron: 1,
+        gradient_layers: 0,
+        filter: Filter::Trilinear,
+        is_pre_integrated: false,
+        meshes: MeshRoom::NONE,
+    };
 
     #[test]
     fn ranges_hold_the_valid_codes() {

@@ -9,8 +9,10 @@
 //! Every place is read in the brick that owns the segment. So [`Needs::apron`] says how far methods reach out of it; steps
 //! longer than a voxel reach further, and read what is nearest in the brick.
 
+use crate::every::every;
+use crate::gradients::GradientNodes;
 use crate::jitter::Jitter;
-use crate::lighting::{Gradient, Lighting, LightingModel};
+use crate::lighting::{Lighting, LightingModel};
 use crate::mesh::MeshRoom;
 use crate::scene::Mode;
 use serde::{Deserialize, Serialize};
@@ -61,10 +63,9 @@ pub enum Curve {
     Field,
 }
 
-impl Method {
-    /// All methods.
-    pub const ALL: [Method; 7] = [Self::Udvr, Self::Pdvr, Self::Lvs, Self::Cvs, Self::Asm, Self::Plvs, Self::Pcvs];
+every!(Method: Udvr Pdvr Lvs Cvs Asm Plvs Pcvs);
 
+impl Method {
     /// What it takes for the field.
     pub const fn curve(self) -> Curve {
         match self {
@@ -110,10 +111,9 @@ pub enum Filter {
     Tricubic,
 }
 
-impl Filter {
-    /// Both.
-    pub const ALL: [Filter; 2] = [Self::Trilinear, Self::Tricubic];
+every!(Filter: Trilinear Tricubic);
 
+impl Filter {
     /// Voxels on each side of a place that it takes.
     pub const fn taps(self) -> u32 {
         match self {
@@ -164,6 +164,8 @@ pub struct Sampling {
 pub struct Needs {
     /// Voxels of its neighbours around a brick.
     pub apron: u32,
+    /// Layers of stored gradients outside of it: see [`GradientNodes`]; 0 if there are none at all.
+    pub gradient_layers: u32,
     /// How the field is made of voxels: decides what values a part of a brick can have.
     pub filter: Filter,
     /// Whether running integrals of the transfer function are among the tables.
@@ -184,20 +186,31 @@ impl Needs {
         };
         let is_fog_lit = mode == Mode::Dvr && lighting.model != LightingModel::None;
         let is_lit = mode == Mode::Isosurface || has_surfaces || is_fog_lit;
-        let across = if is_lit { Gradient::REACH } else { 0.0 };
+        let (across, gradient_layers) = match lighting.gradient.reach() {
+            Some(across) if is_lit => (across, 0),
+            None if is_lit => (0.0, GradientNodes::layers(along)),
+            _ => (0.0, 0),
+        };
         let is_pre_integrated = mode == Mode::Dvr && sampling.method.is_pre_integrated();
         Self {
-            apron: (along + across + filter.reach()).ceil() as u32,
+            apron: ((along + across + filter.reach()).ceil() as u32).max(2 * gradient_layers),
+            gradient_layers,
             filter,
             is_pre_integrated,
             meshes: MeshRoom::NONE,
         }
     }
 
+    /// The gradients stored with a brick of so many voxels along its edge.
+    pub const fn gradients(&self, edge: u32) -> GradientNodes {
+        GradientNodes { edge, layers: self.gradient_layers }
+    }
+
     /// Whether bricks made for these will do for those.
     pub fn satisfy(&self, other: &Self) -> bool {
         let has_tables = self.is_pre_integrated || !other.is_pre_integrated;
         self.apron >= other.apron
+            && self.gradient_layers >= other.gradient_layers
             && self.filter.taps() >= other.filter.taps()
             && has_tables
             && self.meshes.holds(&other.meshes)
@@ -207,6 +220,7 @@ impl Needs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lighting::Gradient;
 
     #[test]
     fn splines_weigh_one_in_all_and_move_with_the_place() {
@@ -244,6 +258,16 @@ mod tests {
         assert_eq!(apron(Mode::Dvr, Method::Pcvs, linear, &none), 2);
         assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), MAX_REACH);
         assert_eq!(Needs::new(Mode::Dvr, Sampling::default(), &none, true).apron, 2);
+        let stored = Lighting { gradient: Gradient::Stored, ..lit };
+        let needs = |method, filter, lighting: &Lighting| {
+            let needs = Needs::new(Mode::Dvr, Sampling { method, filter, ..Sampling::default() }, lighting, false);
+            (needs.apron, needs.gradient_layers)
+        };
+        assert_eq!(needs(Method::Udvr, linear, &stored), (2, 1));
+        assert_eq!(needs(Method::Plvs, cubic, &stored), (2, 1));
+        assert_eq!(needs(Method::Pcvs, cubic, &stored), (MAX_REACH, 2));
+        let unlit = Lighting { model: LightingModel::None, ..stored };
+        assert_eq!(needs(Method::Udvr, linear, &unlit), (1, 0), "of nothing that is lit there are no gradients");
     }
 
     #[test]

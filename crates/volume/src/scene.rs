@@ -2,6 +2,7 @@
 
 use crate::camera::{Camera, ViewRays};
 use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
+use crate::every::every;
 use crate::geometry::Geometry;
 use crate::lighting::Lighting;
 use crate::look::VolumeLook;
@@ -32,10 +33,7 @@ pub enum Mode {
     Isosurface,
 }
 
-impl Mode {
-    /// All modes.
-    pub const ALL: [Mode; 5] = [Self::Dvr, Self::Mip, Self::MinIp, Self::Average, Self::Isosurface];
-}
+every!(Mode: Dvr Mip MinIp Average Isosurface);
 
 /// Which level a view wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

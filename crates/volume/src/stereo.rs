@@ -14,6 +14,7 @@
 //! sides; it is not squeezed.
 
 use crate::camera::{Camera, CameraError, ViewRays};
+use crate::every::every;
 use crate::picture::Picture;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +35,8 @@ pub enum StereoLayout {
     /// Rows 0, 2, 4... from the top are the left eye's, the others the right eye's.
     Interlaced,
 }
+
+every!(StereoLayout: SideBySide TopBottom Anaglyph Interlaced);
 
 /// Two eyes instead of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

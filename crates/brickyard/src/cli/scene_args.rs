@@ -132,6 +132,8 @@ enum GradientArgument {
     Central,
     /// The 3D Sobel operator on 26 samples
     Sobel,
+    /// Kept beside each brick, one for eight voxels: fewer samples, more memory, coarser normals
+    Stored,
 }
 
 impl From<GradientArgument> for Gradient {
@@ -139,6 +141,7 @@ impl From<GradientArgument> for Gradient {
         match gradient {
             GradientArgument::Central => Self::Central,
             GradientArgument::Sobel => Self::Sobel,
+            GradientArgument::Stored => Self::Stored,
         }
     }
 }
@@ -399,4 +402,25 @@ fn scene_file(path: &Path) -> Result<Scene, Failure> {
 
 fn read_text(path: &Path) -> Result<String, Failure> {
     std::fs::read_to_string(path).map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
+    use brickyard::volume::{Filter, LightingModel, Method};
+
+    fn all<A: ValueEnum + Copy, T: From<A>>() -> Vec<T> {
+        A::value_variants().iter().map(|&argument| argument.into()).collect()
+    }
+
+    #[test]
+    fn flags_name_everything_there_is() {
+        assert_eq!(all::<ModeArgument, Mode>(), Mode::ALL);
+        assert_eq!(all::<MethodArgument, Method>(), Method::ALL);
+        assert_eq!(all::<FilterArgument, Filter>(), Filter::ALL);
+        assert_eq!(all::<LightingArgument, LightingModel>(), LightingModel::ALL);
+        assert_eq!(all::<GradientArgument, Gradient>(), Gradient::ALL);
+        assert_eq!(all::<StereoArgument, StereoLayout>(), StereoLayout::ALL);
+    }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 /// Enough for every mode.
 pub(crate) const NEEDS: Needs =
-    Needs { apron: 2, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
+    Needs { apron: 2, gradient_layers: 0, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
@@ -51,6 +51,7 @@ impl Bricks {
         Self { pyramid, geometry, encoding, levels, codes, needs: NEEDS }
     }
 
+    /// A brick with its apron, and its gradients if there are to be some.
     pub(crate) fn padded(&self, id: BrickId) -> Vec<u8> {
         let (edge, apron, level) = (self.pyramid.edge(), self.needs.apron, id.level.index());
         let (n, index) = (self.levels[level].extent.to_array(), id.index.to_array());
@@ -65,6 +66,15 @@ impl Bricks {
                     bytes.extend_from_slice(&code[..self.encoding.format.bytes()]);
                 }
             }
+        }
+        let gradients = self.needs.gradients(edge);
+        if gradients.layers > 0 {
+            let first = index.map(|i| (i * edge) as i64);
+            let inside = std::array::from_fn(|a| -first[a]..n[a] as i64 - first[a]);
+            let SlotEncoding { format, has_invalid, .. } = self.encoding;
+            let mut nodes = vec![0; gradients.bytes()];
+            gradients.fill(PaddedCodes { codes: &bytes, format, has_invalid, apron }, &inside, &mut nodes);
+            bytes.extend(nodes);
         }
         bytes
     }

@@ -54,8 +54,9 @@ impl Volume {
         Self { pyramid, encoding, levels, codes }
     }
 
-    /// A brick with its apron, the volume's faces replicated.
-    fn padded(&self, level: Level, index: BrickIndex, apron: u32) -> Arc<[u8]> {
+    /// A brick with its apron, the volume's faces replicated, and its gradients if there are to be some.
+    fn padded(&self, level: Level, index: BrickIndex, needs: &Needs) -> Arc<[u8]> {
+        let apron = needs.apron;
         let (edge, extent) = (self.pyramid.edge() as i64, self.pyramid.level(level).extent);
         let n = extent.to_array();
         let index = index.to_array();
@@ -71,6 +72,14 @@ impl Volume {
                     bytes.extend_from_slice(&code.to_le_bytes()[..self.encoding.format.bytes()]);
                 }
             }
+        }
+        let gradients = needs.gradients(edge as u32);
+        if gradients.layers > 0 {
+            let inside = std::array::from_fn(|a| -(index[a] as i64 * edge)..n[a] as i64 - index[a] as i64 * edge);
+            let SlotEncoding { format, has_invalid, .. } = self.encoding;
+            let mut nodes = vec![0; gradients.bytes()];
+            gradients.fill(PaddedCodes { codes: &bytes, format, has_invalid, apron }, &inside, &mut nodes);
+            bytes.extend(nodes);
         }
         bytes.into()
     }
@@ -127,7 +136,7 @@ impl Volume {
             leaps: true,
         })
         .unwrap();
-        let (bricks, list) = self.bricks(cut, frame.needs().apron);
+        let (bricks, list) = self.bricks(cut, &frame.needs());
         for (slot, codes) in bricks.into_iter().enumerate() {
             renderer.upload(Slot(slot as u32), codes);
         }
@@ -135,7 +144,7 @@ impl Volume {
     }
 
     /// The padded bricks of the cut, slot by slot, and its draw list.
-    pub(crate) fn bricks(&self, cut: &[CutCell], apron: u32) -> (Vec<Arc<[u8]>>, DrawList) {
+    pub(crate) fn bricks(&self, cut: &[CutCell], needs: &Needs) -> (Vec<Arc<[u8]>>, DrawList) {
         let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
         bricks.sort();
         bricks.dedup();
@@ -149,7 +158,7 @@ impl Volume {
                 slot: Slot(bricks.binary_search(&brick).unwrap() as u32),
             }
         };
-        let padded = bricks.iter().map(|id| self.padded(id.level, id.index, apron)).collect();
+        let padded = bricks.iter().map(|id| self.padded(id.level, id.index, needs)).collect();
         (padded, DrawList { cells: cut.iter().map(draw).collect() })
     }
 

@@ -1,0 +1,101 @@
+//! Every way to look at a volume by every way to draw it, against the oracle. The lists of modes, methods, filters, lighting models,
+//! gradients and layouts are complete by construction (`every!` of the volume crate), so a new one that a backend, or the oracle,
+//! takes for another fails here until all know it.
+
+use brickyard::volume::{
+    Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, Method, Mode, Projection,
+    Sampling, Scene, Stereo, StereoLayout, TransferFunction,
+};
+use brickyard_tests::{
+    FunctionSource, TestStore, WAYS, assert_same, assert_same_surface, oracle, session_for_scene, settled,
+};
+use glam::DVec3;
+
+const SIZE: (u32, u32) = (56, 44);
+const EXTENT: Extent = Extent::new(44, 37, 50);
+
+fn geometry() -> Geometry {
+    Geometry { spacing: DVec3::new(1.0, 0.9, 1.2), ..Geometry::default() }
+}
+
+/// Waves and a hollow, so that there are empty bricks, thin layers and places where fields bend.
+fn store() -> TestStore {
+    let value = |_, _, [x, y, z]: [u32; 3]| {
+        let [x, y, z] = [x, y, z].map(f64::from);
+        let value = 0.5 + 0.25 * (0.41 * x + 0.13 * y).sin() + 0.24 * (0.33 * y - 0.29 * z).cos();
+        if x + y + z < 45.0 { 0 } else { (value * 255.0) as u8 }
+    };
+    TestStore::pack(&FunctionSource::new(EXTENT, geometry(), value), 16)
+}
+
+fn base() -> Scene {
+    let transfer = TransferFunction {
+        color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
+        opacity: vec![[90.0, 0.0], [120.0, 0.3], [140.0, 0.05], [255.0, 0.4]],
+        unit_distance: 1.0,
+    };
+    let (low, high) = geometry().world_box(EXTENT);
+    let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
+    let projection = Projection::Perspective { fov_y_deg: 36.0 };
+    let camera = Camera { eye: at(2.1, -1.3, 1.6), target: at(0.5, 0.5, 0.5), up: DVec3::Z, projection };
+    Scene { camera: Some(camera), transfer: Some(transfer), background: [0.1, 0.0, 0.2], ..Scene::default() }
+}
+
+/// A scene of a mode.
+fn of_mode(mode: Mode) -> Scene {
+    let isosurfaces = if mode == Mode::Isosurface { vec![Isosurface::at(131.0)] } else { Vec::new() };
+    Scene { mode, isosurfaces, ..base() }
+}
+
+fn lit(model: LightingModel, gradient: Gradient) -> Lighting {
+    let lights = if model == LightingModel::None { Vec::new() } else { vec![DVec3::new(90.0, -40.0, 20.0)] };
+    Lighting { model, gradient, lights }
+}
+
+/// Scenes of which no two look the same, as groups that have one thing each in common.
+fn groups() -> Vec<(&'static str, Vec<Scene>)> {
+    let sampled = |sampling| Scene { sampling, ..base() };
+    let shaded = |lighting| Scene { lighting, ..base() };
+    let plain = Sampling::default();
+    let smooth = |mode| Scene { sampling: Sampling { filter: Filter::Tricubic, ..plain }, ..of_mode(mode) };
+    let filters = Filter::ALL.map(|filter| sampled(Sampling { filter, ..plain }));
+    let models = LightingModel::ALL.map(|model| shaded(lit(model, Gradient::Central)));
+    let gradients = Gradient::ALL.map(|gradient| shaded(lit(LightingModel::BlinnPhong, gradient)));
+    let of_surface = |gradient| Scene { lighting: lit(LightingModel::Phong, gradient), ..of_mode(Mode::Isosurface) };
+    let jitters = [Jitter::None, Jitter::White(3), Jitter::Blue].map(|jitter| sampled(Sampling { jitter, ..plain }));
+    let layouts = StereoLayout::ALL.map(|layout| Scene { stereo: Some(Stereo::new(layout)), ..base() });
+    let surfaces = [(100.0, 1.0), (131.0, 0.4)].map(|(value, opacity)| Isosurface { opacity, ..Isosurface::at(value) });
+    let foggy = [Mode::Dvr, Mode::Isosurface].map(|mode| Scene { mode, isosurfaces: surfaces.to_vec(), ..base() });
+    vec![
+        ("modes", Mode::ALL.map(of_mode).to_vec()),
+        ("modes with splines", Mode::ALL.map(smooth).to_vec()),
+        ("methods", Method::ALL.map(|method| sampled(Sampling { method, ..plain })).to_vec()),
+        ("filters", filters.to_vec()),
+        ("lighting models", models.to_vec()),
+        ("gradients", gradients.to_vec()),
+        ("gradients of a surface", Gradient::ALL.map(of_surface).to_vec()),
+        ("jitter", jitters.to_vec()),
+        ("layouts", layouts.to_vec()),
+        ("surfaces in fog and alone", foggy.to_vec()),
+    ]
+}
+
+#[test]
+fn every_way_to_look_is_the_oracle_s_by_every_way_to_draw() {
+    let test = store();
+    for (name, scenes) in groups() {
+        let expected: Vec<_> = scenes.iter().map(|scene| oracle(&test.store, scene, SIZE)).collect();
+        for (i, picture) in expected.iter().enumerate() {
+            let twin = expected[..i].iter().position(|other| other == picture);
+            assert_eq!(twin, None, "{name}: the oracle draws the {i}th as another");
+        }
+        for way in WAYS {
+            for (i, (scene, expected)) in scenes.iter().zip(&expected).enumerate() {
+                let Some(mut session) = session_for_scene(&test.store, scene, way, SIZE) else { continue };
+                let (picture, _) = settled(&mut session, scene, SIZE);
+                let same = if scene.isosurfaces.is_empty() { assert_same } else { assert_same_surface };
+                same(&picture, expected, &format!("{name}, the {i}th, {way:?}"));
+            }
+        }
+    }
+}
