@@ -58,6 +58,7 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     let shaded = |lighting| Scene { lighting, ..base() };
     let plain = Sampling::default();
     let smooth = |mode| Scene { sampling: Sampling { filter: Filter::Tricubic, ..plain }, ..of_mode(mode) };
+    let counts = [1, 2, 16].map(|virtual_samples| sampled(Sampling { method: Method::Pcvs, virtual_samples, ..plain }));
     let filters = Filter::ALL.map(|filter| sampled(Sampling { filter, ..plain }));
     let models = LightingModel::ALL.map(|model| shaded(lit(model, Gradient::Central)));
     let gradients = Gradient::ALL.map(|gradient| shaded(lit(LightingModel::BlinnPhong, gradient)));
@@ -70,6 +71,7 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
         ("modes", Mode::ALL.map(of_mode).to_vec()),
         ("modes with splines", Mode::ALL.map(smooth).to_vec()),
         ("methods", Method::ALL.map(|method| sampled(Sampling { method, ..plain })).to_vec()),
+        ("virtual samples", counts.to_vec()),
         ("filters", filters.to_vec()),
         ("lighting models", models.to_vec()),
         ("gradients", gradients.to_vec()),

@@ -76,6 +76,8 @@ fn what_cannot_be_measured_is_refused() {
     for (flags, words) in [
         ("-o q --frames 0", "0 is not in 2"),
         ("-o q --frames 1", "1 is not in 2"),
+        ("-o q --virtual-samples 0", "0 is not in 1"),
+        ("-o q --virtual-samples 3,17", "17 is not in 1"),
         ("-o q --samples-per-voxel 0", "positive"),
         ("-o q --samples-per-voxel=-1", "positive"),
         ("-o q --samples-per-voxel 2,1", "rising"),

@@ -18,6 +18,7 @@ ROWS = [
     ("udvr, tricubic", ["--filter", "tricubic"]),
     ("udvr, lit, central", ["--lighting", "blinn-phong"]),
     ("udvr, lit, Sobel", ["--lighting", "blinn-phong", "--gradient", "sobel"]),
+    ("udvr, lit, stored", ["--lighting", "blinn-phong", "--gradient", "stored"]),
     ("udvr, lit, one placed light", ["--lighting", "phong", "--light", "1000,1000,1000"]),
     *[(f"{method}, lit, central", ["--method", method, "--lighting", "blinn-phong"]) for method in ("lvs", "asm", "plvs", "pcvs")],
     ("pcvs, tricubic, lit, central", ["--method", "pcvs", "--filter", "tricubic", "--lighting", "blinn-phong"]),

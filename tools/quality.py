@@ -27,6 +27,7 @@ DATA = {
 }
 SYNTHETIC = ["marschner-lobb", "turbulence"]
 RATES = "0.5,1,2,4"
+VIRTUAL_SAMPLES = "1,2,3,4,6"
 # Maps that are shown: filter, lighting, method; at a sample a voxel.
 SHOWN = [
     ("trilinear", "none", "udvr"),
@@ -53,7 +54,8 @@ def survey(a, name):
     folder = f"{OUT}/{name}"
     os.makedirs(folder, exist_ok=True)
     with open(f"{folder}/printed.md", "w") as printed:
-        flags = ["--size", a.size, "--frames", str(a.frames), "--samples-per-voxel", RATES, "-o", folder, "--overwrite"]
+        flags = ["--size", a.size, "--frames", str(a.frames), "--samples-per-voxel", RATES, "-o", folder, "--overwrite",
+                 "--virtual-samples", VIRTUAL_SAMPLES]
         run([a.brickyard, "quality", store, *scene.split(), *flags], printed)
 
 
@@ -94,9 +96,10 @@ def reached(rows, target_db):
 def costs(names, measured):
     """Samples a voxel, and processor time of a frame, at which each method reaches 40 dB by variance."""
     methods = list(dict.fromkeys(row["method"] for row in measured[names[0]]["rows"]))
+    usual = (None, 3)
     lines = [f"| | {' | '.join(methods)} |", "| --- |" + " --- |" * len(methods)]
     for name in names:
-        rows = measured[name]["rows"]
+        rows = [row for row in measured[name]["rows"] if row["virtual_samples"] in usual]
         for lighting, filter in dict.fromkeys((row["lighting"], row["filter"]) for row in rows):
             cells = []
             for method in methods:

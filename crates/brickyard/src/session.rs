@@ -7,6 +7,7 @@ use brickyard_pager::{
 };
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::lighting::MAX_LIGHTS;
+use brickyard_volume::sampling::MOST_VIRTUAL_SAMPLES;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
@@ -484,6 +485,8 @@ fn check_look(scene: &Scene) -> Result<(), SessionError> {
         format!(
             "the lighting {model:?} is for direct volume rendering and isosurfaces: leave it out, or use --mode dvr"
         )
+    } else if !(1..=MOST_VIRTUAL_SAMPLES).contains(&scene.sampling.virtual_samples) {
+        format!("{} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}", scene.sampling.virtual_samples)
     } else if lights.len() > MAX_LIGHTS {
         format!("{} lights: expected at most {MAX_LIGHTS}", lights.len())
     } else if let Some(light) = lights.iter().find(|light| !light.is_finite()) {

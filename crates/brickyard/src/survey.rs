@@ -14,7 +14,8 @@ use crate::offline::{OfflineError, render_settled};
 use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
 use crate::stats::{Percentiles, RenderStats, ms};
 use brickyard_pager::BrickSource;
-use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Scene};
+use brickyard_volume::sampling::VIRTUAL_SAMPLES;
+use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
 use noise::{ColorSpace, Series, Truth};
 use serde::Serialize;
 use std::sync::Arc;
@@ -31,6 +32,8 @@ pub struct SurveyPlan<'a> {
     pub size_px: (u32, u32),
     /// Sampling methods.
     pub methods: Vec<Method>,
+    /// Virtual samples of a segment, of methods that have some.
+    pub virtual_samples: Vec<u8>,
     /// Filters.
     pub filters: Vec<Filter>,
     /// Lighting models.
@@ -48,6 +51,8 @@ pub struct SurveyPlan<'a> {
 pub struct Row {
     /// How segments become media.
     pub method: Method,
+    /// Virtual samples of a segment, if the method has some.
+    pub virtual_samples: Option<u8>,
     /// How the field is made of voxels.
     pub filter: Filter,
     /// How it is lit.
@@ -64,10 +69,19 @@ pub struct Row {
     pub hsl_db: f64,
     /// The ratio against the truth.
     pub truth_db: f64,
+    /// Share of the pixels that are so far from the truth that it is seen: see [`noise::NOTICED`].
+    pub noticed: f64,
     /// Median time of a frame.
     pub frame_ms: f64,
     /// Least processor time of a frame, all threads together: what curves show, for other work on the machine counts least in it.
     pub cpu_ms: f64,
+}
+
+impl Row {
+    /// Whether it has as many virtual samples as there are unless told otherwise, or none at all.
+    pub fn is_usual(&self) -> bool {
+        self.virtual_samples.is_none_or(|count| count == VIRTUAL_SAMPLES)
+    }
 }
 
 /// A survey that cannot go on.
@@ -109,18 +123,32 @@ pub fn survey<E: From<SurveyError>>(
     let highest = plan.samples_per_voxel.iter().copied().fold(0.0, f64::max);
     for &lighting in &plan.lightings {
         for &filter in &plan.filters {
-            let stage = |method| Stage::new(source, default_window, plan, options, (method, filter, lighting));
-            let truth = stage(Method::Pdvr)?.shoot(highest * TRUTH_RATE)?.series.mean();
-            for &method in &plan.methods {
-                let mut stage = stage(method)?;
+            let stage = |sampling| Stage::new(source, default_window, plan, options, sampling, lighting);
+            let truth = Sampling { method: Method::Pdvr, filter, ..Sampling::default() };
+            let truth = stage(truth)?.shoot(highest * TRUTH_RATE)?.series.mean();
+            for sampling in plan.samplings(filter) {
+                let mut stage = stage(sampling)?;
                 for &rate in &plan.samples_per_voxel {
                     let shots = stage.shoot(rate)?;
-                    found(shots.row(method, filter, lighting, rate, &truth), &shots.series)?;
+                    found(shots.row(sampling, lighting, rate, &truth), &shots.series)?;
                 }
             }
         }
     }
     Ok(())
+}
+
+impl SurveyPlan<'_> {
+    /// All ways to sample with a filter.
+    fn samplings(&self, filter: Filter) -> Vec<Sampling> {
+        let mut all = Vec::new();
+        for &method in &self.methods {
+            let counts = if method.has_virtual_samples() { &self.virtual_samples[..] } else { &[VIRTUAL_SAMPLES] };
+            let with = |&virtual_samples| Sampling { method, virtual_samples, filter, ..Sampling::default() };
+            all.extend(counts.iter().map(with));
+        }
+        all
+    }
 }
 
 /// A session for one way to sample.
@@ -143,10 +171,11 @@ impl<'a> Stage<'a> {
         default_window: (f64, f64),
         plan: &'a SurveyPlan<'a>,
         options: &SessionOptions,
-        (method, filter, lighting): (Method, Filter, LightingModel),
+        sampling: Sampling,
+        lighting: LightingModel,
     ) -> Result<Self, SurveyError> {
         let mut scene = Scene { level: LevelPolicy::Locked(0), ..plan.scene.clone() };
-        (scene.sampling.method, scene.sampling.filter) = (method, filter);
+        scene.sampling = sampling;
         scene.lighting.model = lighting;
         if lighting == LightingModel::None {
             scene.lighting.lights.clear();
@@ -185,10 +214,12 @@ impl<'a> Stage<'a> {
 }
 
 impl Shots {
-    fn row(&self, method: Method, filter: Filter, lighting: LightingModel, rate: f64, truth: &Truth) -> Row {
+    fn row(&self, sampling: Sampling, lighting: LightingModel, rate: f64, truth: &Truth) -> Row {
         let Self { series, frame_ms, cpu_ms } = self;
+        let Sampling { method, virtual_samples, filter, .. } = sampling;
         Row {
             method,
+            virtual_samples: method.has_virtual_samples().then_some(virtual_samples),
             filter,
             lighting,
             samples_per_voxel: rate,
@@ -197,6 +228,7 @@ impl Shots {
             ycbcr_db: series.psnr_db(ColorSpace::YCbCr),
             hsl_db: series.psnr_db(ColorSpace::Hsl),
             truth_db: series.psnr_against_db(truth),
+            noticed: series.noticed(truth),
             frame_ms: Percentiles::of(frame_ms).p50,
             cpu_ms: cpu_ms.iter().copied().fold(f64::INFINITY, f64::min),
         }

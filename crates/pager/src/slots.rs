@@ -1,7 +1,7 @@
 //! The slot table: which brick is in which slot, who may not be evicted, and who goes next.
 //!
-//! *Pinned* bricks stay; bricks *claimed* in the current frame for a tier are evicted for earlier tiers alone; all others go
-//! first, least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so that the
+//! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted for
+//! earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so that the
 //! first brick met from the old end that may not go ends the search, and equal histories give equal tables.
 
 use crate::draw_list::Slot;
@@ -81,8 +81,9 @@ impl SlotTable {
         }
     }
 
-    /// Gives a brick that has none a slot, claimed for this frame; `None` if all slots are pinned, or claimed for this tier or
-    /// earlier ones.
+    /// Gives a brick that has none a slot, claimed for this frame; `None` if all slots are pinned, or claimed for the view, for this tier
+    /// or earlier ones. (Not even what covers a hole takes a slot from what the view shows at its own level: in the next frame what
+    /// has been covered is claimed no more.)
     pub(crate) fn acquire(&mut self, id: BrickId, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&id), "{id} has a slot");
         let (slot, victim) = if self.next < self.count {
@@ -99,7 +100,7 @@ impl SlotTable {
     }
 
     fn victim(&self, tier: Tier) -> Option<BrickId> {
-        let may_go = |entry: &Entry| entry.frame != self.frame || entry.tier > tier;
+        let may_go = |entry: &Entry| entry.frame != self.frame || (entry.tier.is_ahead() && entry.tier > tier);
         let old_first = self.entries.iter().rev();
         let mut may_go = old_first.take_while(|(_, entry)| may_go(entry)).map(|(id, _)| *id);
         may_go.find(|id| self.pinned.binary_search(id).is_err())
@@ -148,6 +149,7 @@ mod tests {
         assert_eq!(evicts(6, Tier::Predicted), Some(3));
         assert_eq!(evicts(7, Tier::Predicted), None, "brick 4 is of the ring, but a predicted one is older");
         assert_eq!(evicts(8, Tier::Visible), Some(2));
+        assert_eq!(evicts(9, Tier::Cover), None, "brick 1 is claimed for the view");
     }
 
     #[test]

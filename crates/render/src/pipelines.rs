@@ -57,7 +57,7 @@ fn medium_of(frame: &FrameSettings) -> Medium {
         // Nor a method without fog.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
-    let (parts, is_pre_integrated) = (method.parts(0.0) as u32, method.is_pre_integrated());
+    let (parts, is_pre_integrated) = (frame.sampling.parts(0.0) as u32, method.is_pre_integrated());
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces }
 }
 

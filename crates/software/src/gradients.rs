@@ -28,17 +28,33 @@ impl<'a> Gradients<'a> {
     /// Differences across two voxels along each axis, as shares of the greatest code, at a slot coordinate.
     #[inline(always)]
     pub(crate) fn at(&self, place: [f32; 3]) -> Vec3 {
-        let (mut node, mut t) = ([0; 3], [0.0; 3]);
-        for a in 0..3 {
+        let (mut first, mut t) = (0, [0.0; 3]);
+        for a in [2, 1, 0] {
             let at = ((place[a] - self.first) * 0.5).clamp(0.0, (self.along - 1) as f32);
-            node[a] = (at as usize).min(self.along - 2);
-            t[a] = at - node[a] as f32;
+            let node = (at as usize).min(self.along - 2);
+            t[a] = at - node as f32;
+            first = first * self.along + node;
         }
-        let row = |y: usize, z: usize| {
-            let first = ((node[2] + z) * self.along + node[1] + y) * self.along + node[0];
-            decode(self.nodes[first]).lerp(decode(self.nodes[first + 1]), t[0])
-        };
-        let plane = |z: usize| row(0, z).lerp(row(1, z), t[1]);
-        plane(0).lerp(plane(1), t[2])
+        let mut corners = [[0; NODE_BYTES]; 8];
+        for i in 0..4 {
+            let line = first + (i / 2 * self.along + i % 2) * self.along;
+            corners[2 * i..2 * i + 2].copy_from_slice(&self.nodes[line..line + 2]);
+        }
+        let corners = decode(corners);
+        let lines = mix::<8, 4>(&corners, t[0]);
+        let planes = mix::<4, 2>(&lines, t[1]);
+        Vec3::from_slice(&mix::<2, 1>(&planes, t[2])[0])
     }
+}
+
+/// Each of neighbouring pairs mixed.
+#[inline(always)]
+fn mix<const N: usize, const HALF: usize>(all: &[[f32; 4]; N], t: f32) -> [[f32; 4]; HALF] {
+    let mut mixed = [[0.0; 4]; HALF];
+    for i in 0..HALF {
+        for k in 0..4 {
+            mixed[i][k] = all[2 * i][k] + t * (all[2 * i + 1][k] - all[2 * i][k]);
+        }
+    }
+    mixed
 }

@@ -230,7 +230,7 @@ impl<'a> Path<'a> {
                 continue;
             };
             let difference = (to - from).abs() as f64 / C::MAX as f64;
-            let parts = self.march.frame.settings.sampling.method.parts(difference);
+            let parts = self.march.frame.settings.sampling.parts(difference);
             let [a, b] = self.ends(segments.start + i as i32);
             let part = (b - a) / parts as f32;
             let mut along = [a; LANES];
@@ -270,11 +270,11 @@ impl<'a> Path<'a> {
         segments: Range<i32>,
         beyond: usize,
     ) -> i32 {
-        let method = self.march.frame.settings.sampling.method;
+        let sampling = &self.march.frame.settings.sampling;
         let count = self.whole(&segments, (LANES - 1 - 2 * beyond) as i32);
         let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, beyond as i32));
         let mut gradients = [None; LANES];
-        let parts = method.parts(0.0);
+        let parts = sampling.parts(0.0);
         for i in 0..count as usize {
             let at = |i: usize| (row.weight[i] > 0.0).then_some(row.code[i] as f64);
             let near = i + beyond;

@@ -20,8 +20,11 @@ use serde::{Deserialize, Serialize};
 /// The widest apron that any picture needs.
 pub const MAX_REACH: u32 = 4;
 
-/// Parts of a segment where there are virtual samples: the paper's optimum.
-pub const PARTS: usize = 3;
+/// Virtual samples of a segment unless a scene says otherwise: the paper's optimum.
+pub const VIRTUAL_SAMPLES: u8 = 3;
+
+/// The most that it can say.
+pub const MOST_VIRTUAL_SAMPLES: u8 = 16;
 
 /// Parts of a segment that [`Method::Asm`] takes, at most.
 pub const MOST_PARTS: usize = 8;
@@ -81,13 +84,9 @@ impl Method {
         matches!(self, Self::Pdvr | Self::Plvs | Self::Pcvs)
     }
 
-    /// Parts of a segment whose ends differ by this share of the codes' range.
-    pub fn parts(self, difference: f64) -> usize {
-        match self {
-            Self::Udvr | Self::Pdvr => 1,
-            Self::Lvs | Self::Cvs | Self::Plvs | Self::Pcvs => PARTS,
-            Self::Asm => ((difference / ADAPTIVE_SHARE).ceil() as usize).clamp(1, MOST_PARTS),
-        }
+    /// Whether its segments have virtual samples.
+    pub const fn has_virtual_samples(self) -> bool {
+        matches!(self, Self::Lvs | Self::Cvs | Self::Plvs | Self::Pcvs)
     }
 
     /// How far from a segment's middle it reads, in segments.
@@ -148,15 +147,35 @@ pub fn catmull_rom([a, b, c, d]: [f64; 4], t: f64) -> f64 {
 }
 
 /// Method, filter and jitter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sampling {
     /// How segments become media.
     pub method: Method,
+    /// Virtual samples of a segment, of methods that have some: 1 to [`MOST_VIRTUAL_SAMPLES`].
+    pub virtual_samples: u8,
     /// How the field is made of voxels.
     pub filter: Filter,
     /// How the segments of rays side by side differ.
     pub jitter: Jitter,
+}
+
+impl Default for Sampling {
+    fn default() -> Self {
+        let (method, filter, jitter) = Default::default();
+        Self { method, virtual_samples: VIRTUAL_SAMPLES, filter, jitter }
+    }
+}
+
+impl Sampling {
+    /// Parts of a segment whose ends differ by this share of the codes' range.
+    pub fn parts(&self, difference: f64) -> usize {
+        match self.method {
+            Method::Udvr | Method::Pdvr => 1,
+            Method::Lvs | Method::Cvs | Method::Plvs | Method::Pcvs => self.virtual_samples.into(),
+            Method::Asm => ((difference / ADAPTIVE_SHARE).ceil() as usize).clamp(1, MOST_PARTS),
+        }
+    }
 }
 
 /// What a picture needs bricks, and the tables beside them, to have.
@@ -272,6 +291,7 @@ mod tests {
 
     #[test]
     fn adaptive_steps_follow_the_difference() {
-        assert_eq!([0.0, 0.01, 0.02, 0.9].map(|d| Method::Asm.parts(d)), [1, 1, 2, MOST_PARTS]);
+        let adaptive = Sampling { method: Method::Asm, ..Sampling::default() };
+        assert_eq!([0.0, 0.01, 0.02, 0.9].map(|d| adaptive.parts(d)), [1, 1, 2, MOST_PARTS]);
     }
 }

@@ -215,7 +215,12 @@ mod tests {
             mode: Mode::Isosurface,
             isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
             transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
-            sampling: Sampling { method: Method::Plvs, filter: Filter::Tricubic, jitter: Jitter::White(7) },
+            sampling: Sampling {
+                method: Method::Plvs,
+                virtual_samples: 5,
+                filter: Filter::Tricubic,
+                jitter: Jitter::White(7),
+            },
             lighting: Lighting { model: LightingModel::Tone, lights: vec![DVec3::X], ..Lighting::default() },
             step: 0.5,
             background: [0.25, 0.5, 1.0],

@@ -14,6 +14,7 @@ mod presets;
 mod slicer;
 mod table;
 
+pub use color_space::lab;
 pub use file::{Imported, Subject};
 pub use table::TransferTable;
 

@@ -14,6 +14,7 @@ use brickyard::session::SessionOptions;
 use brickyard::survey::findings::{self, Estimator, Finding};
 use brickyard::survey::noise::Series;
 use brickyard::survey::{Row, SurveyError, SurveyPlan, plot, survey};
+use brickyard::volume::sampling::{MOST_VIRTUAL_SAMPLES, VIRTUAL_SAMPLES};
 use brickyard::volume::{Filter, LightingModel, Method, Mode, Scene, TransferFunction};
 use clap::Args;
 use serde::Serialize;
@@ -40,6 +41,10 @@ pub(crate) struct QualityArguments {
     /// Sampling methods [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
     methods: Vec<MethodArgument>,
+    /// Virtual samples of a segment, of methods that have some
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
+          value_parser = clap::value_parser!(u8).range(1..=MOST_VIRTUAL_SAMPLES as i64))]
+    virtual_samples: Vec<u8>,
     /// Filters [default: both]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
     filters: Vec<FilterArgument>,
@@ -145,6 +150,7 @@ impl QualityArguments {
             scene,
             size_px: self.size,
             methods: listed(&self.methods, &Method::ALL),
+            virtual_samples: self.virtual_samples.clone(),
             filters: listed(&self.filters, &Filter::ALL),
             lightings: listed::<_, LightingModel>(&self.lightings, &[]),
             samples_per_voxel: self.samples_per_voxel.clone(),
@@ -191,19 +197,20 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
     if is_first {
         print_line(
             "| filter | lighting | method | samples a voxel | dB by variance: RGB / YCbCr / HSL | dB against the truth | \
-             frame ms | processor ms |\n| --- | --- | --- | --- | --- | --- | --- | --- |",
+             noticed | frame ms | processor ms |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         )?;
     }
     print_line(&format!(
-        "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.0} | {:.0} |",
+        "| {} | {} | {} | {} | {:.1} / {:.1} / {:.1} | {:.1} | {:.1} % | {:.0} | {:.0} |",
         filter_name(row.filter),
         lighting_name(row.lighting),
-        findings::name(row.method),
+        way_name(row),
         row.samples_per_voxel,
         row.rgb_db,
         row.ycbcr_db,
         row.hsl_db,
         row.truth_db,
+        100.0 * row.noticed,
         row.frame_ms,
         row.cpu_ms,
     ))
@@ -225,11 +232,20 @@ fn lighting_name(lighting: LightingModel) -> &'static str {
     }
 }
 
+/// The method, with the number of its virtual samples if it is not the usual one.
+fn way_name(row: &Row) -> String {
+    let method = findings::name(row.method);
+    match row.virtual_samples {
+        Some(count) if !row.is_usual() => format!("{method}-{count}"),
+        _ => method.to_string(),
+    }
+}
+
 /// From 10 dB, dark violet, to 50 dB, yellow.
 fn write_map(folder: &Path, row: &Row, series: &Series) -> Result<(), Failure> {
     let colors = TransferFunction::preset("viridis", (10.0, 50.0), 1.0).map_err(Failure::failed)?;
     let map = series.map(|db| colors.rgb(db.min(1e3)));
-    let (filter, lighting, method) = (filter_name(row.filter), lighting_name(row.lighting), findings::name(row.method));
+    let (filter, lighting, method) = (filter_name(row.filter), lighting_name(row.lighting), way_name(row));
     let file = format!("psnr-{filter}-{lighting}-{method}-{}.png", row.samples_per_voxel);
     let notes = [
         ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),

@@ -14,8 +14,8 @@ pub(crate) struct SamplingArguments {
     #[arg(long, value_enum)]
     filter: Option<FilterArgument>,
     /// Where rays are sampled: all at the same distances, or each moved by a random number (white, or white:SEED) or by a mask
-    /// (blue)
-    #[arg(long, value_name = "none|white|blue", value_parser = values::jitter)]
+    /// (blue, also without a value)
+    #[arg(long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
     jitter: Option<Jitter>,
     /// How `--mode dvr` is lit
     #[arg(long, value_enum)]

@@ -6,6 +6,7 @@
 //! Pictures have 8 bits a channel, so that rounding alone makes an error of up to 1/4, which is 54 dB; more is not told apart.
 
 use brickyard_volume::Picture;
+use brickyard_volume::transfer::lab;
 
 /// In what components a colour's error is counted, each from 0 to 255 or thereabouts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +45,10 @@ impl ColorSpace {
         }
     }
 }
+
+/// Distance in CIELAB from which on two colours side by side are told apart (Mahy, Van Eycken and Oosterlinck, "Evaluation of
+/// uniform color spaces developed after the adoption of CIELAB and CIELUV", 1994).
+pub const NOTICED: f64 = 2.3;
 
 /// The ratio of the greatest signal to an error, decibels: infinite without error.
 pub fn psnr_db(mean_square: f64) -> f64 {
@@ -121,6 +126,25 @@ impl Series {
         };
         let shown = (0..self.pixels()).filter(|&pixel| truth.is_shown[pixel] || self.is_shown(pixel));
         psnr_db(mean(shown.map(square)))
+    }
+
+    /// The share of pixels whose colour is noticeably another than the truth's, wherever either shows the volume.
+    ///
+    /// # Panics
+    /// If the truth is of another size.
+    pub fn noticed(&self, truth: &Truth) -> f64 {
+        assert_eq!(truth.rgb.len(), self.pixels(), "sizes differ");
+        let color = |rgb: [f64; 3]| lab(rgb.map(|v| v / 255.0));
+        let share = |pixel: usize| {
+            let [l, a, b] = color(truth.rgb[pixel]);
+            let is_noticed = |picture: &Picture| {
+                let other = color(picture.rgb[pixel].map(f64::from));
+                let square = (other[0] - l).powi(2) + (other[1] - a).powi(2) + (other[2] - b).powi(2);
+                square > NOTICED * NOTICED
+            };
+            mean(self.pictures.iter().map(|picture| is_noticed(picture) as u8 as f64))
+        };
+        mean((0..self.pixels()).filter(|&pixel| truth.is_shown[pixel] || self.is_shown(pixel)).map(share))
     }
 
     /// The mean picture.
@@ -218,6 +242,14 @@ mod tests {
         assert!((found.psnr_against_db(&truth) - psnr_db((7.5f64.powi(2) + 11.5f64.powi(2)) / 2.0)).abs() < 1e-12);
         assert!((found.psnr_db(ColorSpace::Rgb) - psnr_db(8.0)).abs() < 1e-12);
         assert_eq!(series([50, 50]).psnr_db(ColorSpace::Rgb), f64::INFINITY);
+    }
+
+    #[test]
+    fn small_distances_are_not_noticed() {
+        let series = |v: [u8; 2]| Series::new(v.map(|v| picture(&[[v; 3], [v + 60; 3]])).to_vec(), [0; 3]);
+        let truth = series([100, 100]).mean();
+        // A step of gray is about 0.4 in lightness here: three are not seen, twelve are.
+        assert_eq!([[100, 103], [100, 112], [112, 112]].map(|v| series(v).noticed(&truth)), [0.0, 0.5, 1.0]);
     }
 
     #[test]

@@ -92,7 +92,7 @@ fn draw_panel(
         .draw()?;
     for (method, color) in Method::ALL.into_iter().zip(COLORS) {
         let points: Vec<(f64, f64)> =
-            rows.iter().filter(|row| row.method == method).map(|row| (row.cpu_ms, db(row))).collect();
+            rows.iter().filter(|row| row.method == method && row.is_usual()).map(|row| (row.cpu_ms, db(row))).collect();
         if points.is_empty() {
             continue;
         }
@@ -123,6 +123,7 @@ mod tests {
                     let (frame_ms, cpu_ms) = (ms, ms);
                     rows.push(Row {
                         method,
+                        virtual_samples: None,
                         filter,
                         lighting,
                         samples_per_voxel,
@@ -131,6 +132,7 @@ mod tests {
                         ycbcr_db,
                         hsl_db,
                         truth_db,
+                        noticed: 0.0,
                         frame_ms,
                         cpu_ms,
                     });
