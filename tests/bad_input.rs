@@ -144,6 +144,8 @@ fn damaged_and_foreign_files() {
         ("garbage.tif", vec![7; 1000]),
         ("empty.tif", Vec::new()),
         ("loop.tif", tiff_loop),
+        ("magic", [&[0; 128][..], b"DICM"].concat()),
+        ("garbage.dcm", [&[0; 128][..], b"DICM", &[7; 1000]].concat()),
         ("what.xyz", voxels.clone()),
     ] {
         sandbox.write(name, bytes);
@@ -173,7 +175,9 @@ fn damaged_and_foreign_files() {
             ("pack garbage.tif o.zarr", BAD_INPUT, &["garbage.tif", "TIFF"]),
             ("pack empty.tif o.zarr", BAD_INPUT, &["empty.tif"]),
             ("pack loop.tif o.zarr", BAD_INPUT, &["loop.tif"]),
-            ("pack what.xyz o.zarr", USAGE, &["what.xyz", "--shape"]),
+            ("pack magic o.zarr", BAD_INPUT, &["magic", "TransferSyntaxUID"]),
+            ("pack garbage.dcm o.zarr", BAD_INPUT, &["garbage.dcm"]),
+            ("pack what.xyz o.zarr", USAGE, &["what.xyz", "--shape", "DICOM"]),
             ("pack folder o.zarr", BAD_INPUT, &["folder"]),
             ("pack missing.nii o.zarr", BAD_INPUT, &["missing.nii", "No such file"]),
         ],

@@ -1,5 +1,5 @@
 //! Independent programs read what we write, and we read what they write: zarr-python, tensorstore, nibabel, tifffile,
-//! Pillow, numpy.
+//! Pillow, pydicom, numpy.
 //!
 //! The work is done by scripts in `tests/python`, one process for many cases, since Python's start takes seconds.
 
@@ -11,6 +11,6 @@ fn stores_are_read_by_zarr_python_and_tensorstore_bit_for_bit() {
 }
 
 #[test]
-fn files_of_nibabel_tifffile_pillow_and_numpy_are_packed_bit_for_bit() {
+fn files_of_nibabel_tifffile_pillow_pydicom_and_numpy_are_packed_bit_for_bit() {
     Sandbox::default().python("import_files.py");
 }

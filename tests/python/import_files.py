@@ -1,11 +1,20 @@
-"""Files written by nibabel, tifffile, Pillow and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
+"""Files written by nibabel, tifffile, Pillow, pydicom and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
 
+import io
+import pathlib
+import shutil
 import struct
 
 import nibabel
 import numpy as np
 import PIL.Image
+import pydicom
+import pydicom.data
+import pydicom.encaps
+import pydicom.uid
 import tifffile
+from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+from pydicom.pixels import apply_modality_lut
 
 from common import FOLDER, brickyard, check, info, run_cases, same_bits
 
@@ -229,7 +238,187 @@ def raw_files():
     pack(["a.raw"], array.transpose(1, 4, 0, 2, 3), "tczyx", flags)
 
 
+AXIAL = ((1, 0, 0), (0, 1, 0))
+# Rows lean to the back and columns to the feet, as cardiac views do.
+OBLIQUE = ((0.8, 0.6, 0.0), (0.36, -0.48, -0.8))
+
+
+def dicom_slice(plane, position, directions=AXIAL, slope=None, bits=None):
+    """A data set of one slice: (x, y) spacing 0.5 x 0.75 mm."""
+    data = Dataset()
+    data.SOPClassUID, data.SOPInstanceUID = pydicom.uid.CTImageStorage, pydicom.uid.generate_uid()
+    data.SeriesInstanceUID, data.Modality = "1.2.826.0.1.3680043.8.498.1", "CT"
+    data.PatientName = "Müller^Jürgen"
+    data.SpecificCharacterSet = "ISO_IR 100"
+    data.ImagePositionPatient = [float(f"{p:.9g}") for p in position]
+    data.ImageOrientationPatient = [*directions[0], *directions[1]]
+    data.PixelSpacing, data.SliceThickness = [0.75, 0.5], 9
+    data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
+    data.Rows, data.Columns = plane.shape
+    data.BitsAllocated = 8 * plane.dtype.itemsize
+    data.BitsStored = bits or data.BitsAllocated
+    data.HighBit = data.BitsStored - 1
+    data.PixelRepresentation = int(plane.dtype.kind == "i")
+    if slope is not None:
+        data.RescaleSlope, data.RescaleIntercept = slope
+    data.PixelData = plane.tobytes()
+    data["PixelData"].VR = "OB" if plane.dtype.itemsize == 1 else "OW"
+    return data
+
+
+def dicom_write(name, data, syntax=pydicom.uid.ExplicitVRLittleEndian):
+    meta = FileMetaDataset()
+    meta.TransferSyntaxUID = syntax
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = data.SOPClassUID, data.SOPInstanceUID
+    file = FileDataset(str(FOLDER / name), data, preamble=b"\0" * 128, file_meta=meta)
+    if syntax == pydicom.uid.ExplicitVRBigEndian:
+        itemsize = data.BitsAllocated // 8
+        file.PixelData = np.frombuffer(data.PixelData, f"<u{itemsize}").astype(f">u{itemsize}").tobytes()
+    if syntax == pydicom.uid.RLELossless:
+        file.compress(syntax, encoding_plugin="pydicom")
+    file.save_as(FOLDER / name, enforce_file_format=True)
+
+
+def dicom_series(array, directions=AXIAL, slopes=None, syntax=pydicom.uid.ExplicitVRLittleEndian, bits=None):
+    """Writes the slices of an array (z, y, x), 2.5 mm apart along their normal, under names that say nothing of their order."""
+    shutil.rmtree(FOLDER / "series", ignore_errors=True)
+    (FOLDER / "series").mkdir()
+    normal = np.cross(*directions)
+    for name, z in enumerate(RANDOM.permutation(len(array))):
+        position = np.array([-100.0, 50.0, 30.0]) + 2.5 * z * normal
+        data = dicom_slice(array[z], position, directions, slopes and slopes[z % len(slopes)], bits)
+        dicom_write(f"series/{name:03}", data, syntax)
+
+
+def dicom_read(dtype):
+    """The series as pydicom reads it: the rescaled voxels (z, y, x), and the matrix that the standard's equation C.7.6.2.1-1
+    gives, turned from left and back to right and front."""
+    files = [pydicom.dcmread(path) for path in (FOLDER / "series").iterdir()]
+    first = files[0].ImageOrientationPatient
+    row, column = np.array(first[:3], float), np.array(first[3:], float)
+    normal = np.cross(row, column)
+    files.sort(key=lambda file: np.dot(normal, np.array(file.ImagePositionPatient, float)))
+    voxels = np.stack([apply_modality_lut(file.pixel_array, file) for file in files])
+    places = [np.array(file.ImagePositionPatient, float) for file in files]
+    down, across = (float(mm) for mm in files[0].PixelSpacing)
+    step = (places[-1] - places[0]) / (len(places) - 1)
+    matrix = np.stack([row * across, column * down, step, places[0]], axis=1)
+    return voxels.astype(dtype), np.diag([-1.0, -1.0, 1.0]) @ matrix
+
+
+def dicom_check(array, dtype, flags=(), **written):
+    """Writes a series, packs its folder, and compares voxels and place with what pydicom makes of it."""
+    dicom_series(array, **written)
+    expected, matrix = dicom_read(dtype)
+    pack(["series"], expected, "zyx", flags, spacing=(0.5, 0.75, 2.5), unit="millimeter")
+    kept = info("o.zarr")["store"]["orientation"]
+    check(kept is not None and np.allclose(kept, matrix, atol=1e-6), kept, matrix)
+
+
+def dicom_syntaxes():
+    uid = pydicom.uid
+    for syntax in [uid.ImplicitVRLittleEndian, uid.ExplicitVRLittleEndian, uid.ExplicitVRBigEndian,
+                   uid.DeflatedExplicitVRLittleEndian, uid.RLELossless]:
+        for d in ["u1", "i1", "u2", "i2", "u4", "i4"]:
+            try:
+                dicom_check(noise(d, 7, 19, 23), d, syntax=syntax)
+            except AssertionError as error:
+                raise AssertionError(f"{syntax.name} {d}: {error}") from error
+    for d in ["u2", "i2"]:  # What runs of one value make of it.
+        dicom_check(np.repeat(noise(d, 7, 19, 1), 23, axis=2), d, syntax=uid.RLELossless)
+
+
+def dicom_rescaled():
+    stored = noise("u2", 9, 19, 23) % 4096
+    dicom_check(stored, "i2", slopes=[(1, -1024)], bits=12)
+    dicom_check(stored, "f4", slopes=[(0.5, -1024.25)], bits=12)
+    dicom_check(stored, "f4", slopes=[(0.25, 0), (1.5, -3), (2.0, 7)], bits=12)  # As PET has them: each slice its own.
+
+
+def dicom_oblique():
+    dicom_check(noise("i2", 9, 19, 23), "i2", directions=OBLIQUE)
+    dicom_check(noise("i2", 9, 19, 23), "i2", directions=((0, 1, 0), (0, 0, -1)))
+    # Right and front is as the world has it: upright, with an origin.
+    dicom_series(noise("i2", 9, 19, 23), directions=((-1, 0, 0), (0, -1, 0)))
+    expected, matrix = dicom_read("i2")
+    pack(["series"], expected, "zyx", spacing=(0.5, 0.75, 2.5), origin=matrix[:, 3], unit="millimeter")
+
+
+def dicom_enhanced():
+    """One file of many frames in a mixed order, each with its own place and slope."""
+    array = noise("u2", 6, 19, 23)
+    order = RANDOM.permutation(6)
+    data = dicom_slice(array[0], (0, 0, 0))
+    data.SOPClassUID = pydicom.uid.EnhancedCTImageStorage
+    for name in ["ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "SliceThickness"]:
+        delattr(data, name)
+
+    def group(**macros):
+        out = Dataset()
+        for name, values in macros.items():
+            inner = Dataset()
+            for key, value in values.items():
+                setattr(inner, key, value)
+            setattr(out, name, [inner])
+        return out
+
+    data.SharedFunctionalGroupsSequence = [group(
+        PlaneOrientationSequence={"ImageOrientationPatient": [1, 0, 0, 0, 1, 0]},
+        PixelMeasuresSequence={"PixelSpacing": [0.75, 0.5], "SliceThickness": 9},
+    )]
+    data.PerFrameFunctionalGroupsSequence = [group(
+        PlanePositionSequence={"ImagePositionPatient": [-3, 4, 1.25 * int(z)]},
+        PixelValueTransformationSequence={"RescaleSlope": 0.5, "RescaleIntercept": int(z), "RescaleType": "HU"},
+    ) for z in order]
+    data.NumberOfFrames = 6
+    data.PixelData = array[order].tobytes()
+    expected = (array * 0.5 + np.arange(6).reshape(6, 1, 1)).astype("f4")
+    for syntax in [pydicom.uid.ExplicitVRLittleEndian, pydicom.uid.RLELossless]:
+        dicom_write("enhanced.dcm", data, syntax)
+        pack(["enhanced.dcm"], expected, spacing=(0.5, 0.75, 1.25), unit="millimeter")
+
+
+def dicom_jpeg():
+    """JPEG baseline by Pillow, in one fragment and in three."""
+    smooth = np.add.outer(np.arange(0, 200, 5), np.arange(0, 50, 1)).astype("u1")
+    stream = io.BytesIO()
+    PIL.Image.fromarray(smooth).save(stream, "jpeg", quality=95)
+    whole = stream.getvalue()
+    decoded = np.asarray(PIL.Image.open(io.BytesIO(whole)))
+    for count in [1, 3]:
+        data = dicom_slice(smooth, (0, 0, 0))
+        data.PixelData = pydicom.encaps.encapsulate([whole], fragments_per_frame=count)
+        data["PixelData"].is_undefined_length = True
+        dicom_write("a.dcm", data, pydicom.uid.JPEGBaseline8Bit)
+        brickyard("pack", "a.dcm", "o.zarr", "--overwrite", "--progress", "none")
+        brickyard("export", "o.zarr", "o.npy", "--overwrite")
+        found = np.load(FOLDER / "o.npy")[0].astype(int)
+        # Decoders may round the cosine transform either way.
+        check(found.shape == decoded.shape and abs(found - decoded).max() <= 1, abs(found - decoded).max())
+
+
+def dicom_of_others():
+    """Scanners' files that come with pydicom: one slice in every syntax."""
+    for name in ["CT_small", "MR_small", "MR_small_implicit", "MR_small_bigendian", "MR_small_expb", "MR_small_RLE", "MR_small_padded",
+                 "MR_small_jp2klossless"]:
+        path = pathlib.Path(pydicom.data.get_testdata_file(f"{name}.dcm", download=False))
+        shutil.rmtree(FOLDER / "one", ignore_errors=True)
+        (FOLDER / "one").mkdir()
+        shutil.copy(path, FOLDER / "one")
+        file = pydicom.dcmread(path)
+        plain = pydicom.dcmread(path.with_name("MR_small.dcm")) if name == "MR_small_jp2klossless" else file
+        expected = apply_modality_lut(plain.pixel_array, file)[np.newaxis]
+        down, across = (float(mm) for mm in file.PixelSpacing)
+        depth = float(file.get("SpacingBetweenSlices", file.SliceThickness))
+        expected = expected.astype("i2")
+        try:
+            pack(["one"], expected, spacing=(across, down, depth), unit="millimeter")
+        except AssertionError as error:
+            raise AssertionError(f"{name}: {error}") from error
+
+
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
     tiff_types, tiff_layouts, tiff_lzw, tiff_imagej, tiff_ome, tiff_folder, numpy_arrays, raw_files,
+    dicom_syntaxes, dicom_rescaled, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_of_others,
 ]})

@@ -2,17 +2,19 @@
 //!
 //! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
 //! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
-//! space; TIFF decodes the planes it is asked for. [`SynthSource`] makes volumes that no file holds.
+//! space; TIFF and DICOM decode the planes they are asked for. [`SynthSource`] makes volumes that no file holds.
 //!
 //! [`read_mesh`] reads the triangle meshes that are shown with a volume.
 
 mod axes;
+mod dicom;
 mod element;
 mod error;
 mod mesh;
 mod nifti;
 mod npy;
 mod open;
+mod placement;
 mod raw;
 mod series;
 mod source;

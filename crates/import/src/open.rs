@@ -7,7 +7,7 @@ use crate::error::ImportError;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
-use crate::{nifti, npy, tiff_stack};
+use crate::{dicom, nifti, npy, tiff_stack};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use glam::DVec3;
 use std::cmp::Ordering;
@@ -49,21 +49,22 @@ enum Format {
     Npy,
     Nifti,
     Tiff,
+    Dicom,
 }
 
 /// Formats and their names, for the message that none fits.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with --shape and --dtype), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), TIFF (.tif, .tiff, or a folder of them)";
+                    .hdr with .img), TIFF (.tif, .tiff, or a folder of them), DICOM (a folder, files or one file of a series)";
 
 /// Opens one input; several inputs (put in natural order) are one file per time step, or, if they are TIFF files of a
-/// single page, one file per plane.
+/// single page, one file per plane. DICOM files are of one series, and sorted by what they say of their place.
 ///
 /// # Errors
 /// Says which file cannot be read, why, and which flag would help.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let (paths, folder) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
-        [folder] if folder.is_dir() => (planes_in(folder)?, true),
+        [folder] if folder.is_dir() => (slices_in(folder)?, true),
         [one] => (vec![one.clone()], false),
         many => (in_natural_order(many), false),
     };
@@ -74,6 +75,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         }
     }
     let source = match (format, &paths[..]) {
+        (Format::Dicom, paths) if folder || paths.len() > 1 => dicom::open_series(paths, folder, options)?,
         (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
         (_, [path]) => open_one(path, format, options)?,
         _ => {
@@ -82,7 +84,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         }
     };
     let mut info = source.info().clone();
-    if paths.len() > 1 || folder {
+    if (paths.len() > 1 || folder) && format != Format::Dicom {
         let name = |p: &PathBuf| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
         info.notes.push(format!("{} files in natural order, from {first} to {last}.", paths.len()));
@@ -97,6 +99,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Nifti => Box::new(nifti::open(path, options)?),
         Format::Tiff => tiff_stack::open_file(path, options)?,
+        Format::Dicom => dicom::open_file(path, options)?,
     })
 }
 
@@ -143,6 +146,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
     // The file must exist before its name means anything.
     let start = first_bytes(path)?;
+    if dicom::is_dicom(&start) {
+        return Ok(Format::Dicom);
+    }
     if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
         return Ok(Format::Nifti);
     }
@@ -159,10 +165,11 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     Err(ImportError::options(path, format!("not a format that is read: {READ}")))
 }
 
-fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
+/// As many bytes as the formats need to be told apart.
+pub(crate) fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
     let mut start = Vec::new();
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
-    file.take(8).read_to_end(&mut start).map_err(ImportError::io(path))?;
+    file.take(dicom::MAGIC_BYTES as u64).read_to_end(&mut start).map_err(ImportError::io(path))?;
     Ok(start)
 }
 
@@ -171,20 +178,28 @@ fn is_tiff_name(path: &Path) -> bool {
     ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
 }
 
-/// The TIFF files of a folder, in natural order.
-fn planes_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let mut paths = Vec::new();
+/// The TIFF files of a folder, in natural order, or its DICOM files.
+fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let dicom = dicom::files_in(folder)?;
+    let mut planes = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
         let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if is_tiff_name(&path) && !hidden && path.is_file() {
-            paths.push(path);
+        if is_tiff_name(&path) && !hidden && path.is_file() && !dicom.contains(&path) {
+            planes.push(path);
         }
     }
-    if paths.is_empty() {
-        return Err(ImportError::invalid(folder, format!("a folder without TIFF files; what is read: {READ}")));
+    match (planes.len(), dicom.len()) {
+        (0, 0) => {
+            Err(ImportError::invalid(folder, format!("a folder without TIFF or DICOM files; what is read: {READ}")))
+        }
+        (0, _) => Ok(dicom),
+        (_, 0) => Ok(in_natural_order(&planes)),
+        (tiffs, dicoms) => {
+            let problem = format!("holds {tiffs} TIFF and {dicoms} DICOM files: name the files that you mean");
+            Err(ImportError::options(folder, problem))
+        }
     }
-    Ok(in_natural_order(&paths))
 }
 
 /// Sorted so that numbers within names count as numbers: `s2` before `s10`.

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// `brickyard pack INPUT... STORE`
 #[derive(Args)]
 pub(crate) struct PackArguments {
-    /// Input files (or a folder of TIFF planes), then the store to make; several inputs are time steps, or planes
+    /// Input files (or a folder of TIFF planes or DICOM slices), then the store to make; several inputs are time steps, or planes
     #[arg(required = true, num_args = 1.., value_name = "INPUT... STORE")]
     paths: Vec<PathBuf>,
     /// Voxels along each axis, for raw input

@@ -1,11 +1,10 @@
 //! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform.
 
 use super::header::Header;
+use crate::placement::{column, set_matrix};
 use crate::source::SourceInfo;
 use glam::DVec3;
 
-/// Terms off the diagonal up to this part of the voxel size are noise of f32 arithmetic.
-const DIAGONAL_TOLERANCE: f64 = 1e-4;
 /// Spacings of `pixdim` and of the affine may differ by this part.
 const SPACING_TOLERANCE: f64 = 1e-3;
 
@@ -30,9 +29,8 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Stri
     let Some(world_from_index) = affine(header, spacing).filter(|m| m.iter().flatten().all(|v| v.is_finite())) else {
         return;
     };
-    let column = |a: usize| DVec3::new(world_from_index[0][a], world_from_index[1][a], world_from_index[2][a]);
     for a in 0..3 {
-        let length = column(a).length();
+        let length = column(&world_from_index, a).length();
         if info.calibrated && (length - spacing[a]).abs() > SPACING_TOLERANCE * spacing[a] {
             let axis = ['x', 'y', 'z'][a];
             notes.push(format!(
@@ -41,16 +39,7 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Stri
             ));
         }
     }
-    let is_positive_diagonal = (0..3).all(|a| {
-        let c = column(a).to_array();
-        c[a] > 0.0 && (0..3).all(|r| r == a || c[r].abs() <= DIAGONAL_TOLERANCE * c[a])
-    });
-    if is_positive_diagonal {
-        info.geometry.origin = column(3);
-    } else {
-        info.orientation = Some(world_from_index);
-        notes.push("The volume is rotated or mirrored against its world: the matrix is kept as metadata, and the volume is shown along its own axes.".into());
-    }
+    set_matrix(world_from_index, info, notes);
 }
 
 /// Rows of world-from-index, if the header has them.

@@ -1,0 +1,366 @@
+//! DICOM series (CT, MR and the like): a folder or list of files with one slice each, or enhanced files with a place for
+//! every frame.
+//!
+//! Opening reads all headers; slices are sorted by position, never by name or number, and must be one upright, evenly
+//! spaced stack of one series. Voxels are the rescaled values (Hounsfield units of a CT): integers where slopes and
+//! intercepts are, else floats. Where 16 stored bits and an intercept leave open whether 16 bits are enough, opening decodes all
+//! slices once to see. Reading decodes whole slices, each when it is asked for: the memory is that of one slice per
+//! thread.
+
+mod decode;
+mod frames;
+mod header;
+mod pixels;
+mod stack;
+#[cfg(test)]
+mod tests;
+
+use crate::axes::Sizes;
+use crate::error::ImportError;
+use crate::open::OpenOptions;
+use crate::placement;
+use crate::raw::identity;
+use crate::source::{Access, Source, SourceInfo};
+use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use dicom_dictionary_std::tags;
+use frames::Frames;
+use glam::DVec3;
+use header::Header;
+pub(crate) use header::{MAGIC_BYTES, is_dicom};
+use pixels::Meaning;
+use stack::{Names, Slice, kinds};
+use std::path::{Path, PathBuf};
+
+/// Slices in files.
+pub(crate) struct DicomSeries {
+    info: SourceInfo,
+    files: Vec<(Header, Frames)>,
+    /// By z.
+    slices: Vec<(Slice, Meaning)>,
+}
+
+/// Opens a file. Where it is one slice, the other slices of its series are taken from its folder, as most programs do.
+pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let header = Header::read(path)?;
+    check_is_image(&header)?;
+    if header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) {
+        return DicomSeries::new(vec![header], options, Vec::new()).map(|s| Box::new(s) as _);
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut series = Vec::new();
+    for other in files_in(folder)?.iter().filter(|other| other.file_name() != path.file_name()) {
+        let other = Header::read(other)?;
+        if is_image(&other) && other.series() == header.series() {
+            series.push(other);
+        }
+    }
+    series.push(header);
+    let note = format!("{} files of its series are read from its folder.", series.len());
+    DicomSeries::new(series, options, vec![note]).map(|s| Box::new(s) as _)
+}
+
+/// Opens the DICOM files of a folder, or a list of files, all of one series.
+pub(crate) fn open_series(
+    paths: &[PathBuf],
+    is_folder: bool,
+    options: &OpenOptions,
+) -> Result<Box<dyn Source>, ImportError> {
+    let mut headers = Vec::new();
+    let mut others = Vec::new();
+    for path in paths {
+        let header = Header::read(path)?;
+        if is_folder && !is_image(&header) {
+            others.push(path);
+            continue;
+        }
+        check_is_image(&header)?;
+        headers.push(header);
+    }
+    let notes: Vec<String> = match others[..] {
+        [] => Vec::new(),
+        [first, ..] => {
+            vec![format!("{} DICOM files without an image, such as {}, are left out.", others.len(), first.display())]
+        }
+    };
+    let Some(first) = headers.first() else {
+        let place = paths.first().and_then(|p| p.parent()).unwrap_or(Path::new("input"));
+        return Err(ImportError::invalid(place, format!("{} DICOM files, none of them an image", paths.len())));
+    };
+    let series = kinds(&headers, |a, b| a.series() == b.series());
+    if series.len() > 1 {
+        let list: Vec<String> = series.iter().map(|&(first, count)| describe_series(&headers[first], count)).collect();
+        let place = first.path.parent().filter(|_| is_folder).unwrap_or(&first.path);
+        let problem = format!(
+            "{} series are mixed: {}. Name the files of one; a single file stands for the slices of its series",
+            series.len(),
+            list.join("; ")
+        );
+        return Err(ImportError::options(place, problem));
+    }
+    DicomSeries::new(headers, options, notes).map(|s| Box::new(s) as _)
+}
+
+/// The DICOM files of a folder, hidden ones aside, by name.
+pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
+        let path = entry.map_err(ImportError::io(folder))?.path();
+        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
+        if !hidden && path.is_file() && is_dicom(&crate::open::first_bytes(&path)?) {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+fn is_image(header: &Header) -> bool {
+    header.number(tags::ROWS).is_some() || header.pixels.is_some()
+}
+
+fn check_is_image(header: &Header) -> Result<(), ImportError> {
+    let problem = "a DICOM file without an image: expected pixel data; name the files of a series of images";
+    is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
+}
+
+fn describe_series(header: &Header, count: usize) -> String {
+    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let what = header.text(tags::SERIES_DESCRIPTION).map_or(String::new(), |d| format!(" \"{d}\""));
+    format!("{}{what} of {count} files, such as {}", header.series(), name(&header.path))
+}
+
+impl DicomSeries {
+    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<String>) -> Result<Self, ImportError> {
+        let files = headers
+            .into_iter()
+            .map(|header| Frames::find(&header).map(|frames| (header, frames)))
+            .collect::<Result<Vec<_>, _>>()?;
+        check_sizes(&files)?;
+        let mut slices = Vec::new();
+        for (file, (header, frames)) in files.iter().enumerate() {
+            check_frames(header, frames)?;
+            for frame in 0..frames.count() {
+                slices.push((find_slice(header, file, frame, options)?, meaning_of(header, frames, frame)?));
+            }
+        }
+        let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
+        let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
+        let mut sorted: Vec<Slice> = slices.iter().map(|(slice, _)| slice.clone()).collect();
+        let placement = stack::arrange(&mut sorted, &names, options.spacing.is_some())?;
+        let slices: Vec<(Slice, Meaning)> = sorted
+            .into_iter()
+            .map(|slice| {
+                let place = slices.partition_point(|(s, _)| (s.file, s.frame) < (slice.file, slice.frame));
+                let meaning = slices[place].1;
+                (slice, meaning)
+            })
+            .collect();
+
+        let format = &files[0].1.format;
+        let extent = Extent::new(format.columns, format.rows, slices.len() as u32);
+        let sizes = Sizes { extent, channels: 1, times: 1 };
+        let voxel_type = voxel_type_of(&files, &slices)?;
+        sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
+        let mut info = SourceInfo { identity: identity("dicom", &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
+        info.geometry.spacing = placement.spacing;
+        info.geometry.unit = Some("millimeter".into());
+        info.calibrated = true;
+        notes.extend(placement.note);
+        notes.extend(notes_on_values(&files, &slices, voxel_type));
+        placement::set_matrix(placement.matrix, &mut info, &mut notes);
+        info.notes = notes;
+        Ok(Self { info, files, slices })
+    }
+}
+
+/// All files must have pictures of one size.
+fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
+    let size = |(_, frames): &(Header, Frames)| (frames.format.columns, frames.format.rows);
+    if let [most, other, ..] = kinds(files, |a, b| size(a) == size(b))[..] {
+        let [a, b] = [other, most].map(|(i, count)| (size(&files[i]), count));
+        let problem = format!(
+            "is {} x {} pixels, as {} files are; {} are {} x {}, such as {}. Give the files of one size",
+            a.0.0,
+            a.0.1,
+            a.1,
+            b.1,
+            b.0.0,
+            b.0.1,
+            files[most.0].0.path.display()
+        );
+        return Err(ImportError::invalid(&files[other.0].0.path, problem));
+    }
+    Ok(())
+}
+
+/// Frames of one file need a place each.
+fn check_frames(header: &Header, frames: &Frames) -> Result<(), ImportError> {
+    let (count, placed) = (frames.count(), header.placed_frames());
+    if count > 1 && placed == 0 {
+        let feature =
+            format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
+        return Err(ImportError::unsupported(&header.path, feature));
+    }
+    if placed > 0 && placed != count {
+        let problem = format!("declares {count} frames, but places {placed}; write the file again");
+        return Err(ImportError::invalid(&header.path, problem));
+    }
+    Ok(())
+}
+
+fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions) -> Result<Slice, ImportError> {
+    let need = |tag, name: &str, count: usize, help: &str| {
+        let found = header.numbers(frame, tag);
+        found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
+            let found = found.map_or("none".into(), |n| format!("{n:?}"));
+            let place = if header.placed_frames() > 0 { format!("frame {}: ", frame + 1) } else { String::new() };
+            ImportError::invalid(
+                &header.path,
+                format!("{place}expected {count} numbers of {name} {tag}, found {found}; {help}"),
+            )
+        })
+    };
+    let unplaced = "without it the slice has no place: convert the series with a program that knows it";
+    let position = need(tags::IMAGE_POSITION_PATIENT, "ImagePositionPatient", 3, unplaced)?;
+    let directions = need(tags::IMAGE_ORIENTATION_PATIENT, "ImageOrientationPatient", 6, unplaced)?;
+    let vector = |n: &[f64]| DVec3::new(n[0], n[1], n[2]);
+    let pixel_mm = match options.spacing {
+        Some(spacing) => [spacing.x, spacing.y],
+        None => {
+            let help = "pass --spacing X,Y,Z";
+            let [along_column, along_row] = need(tags::PIXEL_SPACING, "PixelSpacing", 2, help)?[..] else {
+                return Err(ImportError::invalid(&header.path, help));
+            };
+            if !(along_column > 0.0 && along_row > 0.0) {
+                let problem = format!("PixelSpacing is {along_column} x {along_row}, expected numbers above 0; {help}");
+                return Err(ImportError::invalid(&header.path, problem));
+            }
+            [along_row, along_column]
+        }
+    };
+    let thickness = [tags::SPACING_BETWEEN_SLICES, tags::SLICE_THICKNESS];
+    Ok(Slice {
+        file,
+        frame,
+        position: vector(&position),
+        along_row: vector(&directions),
+        along_column: vector(&directions[3..]),
+        pixel_mm,
+        thickness_mm: thickness
+            .into_iter()
+            .find_map(|tag| header.numbers(frame, tag))
+            .map(|n| n[0])
+            .filter(|mm| *mm > 0.0),
+    })
+}
+
+fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning, ImportError> {
+    let first = |tag| header.numbers(frame, tag).map(|numbers| numbers[0]);
+    let slope = first(tags::RESCALE_SLOPE);
+    if header.has_value_table && slope.is_none() {
+        return Err(ImportError::unsupported(&header.path, "a table of values (ModalityLUTSequence)"));
+    }
+    if slope == Some(0.0) {
+        let problem = "RescaleSlope is 0: every voxel would have one value; expected another slope, or none";
+        return Err(ImportError::invalid(&header.path, problem));
+    }
+    // Written as unsigned by some, whatever the pixels are.
+    let wrap = |n: f64| frames.format.wrapped(n as i64);
+    let padding = header.number(tags::PIXEL_PADDING_VALUE).map(|value| {
+        let limit = header.number(tags::PIXEL_PADDING_RANGE_LIMIT).unwrap_or(value);
+        let [a, b] = [wrap(value), wrap(limit)];
+        [a.min(b), a.max(b)]
+    });
+    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: first(tags::RESCALE_INTERCEPT).unwrap_or(0.0), padding })
+}
+
+/// The smallest type that holds every value; floats where values are not integers.
+fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Result<VoxelType, ImportError> {
+    let is_integer = |n: f64| n == n.trunc() && n.abs() < 1e9;
+    if !slices.iter().all(|(_, m)| is_integer(m.slope) && is_integer(m.intercept)) {
+        return Ok(VoxelType::F32);
+    }
+    let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
+    let possible = smallest_type(slices, limits)?;
+    let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
+    if possible.bytes() < 4 || !is_short {
+        return Ok(possible);
+    }
+    // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
+    smallest_type(slices, |slice| {
+        let (header, frames) = &files[slice.file];
+        Ok(frames.read(header, slice.frame)?.range(&frames.format))
+    })
+}
+
+/// The smallest integer type that holds the rescaled ends of what each slice stores; floats if there is none.
+fn smallest_type(
+    slices: &[(Slice, Meaning)],
+    stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
+) -> Result<VoxelType, ImportError> {
+    let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (slice, meaning) in slices {
+        for value in stored(slice)?.map(|n| n as f64 * meaning.slope + meaning.intercept) {
+            least = least.min(value);
+            greatest = greatest.max(value);
+        }
+    }
+    let types = [
+        (VoxelType::U8, u8::MIN as f64, u8::MAX as f64),
+        (VoxelType::I8, i8::MIN as f64, i8::MAX as f64),
+        (VoxelType::U16, u16::MIN as f64, u16::MAX as f64),
+        (VoxelType::I16, i16::MIN as f64, i16::MAX as f64),
+        (VoxelType::U32, u32::MIN as f64, u32::MAX as f64),
+        (VoxelType::I32, i32::MIN as f64, i32::MAX as f64),
+    ];
+    let fits = types.iter().find(|(_, lo, hi)| *lo <= least && greatest <= *hi);
+    Ok(fits.map_or(VoxelType::F32, |(voxel_type, ..)| *voxel_type))
+}
+
+fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<String> {
+    let mut notes = Vec::new();
+    let (_, first) = &slices[0];
+    let scale = |m: &Meaning| (m.slope, m.intercept);
+    if slices.iter().any(|(_, m)| scale(m) != scale(first)) {
+        notes.push(format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}."));
+    } else if scale(first) != (1.0, 0.0) {
+        let Meaning { slope, intercept, .. } = first;
+        notes.push(format!(
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
+        ));
+    }
+    if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
+        let what =
+            if voxel_type == VoxelType::F32 { "become NaN, which is transparent" } else { "are kept as they are" };
+        notes.push(format!("Stored values {least} to {greatest} are padding: they {what}."));
+    }
+    let inverted = |(header, _): &(Header, Frames)| {
+        header.text(tags::PHOTOMETRIC_INTERPRETATION).is_some_and(|text| text == "MONOCHROME1")
+    };
+    if files.iter().any(inverted) {
+        notes.push("Small values are meant to be shown bright (MONOCHROME1); they are kept as they are.".into());
+    }
+    notes
+}
+
+impl Source for DicomSeries {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        Access::Planes
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.info.check_box(time, channel, region, out);
+        let plane_bytes = out.len() / region.extent().z as usize;
+        for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
+            let (slice, meaning) = &self.slices[z as usize];
+            let (header, frames) = &self.files[slice.file];
+            let samples = frames.read(header, slice.frame)?;
+            samples.deliver(&frames.format, meaning, self.info.voxel_type, region, plane);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,248 @@
+//! The frames of a file: how they are packed, where each lies, and reading one.
+//!
+//! A frame is read and decoded by itself, so the memory is that of one frame, however many the file holds.
+
+use super::decode;
+use super::header::{EXPLICIT_BIG_ENDIAN, Header};
+use super::pixels::{PixelFormat, Samples};
+use crate::element::Endian;
+use crate::error::ImportError;
+use dicom_core::VR;
+use dicom_dictionary_std::{tags, uids};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// The transfer syntaxes that are read, for the message that one is not.
+const READ: &str = "implicit and explicit little endian, explicit big endian, deflated, RLE, JPEG baseline, JPEG lossless and JPEG 2000";
+
+/// No packing reaches this ratio: a frame that claims more is a damaged header, not something to allocate.
+const ABSURD_RATIO: u64 = 1 << 16;
+
+/// How frames are packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Packing {
+    Native(Endian),
+    /// The whole data set is deflated.
+    Deflated,
+    Encapsulated(Codec),
+}
+
+/// How a frame by itself is packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Codec {
+    Rle,
+    Jpeg,
+    Jpeg2000,
+}
+
+/// The frames of one file.
+#[derive(Debug)]
+pub(super) struct Frames {
+    pub(super) format: PixelFormat,
+    packing: Packing,
+    /// Ranges of the file (or of what it inflates to) that together are a frame, first and length.
+    places: Vec<Vec<(u64, u64)>>,
+}
+
+impl Frames {
+    /// Checks what a header says of its pixels, and that they are there.
+    pub(super) fn find(header: &Header) -> Result<Self, ImportError> {
+        let path = header.path.as_path();
+        let format = PixelFormat::of(header)?;
+        let Some(pixels) = header.pixels else {
+            let problem = "cut short: expected pixel data after the header, found the file's end; fetch the file again";
+            return Err(ImportError::invalid(path, problem));
+        };
+        if pixels.tag != tags::PIXEL_DATA {
+            return Err(ImportError::unsupported(path, "Float Pixel Data"));
+        }
+        let mut packing = packing_of(header)?;
+        let count = match header.number(tags::NUMBER_OF_FRAMES) {
+            None => 1,
+            Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) => n as u64,
+            Some(n) => return Err(ImportError::invalid(path, format!("NumberOfFrames is {n}, expected 1 or more"))),
+        };
+        let places = match (packing, pixels.length) {
+            (Packing::Encapsulated(_), None) => fragment_places(path, count, pixels.offset)?,
+            (_, None) => {
+                let problem = format!("is {}, but its pixels are encapsulated; write it again", header.syntax_name());
+                return Err(ImportError::invalid(path, problem));
+            }
+            (Packing::Native(Endian::Big), _) if format.width == 1 && pixels.vr == VR::OW => {
+                return Err(ImportError::unsupported(path, "8-bit pixels in 16-bit words of big-endian order"));
+            }
+            (Packing::Deflated, _) if count > 1 => {
+                return Err(ImportError::unsupported(path, "a deflated file of several frames"));
+            }
+            (Packing::Deflated, Some(length)) => {
+                let end = header.inflate()?.len() as u64;
+                native_places(path, &format, count, pixels.offset, length, end)?
+            }
+            (_, Some(length)) => {
+                // Some archives decompress pixels and leave the name of the syntax.
+                if let Packing::Encapsulated(_) = packing {
+                    packing = Packing::Native(Endian::Little);
+                }
+                let end = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
+                native_places(path, &format, count, pixels.offset, length, end)?
+            }
+        };
+        Ok(Self { format, packing, places })
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Reads and decodes one frame.
+    pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
+        let path = header.path.as_path();
+        let bytes = match self.packing {
+            Packing::Deflated => {
+                let inflated = header.inflate()?;
+                let (first, length) = self.places[frame][0];
+                let gone = || ImportError::invalid(path, "changed while it was read");
+                inflated.get(first as usize..(first + length) as usize).ok_or_else(gone)?.to_vec()
+            }
+            _ => read_ranges(path, &self.places[frame])?,
+        };
+        let refuse = |problem: String| {
+            ImportError::invalid(
+                path,
+                format!("frame {} cannot be decoded: {problem}; fetch the file again", frame + 1),
+            )
+        };
+        let expected = self.format.pixels() * self.format.width as u64;
+        if expected / ABSURD_RATIO > bytes.len() as u64 {
+            return Err(refuse(format!("{} bytes cannot hold {expected}", bytes.len())));
+        }
+        match self.packing {
+            Packing::Native(endian) => Ok(Samples { bytes, width: self.format.width, endian }),
+            Packing::Deflated => Ok(Samples { bytes, width: self.format.width, endian: Endian::Little }),
+            Packing::Encapsulated(codec) => {
+                let decode = match codec {
+                    Codec::Rle => decode::rle,
+                    Codec::Jpeg => decode::jpeg,
+                    Codec::Jpeg2000 => decode::jpeg_2000,
+                };
+                decode(&bytes, &self.format).map_err(refuse)
+            }
+        }
+    }
+}
+
+fn packing_of(header: &Header) -> Result<Packing, ImportError> {
+    Ok(match header.syntax.as_str() {
+        uids::IMPLICIT_VR_LITTLE_ENDIAN | uids::EXPLICIT_VR_LITTLE_ENDIAN => Packing::Native(Endian::Little),
+        EXPLICIT_BIG_ENDIAN => Packing::Native(Endian::Big),
+        uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN => Packing::Deflated,
+        uids::RLE_LOSSLESS => Packing::Encapsulated(Codec::Rle),
+        uids::JPEG_BASELINE8_BIT | uids::JPEG_LOSSLESS | uids::JPEG_LOSSLESS_SV1 => Packing::Encapsulated(Codec::Jpeg),
+        uids::JPEG2000_LOSSLESS | uids::JPEG2000 => Packing::Encapsulated(Codec::Jpeg2000),
+        _ => {
+            let name = header.syntax_name();
+            let feature = format!("transfer syntax {name} (decompress it, as gdcmconv --raw does; those read: {READ})");
+            return Err(ImportError::unsupported(&header.path, feature));
+        }
+    })
+}
+
+/// Frames that lie one after another, `end` being where their file ends.
+fn native_places(
+    path: &Path,
+    format: &PixelFormat,
+    count: u64,
+    offset: u64,
+    length: u64,
+    end: u64,
+) -> Result<Vec<Vec<(u64, u64)>>, ImportError> {
+    let frame = format.pixels() * format.width as u64;
+    let expected = frame.saturating_mul(count);
+    let found = length.min(end.saturating_sub(offset));
+    if found < expected {
+        let problem = format!(
+            "cut short: {count} frames of {} x {} pixels of {} bytes are {expected} bytes, found {found} ({} missing); fetch the file again",
+            format.columns,
+            format.rows,
+            format.width,
+            expected - found
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    Ok((0..count).map(|i| vec![(offset + i * frame, frame)]).collect())
+}
+
+/// The fragments of frames in encapsulated pixel data: items, of which the first is a table of offsets.
+fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, u64)>>, ImportError> {
+    let mut file = File::open(path).map_err(ImportError::io(path))?;
+    let end = file.metadata().map_err(ImportError::io(path))?.len();
+    let mut items = Vec::new();
+    let mut position = start;
+    loop {
+        let mut head = [0; 8];
+        let cut = |position: u64, needed: u64| {
+            let problem = format!(
+                "cut short: its pixel data go on past byte {}, found {end}; fetch the file again",
+                position + needed
+            );
+            ImportError::invalid(path, problem)
+        };
+        if position + 8 > end {
+            return Err(cut(position, 8));
+        }
+        file.seek(SeekFrom::Start(position)).and_then(|_| file.read_exact(&mut head)).map_err(ImportError::io(path))?;
+        let length = u32::from_le_bytes([head[4], head[5], head[6], head[7]]) as u64;
+        match head[..4] {
+            [0xfe, 0xff, 0x00, 0xe0] if position + 8 + length > end => return Err(cut(position + 8, length)),
+            [0xfe, 0xff, 0x00, 0xe0] => items.push((position + 8, length)),
+            [0xfe, 0xff, 0xdd, 0xe0] => break,
+            _ => {
+                let problem =
+                    format!("its pixel data are damaged: no item begins at byte {position}; fetch the file again");
+                return Err(ImportError::invalid(path, problem));
+            }
+        }
+        position += 8 + length;
+    }
+    let Some((table, fragments)) = items.split_first() else {
+        return Err(ImportError::invalid(path, "its pixel data hold no item; fetch the file again"));
+    };
+    if count == 1 && !fragments.is_empty() {
+        return Ok(vec![fragments.to_vec()]);
+    }
+    if fragments.len() as u64 == count {
+        return Ok(fragments.iter().map(|f| vec![*f]).collect());
+    }
+    let offsets = read_ranges(path, std::slice::from_ref(table))?;
+    let (offsets, _) = offsets.as_chunks::<4>();
+    if offsets.len() as u64 != count {
+        let problem = format!(
+            "has {count} frames in {} fragments, and a table of {} offsets: which fragment is of which frame is not known",
+            fragments.len(),
+            offsets.len()
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    // Offsets count from the first fragment's item.
+    let base = table.0 + table.1;
+    let starts: Vec<u64> = offsets.iter().map(|o| base + u32::from_le_bytes(*o) as u64 + 8).collect();
+    let of_frame = |i: usize| {
+        let next = starts.get(i + 1).copied().unwrap_or(u64::MAX);
+        fragments.iter().copied().filter(|f| (starts[i]..next).contains(&f.0)).collect()
+    };
+    Ok((0..starts.len()).map(of_frame).collect())
+}
+
+/// The bytes of several ranges one after another.
+fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>, ImportError> {
+    let mut file = File::open(path).map_err(ImportError::io(path))?;
+    let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];
+    let mut rest = &mut bytes[..];
+    for &(first, length) in ranges {
+        let (part, tail) = rest.split_at_mut(length as usize);
+        file.seek(SeekFrom::Start(first)).and_then(|_| file.read_exact(part)).map_err(ImportError::io(path))?;
+        rest = tail;
+    }
+    Ok(bytes)
+}

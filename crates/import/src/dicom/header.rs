@@ -1,0 +1,381 @@
+//! One DICOM file's header: the few elements that a volume needs, from the data set and from the functional groups of
+//! an enhanced multi-frame file, and where the pixel data start.
+//!
+//! Values are read as they are met; all others are skipped over, so that a header costs what it says, not what the file
+//! weighs. Lengths are checked against the file before anything is read by them.
+
+use crate::error::ImportError;
+use dicom_core::header::DataElementHeader;
+use dicom_core::{PrimitiveValue, Tag, VR};
+use dicom_dictionary_std::{tags, uids};
+use dicom_parser::dataset::LazyDataToken;
+use dicom_parser::dataset::lazy_read::LazyDataSetReader;
+use dicom_parser::{DynStatefulDecoder, StatefulDecode};
+use dicom_transfer_syntax_registry::{TransferSyntaxIndex, TransferSyntaxRegistry};
+use flate2::read::DeflateDecoder;
+use memmap2::Mmap;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Cursor, Read};
+use std::path::{Path, PathBuf};
+
+/// Where the magic letters stand, and they.
+const MAGIC_AT: usize = 128;
+const MAGIC: &[u8] = b"DICM";
+/// Where the elements begin.
+const BODY_AT: usize = MAGIC_AT + MAGIC.len();
+
+/// No deflated stream is longer than this many times its file.
+const MOST_INFLATION: u64 = 1032;
+
+/// What begins an item of a sequence.
+const ITEM: Tag = Tag(0xfffe, 0xe000);
+/// Retired, and met all the same.
+pub(super) const EXPLICIT_BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
+
+/// Sequences deeper than this are not met in images.
+const DEEPEST: usize = 64;
+
+/// What is kept of a data set.
+const WANTED: &[Tag] = &[
+    tags::SERIES_DESCRIPTION,
+    tags::SERIES_INSTANCE_UID,
+    tags::IMAGE_POSITION_PATIENT,
+    tags::IMAGE_ORIENTATION_PATIENT,
+    tags::SPACING_BETWEEN_SLICES,
+    tags::SLICE_THICKNESS,
+    tags::SAMPLES_PER_PIXEL,
+    tags::PHOTOMETRIC_INTERPRETATION,
+    tags::NUMBER_OF_FRAMES,
+    tags::ROWS,
+    tags::COLUMNS,
+    tags::PIXEL_SPACING,
+    tags::BITS_ALLOCATED,
+    tags::BITS_STORED,
+    tags::HIGH_BIT,
+    tags::PIXEL_REPRESENTATION,
+    tags::PIXEL_PADDING_VALUE,
+    tags::PIXEL_PADDING_RANGE_LIMIT,
+    tags::RESCALE_INTERCEPT,
+    tags::RESCALE_SLOPE,
+];
+
+/// Sequences within a functional group whose elements are a frame's.
+const MACROS: &[Tag] = &[
+    tags::PLANE_POSITION_SEQUENCE,
+    tags::PLANE_ORIENTATION_SEQUENCE,
+    tags::PIXEL_MEASURES_SEQUENCE,
+    tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+];
+
+/// Whether a file, of which these are the first bytes, is DICOM.
+pub(crate) fn is_dicom(start: &[u8]) -> bool {
+    start.get(MAGIC_AT..BODY_AT) == Some(MAGIC)
+}
+
+/// Bytes that [`is_dicom`] needs to see.
+pub(crate) const MAGIC_BYTES: usize = BODY_AT;
+
+type Values = BTreeMap<Tag, PrimitiveValue>;
+
+/// One file before its pixels are looked at.
+pub(super) struct Header {
+    pub(super) path: PathBuf,
+    /// UID of the transfer syntax.
+    pub(super) syntax: String,
+    top: Values,
+    shared: Values,
+    frames: Vec<Values>,
+    /// Whether there is a table that maps stored values otherwise than by slope and intercept.
+    pub(super) has_value_table: bool,
+    /// `None` in files that hold no image.
+    pub(super) pixels: Option<PixelElement>,
+}
+
+/// The element that holds the pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PixelElement {
+    pub(super) tag: Tag,
+    pub(super) vr: VR,
+    /// Bytes of the value; `None` where it is encapsulated.
+    pub(super) length: Option<u64>,
+    /// Where the value begins, in the file or, for a deflated one, in what it inflates to.
+    pub(super) offset: u64,
+}
+
+impl Header {
+    /// Reads the header; the pixels stay where they are.
+    pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
+        let file = File::open(path).map_err(ImportError::io(path))?;
+        // SAFETY: the map is read-only and private to this call; reading it is undefined only if another process
+        // truncates the file meanwhile, which ends this process with SIGBUS, as for every program that maps its input.
+        let map = unsafe { Mmap::map(&file) }.map_err(ImportError::io(path))?;
+        if !is_dicom(&map) {
+            return Err(ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128"));
+        }
+        let (syntax, body) = read_meta(path, &map)?;
+        let mut header = Self {
+            path: path.to_owned(),
+            syntax,
+            top: Values::new(),
+            shared: Values::new(),
+            frames: Vec::new(),
+            has_value_table: false,
+            pixels: None,
+        };
+        if header.is_deflated() {
+            let inflated = inflate(path, &map, body)?;
+            header.read_data_set(&inflated, 0)?;
+        } else {
+            header.read_data_set(&map, body)?;
+        }
+        Ok(header)
+    }
+
+    /// The whole data set inflated, for deflated files.
+    pub(super) fn inflate(&self) -> Result<Vec<u8>, ImportError> {
+        let bytes = std::fs::read(&self.path).map_err(ImportError::io(&self.path))?;
+        let (_, body) = read_meta(&self.path, &bytes)?;
+        inflate(&self.path, &bytes, body)
+    }
+
+    pub(super) fn is_deflated(&self) -> bool {
+        self.syntax == uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN
+    }
+
+    /// What the standard calls the transfer syntax.
+    pub(super) fn syntax_name(&self) -> String {
+        let name = TransferSyntaxRegistry.get(&self.syntax).map_or("an unknown transfer syntax", |s| s.name());
+        format!("{name} ({})", self.syntax)
+    }
+
+    pub(super) fn series(&self) -> Cow<'_, str> {
+        self.text(tags::SERIES_INSTANCE_UID).unwrap_or(Cow::Borrowed("(none)"))
+    }
+
+    /// Number of frames as far as functional groups place them.
+    pub(super) fn placed_frames(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// The numbers of an element, as a frame (counted from 0) or else all frames or the whole file have it. Those that
+    /// are not numbers are none.
+    pub(super) fn numbers(&self, frame: usize, tag: Tag) -> Option<Vec<f64>> {
+        let places = [self.frames.get(frame), Some(&self.shared), Some(&self.top)];
+        let value = places.into_iter().flatten().find_map(|values| values.get(&tag))?;
+        let numbers = value.to_multi_float64().ok()?;
+        (!numbers.is_empty() && numbers.iter().all(|n| n.is_finite())).then_some(numbers)
+    }
+
+    /// The first number of an element of the whole file.
+    pub(super) fn number(&self, tag: Tag) -> Option<f64> {
+        self.top.get(&tag)?.to_float64().ok().filter(|n| n.is_finite())
+    }
+
+    pub(super) fn text(&self, tag: Tag) -> Option<Cow<'_, str>> {
+        let text = self.top.get(&tag)?.to_str();
+        Some(match text {
+            Cow::Borrowed(text) => Cow::Borrowed(text.trim_matches(['\0', ' '])),
+            Cow::Owned(text) => Cow::Owned(text.trim_matches(['\0', ' ']).to_owned()),
+        })
+    }
+
+    /// Collects what is wanted up to the pixel data.
+    fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<(), ImportError> {
+        // Syntaxes that are not known are refused when their pixels are asked for; their headers are as the standard
+        // has it for all but the two oldest.
+        let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
+        let syntax = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let path = self.path.clone();
+        let mut elements = Elements::new(&path, bytes, start, syntax)?;
+        while let Some(element) = elements.next()? {
+            match element {
+                Element::Sequence(parents, tag) => self.enter(parents, tag),
+                Element::Pixels { tag, vr, length } => {
+                    self.pixels = Some(PixelElement { tag, vr, length, offset: elements.into_position() });
+                    break;
+                }
+                Element::Value(parents, header) => {
+                    let tag = header.tag;
+                    match self.values_at(parents).filter(|_| WANTED.contains(&tag)) {
+                        Some(values) => values.insert(tag, elements.read(&header)?).map_or((), drop),
+                        None => elements.skip(&header)?,
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes a sequence or an item's begin.
+    fn enter(&mut self, parents: &[Tag], tag: Tag) {
+        match (parents, tag) {
+            ([], tags::MODALITY_LUT_SEQUENCE) => self.has_value_table = true,
+            ([tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE], ITEM) => self.frames.push(Values::new()),
+            _ => {}
+        }
+    }
+
+    /// Where values go that stand under these sequences; `None` if they are not wanted.
+    fn values_at(&mut self, parents: &[Tag]) -> Option<&mut Values> {
+        match parents {
+            [] => Some(&mut self.top),
+            [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, inner] if MACROS.contains(inner) => Some(&mut self.shared),
+            [tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, inner] if MACROS.contains(inner) => self.frames.last_mut(),
+            _ => None,
+        }
+    }
+}
+
+/// The transfer syntax that the file's first group names, and where the data set begins.
+fn read_meta(path: &Path, bytes: &[u8]) -> Result<(String, usize), ImportError> {
+    let mut elements = Elements::new(path, bytes, BODY_AT, uids::EXPLICIT_VR_LITTLE_ENDIAN)?;
+    let mut syntax = None;
+    while bytes.get(elements.position..elements.position + 2) == Some(&[2, 0]) {
+        match elements.next()? {
+            Some(Element::Value(_, header)) if header.tag == tags::TRANSFER_SYNTAX_UID => {
+                syntax = Some(elements.read(&header)?.to_str().trim_matches(['\0', ' ']).to_owned());
+            }
+            Some(Element::Value(_, header)) => elements.skip(&header)?,
+            _ => break,
+        }
+    }
+    let missing =
+        || ImportError::invalid(path, "its first group has no TransferSyntaxUID (0002,0010); write the file again");
+    Ok((syntax.ok_or_else(missing)?, elements.position))
+}
+
+fn inflate(path: &Path, bytes: &[u8], body: usize) -> Result<Vec<u8>, ImportError> {
+    let mut inflated = Vec::new();
+    let limit = (bytes.len() as u64).saturating_mul(MOST_INFLATION);
+    DeflateDecoder::new(&bytes[body..]).take(limit).read_to_end(&mut inflated).map_err(|error| {
+        let problem =
+            format!("deflated data cut short or damaged after {} bytes: {error}; fetch the file again", inflated.len());
+        ImportError::invalid(path, problem)
+    })?;
+    Ok(inflated)
+}
+
+/// What is met in a data set. Sequences that it stands in come with it, outermost first.
+enum Element<'a> {
+    /// A value, which must be read or skipped next.
+    Value(&'a [Tag], DataElementHeader),
+    /// The begin of a sequence, or (with the tag of an item) of one of its items.
+    Sequence(&'a [Tag], Tag),
+    /// Pixels, whose value begins at [`Elements::into_position`]: the fields of a [`PixelElement`].
+    Pixels { tag: Tag, vr: VR, length: Option<u64> },
+}
+
+type Decoder<'a> = DynStatefulDecoder<Cursor<&'a [u8]>>;
+
+/// The elements of a data set one after another.
+struct Elements<'a> {
+    path: &'a Path,
+    bytes: &'a [u8],
+    reader: LazyDataSetReader<Decoder<'a>>,
+    /// Where the last value that was read or skipped ends.
+    position: usize,
+    /// Sequences that are open.
+    sequences: Vec<Tag>,
+    /// Items that are open: as many as sequences, or one less.
+    items: usize,
+}
+
+impl<'a> Elements<'a> {
+    fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self, ImportError> {
+        let mut cursor = Cursor::new(bytes);
+        cursor.set_position(start as u64);
+        let syntax = TransferSyntaxRegistry
+            .get(syntax)
+            .ok_or_else(|| ImportError::unsupported(path, format!("transfer syntax {syntax}")))?;
+        let reader = LazyDataSetReader::new_with_ts(cursor, syntax).map_err(|e| damaged(path, start, &e))?;
+        Ok(Self { path, bytes, reader, position: start, sequences: Vec::new(), items: 0 })
+    }
+
+    fn next(&mut self) -> Result<Option<Element<'_>>, ImportError> {
+        loop {
+            let (path, position) = (self.path, self.position);
+            let token = match self.reader.advance() {
+                None => return Ok(None),
+                Some(token) => token.map_err(|e| damaged(path, position, &e))?,
+            };
+            match token {
+                LazyDataToken::ElementHeader(DataElementHeader { tag, vr, len })
+                    if self.sequences.is_empty() && is_pixels(tag) =>
+                {
+                    return Ok(Some(Element::Pixels { tag, vr, length: len.get().map(u64::from) }));
+                }
+                LazyDataToken::ElementHeader(header) => {
+                    return Ok(Some(Element::Value(&self.sequences, header)));
+                }
+                LazyDataToken::PixelSequenceStart if self.sequences.is_empty() => {
+                    return Ok(Some(Element::Pixels { tag: tags::PIXEL_DATA, vr: VR::OB, length: None }));
+                }
+                LazyDataToken::SequenceStart { tag, .. } => {
+                    if self.sequences.len() == DEEPEST {
+                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
+                    }
+                    self.sequences.push(tag);
+                    return Ok(Some(Element::Sequence(&self.sequences[..self.sequences.len() - 1], tag)));
+                }
+                LazyDataToken::ItemStart { .. } => {
+                    self.items += 1;
+                    return Ok(Some(Element::Sequence(&self.sequences, ITEM)));
+                }
+                // The parser takes ends for granted that were never begun.
+                LazyDataToken::ItemEnd if self.items > 0 => self.items -= 1,
+                LazyDataToken::SequenceEnd if !self.sequences.is_empty() => {
+                    self.sequences.pop();
+                }
+                _ => return Err(damaged(self.path, self.position, &"an end without a begin")),
+            }
+        }
+    }
+
+    /// Where the value of the element begins whose header came last.
+    fn into_position(self) -> u64 {
+        self.reader.into_decoder().position()
+    }
+
+    /// The value of the element that came last.
+    fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue, ImportError> {
+        self.value(header, |decoder, header| decoder.read_value_preserved(header))
+    }
+
+    /// Goes past the value of the element that came last.
+    fn skip(&mut self, header: &DataElementHeader) -> Result<(), ImportError> {
+        self.value(header, |decoder, header| decoder.skip_bytes(header.len.0))
+    }
+
+    fn value<T, E: std::error::Error>(
+        &mut self,
+        header: &DataElementHeader,
+        take: impl FnOnce(&mut Decoder<'a>, &DataElementHeader) -> Result<T, E>,
+    ) -> Result<T, ImportError> {
+        let (path, position) = (self.path, self.position);
+        let Some(Ok(LazyDataToken::LazyValue { decoder, .. })) = self.reader.advance() else {
+            return Err(damaged(path, position, &"an element without a value"));
+        };
+        let end = decoder.position().saturating_add(header.len.0 as u64);
+        if end > self.bytes.len() as u64 {
+            let problem = format!(
+                "cut short: element {} reaches to byte {end}, found {}; fetch the file again",
+                header.tag,
+                self.bytes.len()
+            );
+            return Err(ImportError::invalid(path, problem));
+        }
+        let value = take(decoder, header).map_err(|e| damaged(path, position, &e))?;
+        self.position = decoder.position() as usize;
+        Ok(value)
+    }
+}
+
+fn is_pixels(tag: Tag) -> bool {
+    [tags::PIXEL_DATA, tags::FLOAT_PIXEL_DATA, tags::DOUBLE_FLOAT_PIXEL_DATA].contains(&tag)
+}
+
+fn damaged(path: &Path, position: usize, error: &dyn std::fmt::Display) -> ImportError {
+    ImportError::invalid(path, format!("its header is damaged near byte {position}: {error}; fetch the file again"))
+}

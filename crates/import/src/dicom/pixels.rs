@@ -1,0 +1,179 @@
+//! How the numbers of a pixel are stored, and how they become voxels.
+
+use super::header::Header;
+use crate::element::Endian;
+use crate::error::ImportError;
+use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
+use dicom_dictionary_std::tags;
+
+/// How the numbers of a pixel are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct PixelFormat {
+    pub(super) columns: u32,
+    pub(super) rows: u32,
+    /// Bytes of a stored number: 1, 2 or 4.
+    pub(super) width: usize,
+    bits: u32,
+    /// Bits below the number within its bytes.
+    shift: u32,
+    signed: bool,
+}
+
+impl PixelFormat {
+    /// Checks what a header says.
+    pub(super) fn of(header: &Header) -> Result<Self, ImportError> {
+        let path = header.path.as_path();
+        let need = |tag, name: &str| {
+            header.number(tag).ok_or_else(|| {
+                ImportError::invalid(path, format!("{name} {tag} is missing: how its pixels are stored is not known"))
+            })
+        };
+        let samples = header.number(tags::SAMPLES_PER_PIXEL).unwrap_or(1.0);
+        let photometric = header.text(tags::PHOTOMETRIC_INTERPRETATION).unwrap_or_default();
+        if samples != 1.0 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
+            let feature = format!(
+                "a colour image ({photometric}, {samples} samples a pixel; expected MONOCHROME1 or MONOCHROME2 with 1)"
+            );
+            return Err(ImportError::unsupported(path, feature));
+        }
+        let [rows, columns] = [need(tags::ROWS, "Rows")?, need(tags::COLUMNS, "Columns")?];
+        let allocated = need(tags::BITS_ALLOCATED, "BitsAllocated")?;
+        let stored = header.number(tags::BITS_STORED).unwrap_or(allocated);
+        let high = header.number(tags::HIGH_BIT).unwrap_or(stored - 1.0);
+        if ![8.0, 16.0, 32.0].contains(&allocated) {
+            return Err(ImportError::unsupported(path, format!("{allocated} bits a pixel (8, 16 and 32 are)")));
+        }
+        if !(rows >= 1.0 && columns >= 1.0) {
+            return Err(ImportError::invalid(
+                path,
+                format!("is {columns} x {rows} pixels: every axis needs at least 1"),
+            ));
+        }
+        if !(stored >= 1.0 && high + 1.0 >= stored && high < allocated) {
+            let problem = format!("BitsStored {stored} and HighBit {high} do not fit into BitsAllocated {allocated}");
+            return Err(ImportError::invalid(path, problem));
+        }
+        Ok(Self {
+            columns: columns as u32,
+            rows: rows as u32,
+            width: allocated as usize / 8,
+            bits: stored as u32,
+            shift: (high + 1.0 - stored) as u32,
+            signed: header.number(tags::PIXEL_REPRESENTATION) == Some(1.0),
+        })
+    }
+
+    /// Pixels of a frame.
+    pub(super) fn pixels(&self) -> u64 {
+        self.columns as u64 * self.rows as u64
+    }
+
+    /// Refuses a decoded picture of another size, or of more bytes a pixel than there is place for.
+    pub(super) fn check_decoded(&self, found: [u32; 2], width: usize) -> Result<(), String> {
+        if found == [self.columns, self.rows] && (1..=self.width).contains(&width) {
+            return Ok(());
+        }
+        Err(format!(
+            "expected {} x {} pixels of at most {} bytes, found {} x {} of {width}",
+            self.columns, self.rows, self.width, found[0], found[1]
+        ))
+    }
+
+    /// Least and greatest number that can be stored.
+    pub(super) fn limits(&self) -> [i64; 2] {
+        if self.signed { [-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1] } else { [0, (1 << self.bits) - 1] }
+    }
+
+    /// A number that a header may have written as unsigned though the pixels are signed.
+    pub(super) fn wrapped(&self, n: i64) -> i64 {
+        let past = n > self.limits()[1] && self.signed;
+        if past { n - (1 << (8 * self.width)) } else { n }
+    }
+
+    /// The number in the bits of a pixel.
+    #[inline(always)]
+    fn number(&self, raw: u32) -> i64 {
+        let unused = 32 - self.bits;
+        let high = (raw >> self.shift) << unused;
+        if self.signed { ((high as i32) >> unused) as i64 } else { (high >> unused) as i64 }
+    }
+}
+
+/// A frame's stored numbers.
+pub(super) struct Samples {
+    pub(super) bytes: Vec<u8>,
+    /// Bytes of one.
+    pub(super) width: usize,
+    pub(super) endian: Endian,
+}
+
+/// What the stored numbers of a frame mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Meaning {
+    pub(super) slope: f64,
+    pub(super) intercept: f64,
+    /// Least and greatest stored number that stands for no value; delivered as NaN where voxels are floats.
+    pub(super) padding: Option<[i64; 2]>,
+}
+
+impl Samples {
+    /// Least and greatest of the numbers.
+    pub(super) fn range(&self, format: &PixelFormat) -> [i64; 2] {
+        let whole = VoxelBox::new([0; 3], [format.columns, format.rows, 1]);
+        let mut voxels = vec![0; format.pixels() as usize * VoxelType::I32.bytes()];
+        let plain = Meaning { slope: 1.0, intercept: 0.0, padding: None };
+        self.deliver(format, &plain, VoxelType::I32, whole, &mut voxels);
+        let (voxels, _) = voxels.as_chunks::<4>();
+        let numbers = voxels.iter().map(|v| i64::from(i32::from_le_bytes(*v)));
+        numbers.fold([i64::MAX, i64::MIN], |[a, b], n| [a.min(n), b.max(n)])
+    }
+
+    /// Fills `out` with the voxels in the x, y rectangle of `region`.
+    pub(super) fn deliver(
+        &self,
+        format: &PixelFormat,
+        meaning: &Meaning,
+        voxel_type: VoxelType,
+        region: VoxelBox,
+        out: &mut [u8],
+    ) {
+        let row_bytes = region.extent().x as usize * voxel_type.bytes();
+        let number = |raw: u32| format.number(raw);
+        for (y, row) in (region.min.y..).zip(out.chunks_exact_mut(row_bytes)) {
+            let first = (y as usize * format.columns as usize + region.min.x as usize) * self.width;
+            let numbers = &self.bytes[first..first + region.extent().x as usize * self.width];
+            match (self.width, self.endian) {
+                (1, _) => meaning.row(numbers, |[b]: [u8; 1]| number(b as u32), voxel_type, row),
+                (2, Endian::Little) => meaning.row(numbers, |b| number(u16::from_le_bytes(b) as u32), voxel_type, row),
+                (2, Endian::Big) => meaning.row(numbers, |b| number(u16::from_be_bytes(b) as u32), voxel_type, row),
+                (_, Endian::Little) => meaning.row(numbers, |b| number(u32::from_le_bytes(b)), voxel_type, row),
+                (_, Endian::Big) => meaning.row(numbers, |b| number(u32::from_be_bytes(b)), voxel_type, row),
+            }
+        }
+    }
+}
+
+impl Meaning {
+    /// Turns a row of stored numbers of `N` bytes to voxels.
+    #[inline]
+    fn row<const N: usize>(&self, src: &[u8], number: impl Fn([u8; N]) -> i64, voxel_type: VoxelType, out: &mut [u8]) {
+        let (src, _) = src.as_chunks::<N>();
+        let value = |n: i64| n as f64 * self.slope + self.intercept;
+        if let (VoxelType::F32, Some([least, greatest])) = (voxel_type, self.padding) {
+            let (out, _) = out.as_chunks_mut::<4>();
+            for (out, bytes) in out.iter_mut().zip(src) {
+                let n = number(*bytes);
+                let voxel = if (least..=greatest).contains(&n) { f32::NAN } else { value(n) as f32 };
+                *out = voxel.to_le_bytes();
+            }
+            return;
+        }
+        with_voxel_type!(voxel_type, T => {
+            let (out, _) = out.as_chunks_mut::<{ size_of::<T>() }>();
+            for (out, bytes) in out.iter_mut().zip(src) {
+                // Exact for integers: the type was chosen so that all values fit.
+                *out = (value(number(*bytes)) as T).to_le_bytes();
+            }
+        });
+    }
+}

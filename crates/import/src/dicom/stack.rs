@@ -1,0 +1,235 @@
+//! From slices with a place each to one volume: sorted along their normal, and refused where they are not an upright,
+//! evenly spaced stack.
+//!
+//! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as files have them.
+//! The matrix that comes out is of the world that NIfTI has, x to the right and y to the front, so that volumes of one
+//! patient meet whatever their format.
+
+use crate::error::ImportError;
+use glam::{DMat3, DVec3};
+use std::path::PathBuf;
+
+/// Slices' spacings may differ by this part.
+const SPACING_TOLERANCE: f64 = 1e-2;
+/// Directions may differ by this much (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
+const DIRECTION_TOLERANCE: f64 = 1e-4;
+/// A stack may lean by this part of a pixel from its first slice to its last.
+const LEAN_TOLERANCE_PX: f64 = 0.5;
+
+/// One slice and where it lies.
+#[derive(Clone, Debug)]
+pub(super) struct Slice {
+    /// Which file, in the order given.
+    pub(super) file: usize,
+    /// Which of its frames.
+    pub(super) frame: usize,
+    /// Centre of the first pixel, mm.
+    pub(super) position: DVec3,
+    /// Where the columns' index grows.
+    pub(super) along_row: DVec3,
+    /// Where the rows' index grows.
+    pub(super) along_column: DVec3,
+    /// From pixel to pixel along a row and along a column, mm.
+    pub(super) pixel_mm: [f64; 2],
+    /// Thickness or distance that the file names, for a slice that stands alone.
+    pub(super) thickness_mm: Option<f64>,
+}
+
+/// A stack's place.
+#[derive(Debug)]
+pub(super) struct Placement {
+    pub(super) spacing: DVec3,
+    /// World-from-voxel-centre, rows.
+    pub(super) matrix: [[f64; 4]; 3],
+    /// What was not evident.
+    pub(super) note: Option<String>,
+}
+
+/// How messages name slices.
+pub(super) struct Names<'a> {
+    pub(super) paths: &'a [PathBuf],
+    /// Whether frames are told apart by their number.
+    pub(super) by_frame: bool,
+}
+
+impl Names<'_> {
+    fn of(&self, slice: &Slice) -> String {
+        let path = self.paths[slice.file].display();
+        if self.by_frame { format!("{path} (frame {})", slice.frame + 1) } else { path.to_string() }
+    }
+
+    fn refuse(&self, slice: &Slice, problem: String) -> ImportError {
+        let frame = if self.by_frame { format!("frame {}: ", slice.frame + 1) } else { String::new() };
+        ImportError::invalid(&self.paths[slice.file], frame + &problem)
+    }
+}
+
+/// Sorts the slices by their position along the normal and places the stack. With `even` they are taken as evenly
+/// spaced whatever their positions say.
+pub(super) fn arrange(slices: &mut [Slice], names: &Names, even: bool) -> Result<Placement, ImportError> {
+    let first = slices[0].clone();
+    check_directions(slices, names)?;
+    let normal = first.along_row.cross(first.along_column).normalize();
+    let depth = |s: &Slice| (s.position - first.position).dot(normal);
+    slices.sort_by(|a, b| depth(a).total_cmp(&depth(b)).then((a.file, a.frame).cmp(&(b.file, b.frame))));
+    let (spacing_z, note) = match slices {
+        [one] => alone(one),
+        _ => {
+            let gaps: Vec<f64> = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0])).collect();
+            check_gaps(&gaps, slices, names, even)?;
+            check_lean(slices, normal, names)?;
+            (gaps.iter().sum::<f64>() / gaps.len() as f64, None)
+        }
+    };
+    let spacing = DVec3::new(first.pixel_mm[0], first.pixel_mm[1], spacing_z);
+    let axes = DMat3::from_cols(first.along_row * spacing.x, first.along_column * spacing.y, normal * spacing.z);
+    // From the patient's left and back to the world's right and front.
+    let flip = DVec3::new(-1.0, -1.0, 1.0);
+    let origin = slices[0].position * flip;
+    let matrix = std::array::from_fn(|r| {
+        let row = axes.row(r) * flip[r];
+        [row.x, row.y, row.z, origin[r]]
+    });
+    Ok(Placement { spacing, matrix, note })
+}
+
+/// The third spacing of a stack of one slice.
+fn alone(slice: &Slice) -> (f64, Option<String>) {
+    match slice.thickness_mm {
+        Some(mm) => (mm, Some(format!("A single slice: its thickness of {mm} mm is taken as the spacing along z."))),
+        None => (1.0, Some("A single slice of no known thickness: 1 mm is taken as the spacing along z.".into())),
+    }
+}
+
+/// All slices must look the same way and have pixels of one size.
+fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> {
+    let first = &slices[0];
+    let (row, column) = (first.along_row, first.along_column);
+    let upright = [row.length() - 1.0, column.length() - 1.0, row.dot(column)];
+    if upright.iter().any(|e| e.abs() >= 1e-3) {
+        let problem = format!(
+            "ImageOrientationPatient {} {} is not two perpendicular directions of length 1; write the file again",
+            show(row),
+            show(column)
+        );
+        return Err(names.refuse(first, problem));
+    }
+    let parallel = |a: &Slice, b: &Slice| {
+        let apart = [a.along_row - b.along_row, a.along_column - b.along_column];
+        apart.iter().all(|d| d.length() <= DIRECTION_TOLERANCE)
+    };
+    if let [most, other, ..] = kinds(slices, parallel)[..] {
+        let show = |s: &Slice| format!("{} {}", show(s.along_row), show(s.along_column));
+        let problem = format!(
+            "looks along {} (ImageOrientationPatient), as {} slices do; {} look along {}, such as {}. Slices of one volume are \
+             parallel: give the files of one direction (localizers often lie among a series)",
+            show(&slices[other.0]),
+            other.1,
+            most.1,
+            show(&slices[most.0]),
+            names.of(&slices[most.0])
+        );
+        return Err(names.refuse(&slices[other.0], problem));
+    }
+    let same_pixels =
+        |a: &Slice, b: &Slice| (0..2).all(|i| (a.pixel_mm[i] - b.pixel_mm[i]).abs() <= 1e-4 * b.pixel_mm[i]);
+    if let [most, other, ..] = kinds(slices, same_pixels)[..] {
+        let show = |s: &Slice| format!("{} x {} mm", s.pixel_mm[0], s.pixel_mm[1]);
+        let problem = format!(
+            "has pixels of {}, as {} slices do; {} have pixels of {}, such as {}. Give the files of one size",
+            show(&slices[other.0]),
+            other.1,
+            most.1,
+            show(&slices[most.0]),
+            names.of(&slices[most.0])
+        );
+        return Err(names.refuse(&slices[other.0], problem));
+    }
+    Ok(())
+}
+
+/// Groups what is the same: the first of each kind and their number, most numerous first.
+pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize, usize)> {
+    let mut kinds: Vec<(usize, usize)> = Vec::new();
+    for (i, item) in items.iter().enumerate() {
+        match kinds.iter_mut().find(|(first, _)| same(&items[*first], item)) {
+            Some((_, count)) => *count += 1,
+            None => kinds.push((i, 1)),
+        }
+    }
+    kinds.sort_by_key(|(first, count)| (std::cmp::Reverse(*count), *first));
+    kinds
+}
+
+/// Sorted slices must lie at places of their own, evenly.
+fn check_gaps(gaps: &[f64], slices: &[Slice], names: &Names, even: bool) -> Result<(), ImportError> {
+    let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
+    positive.sort_by(f64::total_cmp);
+    let typical = positive.get(positive.len() / 2).copied().unwrap_or(0.0);
+    let doubles = gaps.iter().filter(|g| **g <= SPACING_TOLERANCE * typical).count();
+    if doubles > 0 {
+        let at = gaps.iter().position(|g| *g <= SPACING_TOLERANCE * typical).unwrap_or(0);
+        let (a, b) = (&slices[at], &slices[at + 1]);
+        let problem = format!(
+            "lies where {} lies, at {}: {} slices at {} positions; give the files of one time step, echo or phase only, each once",
+            names.of(a),
+            show(b.position),
+            slices.len(),
+            slices.len() - doubles
+        );
+        return Err(names.refuse(b, problem));
+    }
+    let uneven = |gap: f64| (gap - typical).abs() > SPACING_TOLERANCE * typical;
+    let count = gaps.iter().filter(|g| uneven(**g)).count();
+    let worst = (0..gaps.len()).max_by(|&a, &b| (gaps[a] - typical).abs().total_cmp(&(gaps[b] - typical).abs()));
+    let Some(at) = worst.filter(|_| count > 0 && !even) else { return Ok(()) };
+    let steps = gaps[at] / typical;
+    let missing = if (steps - steps.round()).abs() < 0.05 && steps > 1.5 {
+        format!(" ({} slices are missing between them)", steps.round() - 1.0)
+    } else {
+        String::new()
+    };
+    let problem = format!(
+        "slices are not evenly spaced: expected {typical:.4} mm from one to the next (as most are), found {:.4} mm from {} (at {}) to {} \
+         (at {}){missing}; {count} of {} steps differ. Add the missing files, or pass --spacing X,Y,Z to take the slices as even",
+        gaps[at],
+        names.of(&slices[at]),
+        show(slices[at].position),
+        names.of(&slices[at + 1]),
+        show(slices[at + 1].position),
+        gaps.len()
+    );
+    Err(names.refuse(&slices[at + 1], problem))
+}
+
+/// Sorted slices must lie straight above one another.
+fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), ImportError> {
+    let first = &slices[0];
+    let lean = |s: &Slice| {
+        let offset = s.position - first.position;
+        (offset - normal * offset.dot(normal)).length()
+    };
+    let Some(worst) = slices.iter().max_by(|a, b| lean(a).total_cmp(&lean(b))) else { return Ok(()) };
+    let pixel = first.pixel_mm[0].min(first.pixel_mm[1]);
+    if lean(worst) <= LEAN_TOLERANCE_PX * pixel {
+        return Ok(());
+    }
+    let along = (worst.position - first.position).dot(normal);
+    let problem = format!(
+        "the stack leans: slices are shifted sideways by {:.3} mm over {along:.3} mm ({:.2} degrees, a tilted gantry), from {} to here; \
+         a store holds upright volumes only: resample it first (dcm2niix does)",
+        lean(worst),
+        (lean(worst) / along).atan().to_degrees(),
+        names.of(first)
+    );
+    Err(names.refuse(worst, problem))
+}
+
+fn show(v: DVec3) -> String {
+    format!("({}, {}, {})", round(v.x), round(v.y), round(v.z))
+}
+
+/// Four decimals are more than files mean.
+fn round(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4 + 0.0
+}

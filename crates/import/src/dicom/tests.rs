@@ -1,0 +1,612 @@
+//! Series written by dicom-object, whole and broken in every way that is refused.
+
+use crate::error::ImportError;
+use crate::open::{OpenOptions, open};
+use crate::source::Source;
+use brickyard_volume::VoxelType;
+use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
+use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
+use dicom_dictionary_std::{tags, uids};
+use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+
+const BIG_ENDIAN: &str = super::header::EXPLICIT_BIG_ENDIAN;
+
+/// A file of a CT series, to be changed by each test.
+struct Written(InMemDicomObject);
+
+impl Written {
+    /// A slice of 4 x 3 pixels at a height, whose stored values count up from a number.
+    fn slice(z_mm: f64, first: u16) -> Self {
+        let mut written = Self(InMemDicomObject::new_empty());
+        written.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.3");
+        written.text(tags::IMAGE_POSITION_PATIENT, VR::DS, &format!("-100\\-50\\{z_mm}"));
+        written.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "1\\0\\0\\0\\1\\0");
+        written.text(tags::PIXEL_SPACING, VR::DS, "0.75\\0.5");
+        written.text(tags::SLICE_THICKNESS, VR::DS, "5");
+        written.text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "MONOCHROME2");
+        let numbers = [
+            (tags::SAMPLES_PER_PIXEL, 1),
+            (tags::ROWS, 3),
+            (tags::COLUMNS, 4),
+            (tags::BITS_ALLOCATED, 16),
+            (tags::BITS_STORED, 12),
+            (tags::HIGH_BIT, 11),
+            (tags::PIXEL_REPRESENTATION, 0),
+        ];
+        for (tag, number) in numbers {
+            written.number(tag, number);
+        }
+        written.pixels(&(first..first + 12).collect::<Vec<_>>());
+        written
+    }
+
+    fn text(&mut self, tag: Tag, vr: VR, text: &str) -> &mut Self {
+        self.0.put(DataElement::new(tag, vr, PrimitiveValue::from(text)));
+        self
+    }
+
+    fn number(&mut self, tag: Tag, number: u16) -> &mut Self {
+        self.0.put(DataElement::new(tag, VR::US, PrimitiveValue::from(number)));
+        self
+    }
+
+    fn pixels(&mut self, pixels: &[u16]) -> &mut Self {
+        self.0.put(DataElement::new(tags::PIXEL_DATA, VR::OW, PrimitiveValue::U16(pixels.into())));
+        self
+    }
+
+    /// One fragment a frame, without a table of offsets.
+    fn fragments(&mut self, fragments: Vec<Vec<u8>>) -> &mut Self {
+        let sequence = PixelFragmentSequence::new(Vec::<u32>::new(), fragments);
+        self.0.put(DataElement::new(tags::PIXEL_DATA, VR::OB, sequence));
+        self
+    }
+
+    fn sequence(&mut self, tag: Tag, items: Vec<InMemDicomObject>) -> &mut Self {
+        self.0.put(DataElement::new(tag, VR::SQ, DataSetSequence::from(items)));
+        self
+    }
+
+    fn save(&self, path: &Path, syntax: &str) {
+        let meta = FileMetaTableBuilder::new()
+            .transfer_syntax(syntax)
+            .media_storage_sop_class_uid(uids::CT_IMAGE_STORAGE)
+            .media_storage_sop_instance_uid("1.2.3.4");
+        self.0.clone().with_meta(meta).unwrap().write_to_file(path).unwrap();
+    }
+}
+
+/// A folder of files, and what was given to `open`.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    /// Files named so that their names say nothing of their order.
+    fn of(slices: impl IntoIterator<Item = Written>) -> Self {
+        let folder = Self(tempfile::tempdir().unwrap());
+        for (i, slice) in slices.into_iter().enumerate() {
+            slice.save(&folder.file(i), uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        }
+        folder
+    }
+
+    fn file(&self, i: usize) -> PathBuf {
+        self.0.path().join(format!("IM{i}"))
+    }
+
+    /// With the folder, without which the source has nothing to read.
+    fn opened(slices: impl IntoIterator<Item = Written>) -> (Self, Box<dyn Source>) {
+        let folder = Self::of(slices);
+        let source = folder.open().unwrap();
+        (folder, source)
+    }
+
+    fn open(&self) -> Result<Box<dyn Source>, ImportError> {
+        open(&[self.0.path().to_owned()], &OpenOptions::default())
+    }
+
+    #[track_caller]
+    fn refused(&self, words: &[&str]) {
+        let message = self.open().err().expect("a refusal").to_string();
+        for word in words {
+            assert!(message.contains(word), "{word:?} is not in: {message}");
+        }
+    }
+}
+
+/// Slices from 20 mm up, 2.5 mm apart, in an order of their own; slice `k` from below holds values from `100 k`.
+fn shuffled() -> impl Iterator<Item = Written> {
+    [3, 0, 4, 1, 2].into_iter().map(|k| Written::slice(20.0 + 2.5 * k as f64, 100 * k))
+}
+
+fn voxels(source: &dyn Source) -> Vec<f64> {
+    let info = source.info();
+    let full = info.extent.full_box();
+    let mut bytes = vec![0; full.extent().volume() as usize * info.voxel_type.bytes()];
+    source.read_box(0, 0, full, &mut bytes).unwrap();
+    (0..full.extent().volume() as usize).map(|i| info.voxel_type.read(&bytes, i)).collect()
+}
+
+fn counting(slices: u16) -> Vec<f64> {
+    (0..slices).flat_map(|k| (100 * k..100 * k + 12).map(f64::from)).collect()
+}
+
+#[test]
+fn slices_are_sorted_by_place_and_placed_in_a_world_of_right_front_and_head() {
+    let (_folder, source) = Folder::opened(shuffled());
+    let info = source.info();
+    assert_eq!((info.extent.to_array(), info.voxel_type), ([4, 3, 5], VoxelType::U16));
+    assert_eq!(voxels(&*source), counting(5));
+    // PixelSpacing is from row to row first; the thickness of 5 mm is not the spacing.
+    assert_eq!(info.geometry.spacing, DVec3::new(0.5, 0.75, 2.5));
+    assert_eq!(info.geometry.unit.as_deref(), Some("millimeter"));
+    let expected = [[-0.5, 0.0, 0.0, 100.0], [0.0, -0.75, 0.0, 50.0], [0.0, 0.0, 2.5, 20.0]];
+    assert_eq!(info.orientation, Some(expected));
+    assert!(info.calibrated);
+}
+
+#[test]
+fn rows_to_the_right_and_columns_to_the_front_are_upright() {
+    let slices = shuffled().map(|mut slice| {
+        slice.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "-1\\0\\0\\0\\-1\\0");
+        slice
+    });
+    let (_folder, source) = Folder::opened(slices);
+    assert_eq!((source.info().orientation, source.info().geometry.origin), (None, DVec3::new(100.0, 50.0, 20.0)));
+    assert_eq!(voxels(&*source), counting(5));
+}
+
+#[test]
+fn sagittal_slices_go_along_their_normal() {
+    // Rows run to the back, columns to the feet: the normal is (0, 1, 0) x (0, 0, -1) = (-1, 0, 0), to the right.
+    let sagittal = |x: f64, first| {
+        let mut slice = Written::slice(0.0, first);
+        slice.text(tags::IMAGE_POSITION_PATIENT, VR::DS, &format!("{x}\\7\\9"));
+        slice.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "0\\1\\0\\0\\0\\-1");
+        slice
+    };
+    let (_folder, source) = Folder::opened([sagittal(10.0, 0), sagittal(8.0, 200), sagittal(9.0, 100)]);
+    assert_eq!(voxels(&*source), counting(3));
+    let expected = [[0.0, 0.0, 1.0, -10.0], [-0.5, 0.0, 0.0, -7.0], [0.0, -0.75, 0.0, 9.0]];
+    let found = source.info().orientation.unwrap();
+    for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
+        assert!((f - e).abs() < 1e-12, "{found:?}");
+    }
+}
+
+#[test]
+fn one_file_stands_for_its_series_and_a_list_for_itself() {
+    let folder = Folder::of(shuffled());
+    let mut other = Written::slice(21.0, 7);
+    other.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9").text(tags::SERIES_DESCRIPTION, VR::LO, "scout");
+    other.save(&folder.file(9), uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let options = OpenOptions::default();
+    assert_eq!(voxels(&*open(&[folder.file(2)], &options).unwrap()), counting(5));
+    let source = open(&[folder.file(9)], &options).unwrap();
+    assert_eq!((source.info().extent.z, source.info().geometry.spacing.z), (1, 5.0));
+    // Slices 1 and 0 from below.
+    assert_eq!(voxels(&*open(&[folder.file(3), folder.file(1)], &options).unwrap()), counting(2));
+    folder.refused(&[
+        "2 series",
+        "1.2.3 of 5 files, such as IM",
+        "1.2.9 \"scout\" of 1 files, such as IM9",
+        "Name the files",
+    ]);
+}
+
+#[test]
+fn every_uncompressed_syntax_gives_the_same_voxels() {
+    for syntax in [uids::IMPLICIT_VR_LITTLE_ENDIAN, uids::EXPLICIT_VR_LITTLE_ENDIAN, BIG_ENDIAN] {
+        let folder = tempfile::tempdir().unwrap();
+        for (i, slice) in shuffled().enumerate() {
+            slice.save(&folder.path().join(format!("{i}.dcm")), syntax);
+        }
+        let source = open(&[folder.path().to_owned()], &OpenOptions::default()).unwrap();
+        assert_eq!(voxels(&*source), counting(5), "{syntax}");
+    }
+}
+
+#[test]
+fn bits_signs_and_rescaling() {
+    let values = |change: &dyn Fn(&mut Written) -> &mut Written| {
+        let mut slice = Written::slice(0.0, 0);
+        slice.pixels(&[0, 1, 2047, 2048, 4095, 0x8fff, 0xf000, 7, 7, 7, 7, 7]);
+        change(&mut slice);
+        let (_folder, source) = Folder::opened([slice]);
+        (source.info().voxel_type, voxels(&*source)[..7].to_vec(), source.info().notes.join(" "))
+    };
+    // Bits past the stored ones (overlays of old) are nobody's.
+    let (voxel_type, found, _) = values(&|s| s);
+    assert_eq!((voxel_type, found), (VoxelType::U16, vec![0.0, 1.0, 2047.0, 2048.0, 4095.0, 4095.0, 0.0]));
+    let (voxel_type, found, _) = values(&|s| s.number(tags::PIXEL_REPRESENTATION, 1));
+    assert_eq!((voxel_type, found), (VoxelType::I16, vec![0.0, 1.0, 2047.0, -2048.0, -1.0, -1.0, 0.0]));
+    fn hounsfield(s: &mut Written) -> &mut Written {
+        s.text(tags::RESCALE_SLOPE, VR::DS, "1").text(tags::RESCALE_INTERCEPT, VR::DS, "-1024")
+    }
+    let (voxel_type, found, notes) = values(&hounsfield);
+    assert_eq!((voxel_type, &found[..4]), (VoxelType::I16, &[-1024.0, -1023.0, 1023.0, 1024.0][..]));
+    assert!(notes.contains("shifted by -1024"), "{notes}");
+    let (voxel_type, found, _) = values(&|s| hounsfield(s).text(tags::RESCALE_SLOPE, VR::DS, "0.25"));
+    assert_eq!((voxel_type, &found[..4]), (VoxelType::F32, &[-1024.0, -1023.75, -512.25, -512.0][..]));
+    // All 16 bits are stored: whether a 16-bit number holds every value depends on the values.
+    fn wide(s: &mut Written) -> &mut Written {
+        hounsfield(s).number(tags::BITS_STORED, 16).number(tags::HIGH_BIT, 15)
+    }
+    let (voxel_type, found, _) = values(&wide);
+    assert_eq!((voxel_type, found[6]), (VoxelType::I32, 61440.0 - 1024.0));
+    let (voxel_type, found, _) = values(&|s| wide(s).pixels(&[0, 4095, 9, 9, 9, 9, 33791, 9, 9, 9, 9, 9]));
+    assert_eq!((voxel_type, found[0], found[6]), (VoxelType::I16, -1024.0, 32767.0));
+    let (_, found, _) = values(&|s| s.number(tags::BITS_STORED, 12).number(tags::HIGH_BIT, 15));
+    assert_eq!(found[3..], [128.0, 255.0, 2303.0, 3840.0]);
+    let (_, found, notes) = values(&|s| s.text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "MONOCHROME1"));
+    assert_eq!(found[4], 4095.0);
+    assert!(notes.contains("MONOCHROME1"), "{notes}");
+}
+
+#[test]
+fn padding_is_nan_in_floats_and_a_value_in_integers() {
+    let padded = |slope: &str| {
+        let mut slice = Written::slice(0.0, 0);
+        slice.number(tags::PIXEL_PADDING_VALUE, 3).number(tags::PIXEL_PADDING_RANGE_LIMIT, 5);
+        slice.text(tags::RESCALE_SLOPE, VR::DS, slope);
+        let (_folder, source) = Folder::opened([slice]);
+        assert!(source.info().notes.iter().any(|n| n.contains("3 to 5")), "{:?}", source.info().notes);
+        voxels(&*source)[2..7].to_vec()
+    };
+    assert_eq!(padded("1"), [2.0, 3.0, 4.0, 5.0, 6.0]);
+    let found = padded("0.5");
+    assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
+}
+
+#[test]
+fn slopes_are_each_slices_own() {
+    let slices = [(0.0, "2"), (1.0, "0.5")].map(|(z, slope)| {
+        let mut slice = Written::slice(z, 10);
+        slice.text(tags::RESCALE_SLOPE, VR::DS, slope).text(tags::RESCALE_INTERCEPT, VR::DS, "1");
+        slice
+    });
+    let (_folder, source) = Folder::opened(slices);
+    let found = voxels(&*source);
+    assert_eq!((found[0], found[12]), (21.0, 6.0));
+    assert!(source.info().notes[0].contains("each slice's own"), "{:?}", source.info().notes);
+}
+
+#[test]
+fn boxes_are_parts_of_the_whole() {
+    let (_folder, source) = Folder::opened(shuffled());
+    let region = brickyard_volume::VoxelBox::new([1, 1, 3], [3, 3, 5]);
+    let mut bytes = vec![0; 2 * 2 * 2 * 2];
+    source.read_box(0, 0, region, &mut bytes).unwrap();
+    let found: Vec<f64> = (0..8).map(|i| VoxelType::U16.read(&bytes, i)).collect();
+    assert_eq!(found, [305.0, 306.0, 309.0, 310.0, 405.0, 406.0, 409.0, 410.0]);
+}
+
+#[test]
+fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
+    let at = |z: f64| Written::slice(z, 0);
+    let moved = |position: &str| {
+        let mut slice = at(0.0);
+        slice.text(tags::IMAGE_POSITION_PATIENT, VR::DS, position);
+        slice
+    };
+    Folder::of([0.0, 2.0, 8.0, 10.0, 4.0].map(at)).refused(&[
+        "expected 2.0000 mm",
+        "found 4.0000 mm",
+        "IM4",
+        "IM2",
+        "(-100, -50, 4)",
+        "1 slices are missing",
+        "1 of 4 steps",
+        "--spacing",
+    ]);
+    Folder::of([0.0, 2.0, 4.3, 6.2].map(at)).refused(&["not evenly spaced", "2.3000"]);
+    Folder::of([0.0, 2.0, 2.0, 4.0].map(at)).refused(&[
+        "IM2: lies where",
+        "IM1",
+        "4 slices at 3 positions",
+        "one time step",
+    ]);
+    Folder::of([at(0.0), at(0.0)]).refused(&["2 slices at 1 positions"]);
+    // A shift by 1 mm for each mm: 45 degrees.
+    Folder::of([moved("0\\0\\0"), moved("0\\1\\1"), moved("0\\2\\2")]).refused(&["leans", "45.00 degrees", "dcm2niix"]);
+    let mut turned = at(4.0);
+    turned.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "0\\1\\0\\0\\0\\-1");
+    Folder::of([turned, at(0.0), at(2.0)])
+        .refused(&["IM0: looks along (0, 1, 0) (0, 0, -1)", "2 look along (1, 0, 0)"]);
+    let mut coarse = at(4.0);
+    coarse.text(tags::PIXEL_SPACING, VR::DS, "1\\1");
+    Folder::of([at(0.0), at(2.0), coarse]).refused(&["IM2: has pixels of 1 x 1 mm", "2 have pixels of 0.5 x 0.75 mm"]);
+    let mut small = at(4.0);
+    small.number(tags::ROWS, 2);
+    Folder::of([at(0.0), small, at(2.0)]).refused(&["IM1: is 4 x 2 pixels", "2 are 4 x 3", "IM0"]);
+    let mut skew = at(0.0);
+    skew.text(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "1\\0\\0\\0.1\\1\\0");
+    Folder::of([skew]).refused(&["not two perpendicular directions"]);
+}
+
+#[test]
+fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
+    let folder = Folder::of([0.0, 2.0, 8.0, 10.0].map(|z| {
+        let mut slice = Written::slice(z, 10 * z as u16);
+        slice.text(tags::PIXEL_SPACING, VR::DS, "");
+        slice
+    }));
+    folder.refused(&["PixelSpacing (0028,0030)", "found none", "--spacing"]);
+    let spacing = DVec3::new(0.5, 0.5, 2.0);
+    let told = OpenOptions { spacing: Some(spacing), ..OpenOptions::default() };
+    let source = open(&[folder.0.path().to_owned()], &told).unwrap();
+    assert_eq!(source.info().geometry.spacing, spacing);
+    let found = voxels(&*source);
+    assert_eq!([0, 12, 24, 36].map(|i| found[i]), [0.0, 20.0, 80.0, 100.0]);
+}
+
+#[test]
+fn missing_and_wrong_elements_are_named() {
+    let without = |tag: Tag| {
+        let mut slice = Written::slice(0.0, 0);
+        slice.0.remove_element(tag);
+        Folder::of([slice])
+    };
+    without(tags::IMAGE_POSITION_PATIENT).refused(&["IM0", "ImagePositionPatient (0020,0032)", "found none"]);
+    without(tags::IMAGE_ORIENTATION_PATIENT).refused(&["ImageOrientationPatient (0020,0037)", "found none"]);
+    without(tags::COLUMNS).refused(&["Columns (0028,0011)", "missing"]);
+    without(tags::PIXEL_DATA).refused(&["IM0", "cut short", "pixel data"]);
+    let changed = |change: &dyn Fn(&mut Written) -> &mut Written| {
+        let mut slice = Written::slice(0.0, 0);
+        change(&mut slice);
+        Folder::of([slice])
+    };
+    changed(&|s| s.text(tags::IMAGE_POSITION_PATIENT, VR::DS, "1\\2")).refused(&["found [1.0, 2.0]"]);
+    changed(&|s| s.number(tags::SAMPLES_PER_PIXEL, 3).text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "RGB"))
+        .refused(&["colour image (RGB, 3 samples", "not supported"]);
+    changed(&|s| s.number(tags::BITS_ALLOCATED, 1)).refused(&["1 bits a pixel"]);
+    changed(&|s| s.number(tags::BITS_STORED, 17)).refused(&["BitsStored 17"]);
+    changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "0")).refused(&["RescaleSlope is 0"]);
+    changed(&|s| s.number(tags::ROWS, 30)).refused(&["cut short", "240 bytes", "found 24 (216 missing)"]);
+    changed(&|s| s.text(tags::NUMBER_OF_FRAMES, VR::IS, "2").number(tags::ROWS, 1))
+        .refused(&["2 frames without a place for each", "PerFrameFunctionalGroupsSequence"]);
+    changed(&|s| s.sequence(tags::MODALITY_LUT_SEQUENCE, vec![])).refused(&["ModalityLUTSequence"]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    Written::slice(0.0, 0).fragments(vec![vec![0; 64]]).save(&path, uids::JPEGLS_LOSSLESS);
+    let message = open(&[path], &OpenOptions::default()).err().unwrap().to_string();
+    assert!(message.contains("JPEG-LS Lossless") && message.contains("not supported"), "{message}");
+}
+
+#[test]
+fn files_without_an_image_are_left_out_of_folders() {
+    let mut report = Written(InMemDicomObject::new_empty());
+    report.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.77");
+    let folder = Folder::of(shuffled().chain([report]));
+    let source = folder.open().unwrap();
+    assert_eq!(source.info().extent.z, 5);
+    assert!(source.info().notes[0].contains("1 DICOM files without an image"), "{:?}", source.info().notes);
+    let message = open(&[folder.file(5)], &OpenOptions::default()).err().unwrap().to_string();
+    assert!(message.contains("without an image"), "{message}");
+}
+
+/// Run-length encoding of 16-bit pixels in runs of one kind: `literal` or repeats of a value.
+fn rle(pixels: &[u16], literal: bool) -> Vec<u8> {
+    let planes = [8, 0].map(|shift| {
+        let bytes: Vec<u8> = pixels.iter().map(|p| (p >> shift) as u8).collect();
+        let mut out = Vec::new();
+        for run in bytes.chunk_by(|a, b| literal || a == b) {
+            match literal {
+                true => out.push(run.len() as u8 - 1),
+                false => out.push((1 - run.len() as i32) as u8),
+            }
+            out.extend(if literal { run } else { &run[..1] });
+        }
+        // A head of -128 stands for nothing.
+        out.push(0x80);
+        out
+    });
+    let mut header = [0u32; 16];
+    header[..3].copy_from_slice(&[2, 64, 64 + planes[0].len() as u32]);
+    let header = header.iter().flat_map(|w| w.to_le_bytes());
+    header.chain(planes.iter().flatten().copied()).collect()
+}
+
+#[test]
+fn run_lengths_are_decoded_and_short_ones_refused() {
+    let pixels: Vec<u16> = vec![7, 7, 7, 7, 260, 260, 1, 1, 1, 1, 1, 4000];
+    let packed = |fragment: Vec<u8>| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        Written::slice(0.0, 0).fragments(vec![fragment]).save(&path, uids::RLE_LOSSLESS);
+        let source = open(&[path], &OpenOptions::default()).unwrap();
+        let mut out = vec![0; 24];
+        source.read_box(0, 0, source.info().extent.full_box(), &mut out).map(|()| voxels(&*source))
+    };
+    let expected: Vec<f64> = pixels.iter().map(|p| f64::from(*p)).collect();
+    for literal in [true, false] {
+        assert_eq!(packed(rle(&pixels, literal)).unwrap(), expected);
+    }
+    let message = packed(rle(&pixels[..9], true)).unwrap_err().to_string();
+    assert!(message.contains("frame 1") && message.contains("expected 12 pixels, found 9"), "{message}");
+    assert!(packed(vec![0; 10]).is_err());
+    let mut wild = rle(&pixels, true);
+    wild[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert!(packed(wild).unwrap_err().to_string().contains("past its end"));
+}
+
+/// Lossless JPEG (process 14, predictor 1: the pixel to the left) of 12-bit pixels.
+fn lossless_jpeg(pixels: &[u16], columns: u16) -> Vec<u8> {
+    let rows = (pixels.len() / columns as usize) as u16;
+    let [r, c] = [rows.to_be_bytes(), columns.to_be_bytes()];
+    let mut out = vec![0xff, 0xd8, 0xff, 0xc3, 0, 11, 12, r[0], r[1], c[0], c[1], 1, 1, 0x11, 0];
+    // One table: sixteen lengths of difference, each with a code of five bits, its own number.
+    out.extend([0xff, 0xc4, 0, 35, 0, 0, 0, 0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    out.extend(0..16);
+    out.extend([0xff, 0xda, 0, 8, 1, 1, 0, 1, 0, 0]);
+    let mut bits = String::new();
+    for (i, &pixel) in pixels.iter().enumerate() {
+        let (x, y) = (i % columns as usize, i / columns as usize);
+        let predicted = match (x, y) {
+            (0, 0) => 1 << 11,
+            (0, _) => pixels[i - columns as usize],
+            _ => pixels[i - 1],
+        };
+        let difference = pixel as i32 - predicted as i32;
+        let length = 32 - difference.unsigned_abs().leading_zeros() as usize;
+        bits += &format!("{length:05b}");
+        let code = if difference < 0 { difference - 1 } else { difference };
+        bits += &format!("{code:032b}")[32 - length..];
+    }
+    for byte in bits.as_bytes().chunks(8) {
+        // Filled up with ones; a byte of ones is followed by one of zeros.
+        let text = format!("{:1<8}", std::str::from_utf8(byte).unwrap());
+        let byte = u8::from_str_radix(&text, 2).unwrap();
+        out.push(byte);
+        if byte == 0xff {
+            out.push(0);
+        }
+    }
+    out.extend([0xff, 0xd9]);
+    out
+}
+
+#[test]
+fn lossless_jpeg_is_decoded_exactly_and_damage_refused() {
+    let pixels: Vec<u16> = vec![0, 4095, 17, 18, 2048, 2047, 2046, 300, 301, 299, 4000, 0];
+    let packed = |fragments: Vec<Vec<u8>>| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        Written::slice(0.0, 0).fragments(fragments).save(&path, uids::JPEG_LOSSLESS_SV1);
+        let source = open(&[path], &OpenOptions::default())?;
+        let mut out = vec![0; 24];
+        source.read_box(0, 0, source.info().extent.full_box(), &mut out).map(|()| voxels(&*source))
+    };
+    let expected: Vec<f64> = pixels.iter().map(|p| f64::from(*p)).collect();
+    let whole = lossless_jpeg(&pixels, 4);
+    assert_eq!(packed(vec![whole.clone()]).unwrap(), expected);
+    // One frame may be in several fragments.
+    assert_eq!(packed(vec![whole[..60].to_vec(), whole[60..].to_vec()]).unwrap(), expected);
+    let message = packed(vec![lossless_jpeg(&pixels, 6)]).unwrap_err().to_string();
+    assert!(message.contains("expected 4 x 3") && message.contains("found 6 x 2"), "{message}");
+    assert!(packed(vec![whole[..70].to_vec()]).is_err());
+    assert!(packed(vec![b"no picture".to_vec()]).is_err());
+}
+
+/// An enhanced file: two frames in one, the upper one first, with all else shared.
+fn enhanced() -> Written {
+    let item = |put: &[(Tag, VR, &str)]| {
+        let mut written = Written(InMemDicomObject::new_empty());
+        for (tag, vr, text) in put {
+            written.text(*tag, *vr, text);
+        }
+        written.0
+    };
+    let group = |parts: Vec<(Tag, InMemDicomObject)>| {
+        let mut written = Written(InMemDicomObject::new_empty());
+        for (tag, part) in parts {
+            written.sequence(tag, vec![part]);
+        }
+        written.0
+    };
+    let place = |position: &str, intercept: &str| {
+        group(vec![
+            (tags::PLANE_POSITION_SEQUENCE, item(&[(tags::IMAGE_POSITION_PATIENT, VR::DS, position)])),
+            (
+                tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+                item(&[(tags::RESCALE_SLOPE, VR::DS, "2"), (tags::RESCALE_INTERCEPT, VR::DS, intercept)]),
+            ),
+        ])
+    };
+    let mut file = Written::slice(0.0, 0);
+    for tag in [tags::IMAGE_POSITION_PATIENT, tags::IMAGE_ORIENTATION_PATIENT, tags::PIXEL_SPACING] {
+        file.0.remove_element(tag);
+    }
+    let orientation = item(&[(tags::IMAGE_ORIENTATION_PATIENT, VR::DS, "1\\0\\0\\0\\1\\0")]);
+    let measures = item(&[(tags::PIXEL_SPACING, VR::DS, "0.75\\0.5")]);
+    let shared =
+        group(vec![(tags::PLANE_ORIENTATION_SEQUENCE, orientation), (tags::PIXEL_MEASURES_SEQUENCE, measures)]);
+    file.text(tags::NUMBER_OF_FRAMES, VR::IS, "2");
+    file.sequence(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, vec![shared]);
+    let frames = vec![place("1\\2\\9", "-5"), place("1\\2\\6", "5")];
+    file.sequence(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, frames);
+    file.pixels(&(0..24).collect::<Vec<_>>());
+    file
+}
+
+#[test]
+fn enhanced_files_place_and_rescale_every_frame() {
+    for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("enhanced.dcm");
+        enhanced().save(&path, syntax);
+        let source = open(&[path], &OpenOptions::default()).unwrap();
+        assert_eq!(source.info().extent.to_array(), [4, 3, 2]);
+        assert_eq!(source.info().geometry.spacing, DVec3::new(0.5, 0.75, 3.0));
+        let found = voxels(&*source);
+        assert_eq!([found[0], found[11], found[12], found[23]], [29.0, 51.0, -5.0, 17.0], "{syntax}");
+    }
+    let mut unplaced = enhanced();
+    unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");
+    Folder::of([unplaced]).refused(&["declares 1 frames, but places 2"]);
+}
+
+#[test]
+fn cut_files_are_refused_wherever_they_are_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    for (syntax, written) in [
+        (uids::EXPLICIT_VR_LITTLE_ENDIAN, enhanced()),
+        (uids::RLE_LOSSLESS, {
+            let mut slice = Written::slice(0.0, 0);
+            slice.fragments(vec![rle(&[5; 12], false)]);
+            slice
+        }),
+    ] {
+        written.save(&path, syntax);
+        let whole = std::fs::read(&path).unwrap();
+        for length in (132..whole.len()).step_by(3) {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let read = open(std::slice::from_ref(&path), &OpenOptions::default()).map(|source| {
+                let bytes = source.info().extent.volume() as usize * source.info().voxel_type.bytes();
+                source.read_box(0, 0, source.info().extent.full_box(), &mut vec![0; bytes])
+            });
+            assert!(!matches!(read, Ok(Ok(()))), "{length} of {} bytes are enough", whole.len());
+        }
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
+
+    /// Damage ends in an error or in wrong voxels, never in a panic nor in memory out of proportion.
+    #[test]
+    fn damage_does_not_panic(
+        damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..8),
+        kind in 0..4usize,
+    ) {
+        let (syntax, written) = match kind {
+            0 => (uids::EXPLICIT_VR_LITTLE_ENDIAN, enhanced()),
+            1 => (uids::IMPLICIT_VR_LITTLE_ENDIAN, enhanced()),
+            2 => {
+                let mut slice = Written::slice(0.0, 0);
+                slice.fragments(vec![rle(&[5; 12], false)]);
+                (uids::RLE_LOSSLESS, slice)
+            }
+            _ => {
+                let mut slice = Written::slice(0.0, 0);
+                slice.fragments(vec![lossless_jpeg(&[9; 12], 4)]);
+                (uids::JPEG_LOSSLESS_SV1, slice)
+            }
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        written.save(&path, syntax);
+        let mut bytes = std::fs::read(&path).unwrap();
+        for (place, value) in damage {
+            let place = 132 + place.index(bytes.len() - 132);
+            bytes[place] = value;
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        if let Ok(source) = open(&[path], &OpenOptions::default()) {
+            let bytes = source.info().extent.volume() as usize * source.info().voxel_type.bytes();
+            let _ = source.read_box(0, 0, source.info().extent.full_box(), &mut vec![0; bytes]);
+        }
+    }
+}
