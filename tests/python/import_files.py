@@ -1,5 +1,6 @@
 """Files written by nibabel, tifffile, Pillow, pydicom and numpy, packed and exported by brickyard: the same voxels, spacing and units."""
 
+import copy
 import io
 import pathlib
 import shutil
@@ -267,16 +268,17 @@ def dicom_slice(plane, position, directions=AXIAL, slope=None, bits=None):
 
 
 def dicom_write(name, data, syntax=pydicom.uid.ExplicitVRLittleEndian):
+    packs = syntax == pydicom.uid.RLELossless
     meta = FileMetaDataset()
-    meta.TransferSyntaxUID = syntax
+    meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian if packs else syntax
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = data.SOPClassUID, data.SOPInstanceUID
-    file = FileDataset(str(FOLDER / name), data, preamble=b"\0" * 128, file_meta=meta)
+    file = FileDataset(str(FOLDER / name), copy.deepcopy(data), preamble=b"\0" * 128, file_meta=meta)
     if syntax == pydicom.uid.ExplicitVRBigEndian:
         itemsize = data.BitsAllocated // 8
         file.PixelData = np.frombuffer(data.PixelData, f"<u{itemsize}").astype(f">u{itemsize}").tobytes()
-    if syntax == pydicom.uid.RLELossless:
+    if packs:
         file.compress(syntax, encoding_plugin="pydicom")
-    file.save_as(FOLDER / name, enforce_file_format=True)
+    pydicom.dcmwrite(FOLDER / name, file, enforce_file_format=True)
 
 
 def dicom_series(array, directions=AXIAL, slopes=None, syntax=pydicom.uid.ExplicitVRLittleEndian, bits=None):
@@ -320,6 +322,8 @@ def dicom_syntaxes():
     for syntax in [uid.ImplicitVRLittleEndian, uid.ExplicitVRLittleEndian, uid.ExplicitVRBigEndian,
                    uid.DeflatedExplicitVRLittleEndian, uid.RLELossless]:
         for d in ["u1", "i1", "u2", "i2", "u4", "i4"]:
+            if syntax == uid.RLELossless and d in ["u4", "i4"]:
+                continue  # Not the standard's, and pydicom writes none.
             try:
                 dicom_check(noise(d, 7, 19, 23), d, syntax=syntax)
             except AssertionError as error:
@@ -385,12 +389,13 @@ def dicom_jpeg():
     PIL.Image.fromarray(smooth).save(stream, "jpeg", quality=95)
     whole = stream.getvalue()
     decoded = np.asarray(PIL.Image.open(io.BytesIO(whole)))
+    (FOLDER / "jpeg").mkdir()
     for count in [1, 3]:
         data = dicom_slice(smooth, (0, 0, 0))
         data.PixelData = pydicom.encaps.encapsulate([whole], fragments_per_frame=count)
         data["PixelData"].is_undefined_length = True
-        dicom_write("a.dcm", data, pydicom.uid.JPEGBaseline8Bit)
-        brickyard("pack", "a.dcm", "o.zarr", "--overwrite", "--progress", "none")
+        dicom_write("jpeg/a.dcm", data, pydicom.uid.JPEGBaseline8Bit)
+        brickyard("pack", "jpeg/a.dcm", "o.zarr", "--overwrite", "--progress", "none")
         brickyard("export", "o.zarr", "o.npy", "--overwrite")
         found = np.load(FOLDER / "o.npy")[0].astype(int)
         # Decoders may round the cosine transform either way.
