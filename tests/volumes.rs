@@ -10,8 +10,8 @@ use brickyard::session::{SessionError, SessionOptions, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Extent, Filter, Geometry, LevelPolicy, MAX_VOLUMES, Mode, Picture, Placement, Sampling, Scene, Stereo,
-    StereoLayout, TransferFunction, VolumeLook, Voxel,
+    Blend, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode, Picture,
+    Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, options};
 use glam::DVec3;
@@ -67,6 +67,10 @@ fn scene() -> Scene {
     }
 }
 
+fn lit(gradient: Gradient, lights: &[[f64; 3]]) -> Lighting {
+    Lighting { model: LightingModel::BlinnPhong, gradient, lights: lights.iter().map(|&light| light.into()).collect() }
+}
+
 /// The settled picture of a way to draw; `None` (said loudly) where there is no GPU.
 fn draw(members: &[Member], resolved: &ResolvedEnsemble, options: &SessionOptions) -> Option<(Picture, RenderStats)> {
     let mut ensemble = match Ensemble::new(members, resolved, options) {
@@ -105,6 +109,12 @@ fn two_stores_equal_the_oracle_on_every_backend() {
         ("one glows, the other is cropped", Scene { volumes: vec![cropped, glowing], ..scene() }),
         ("clipped", Scene { clip: Some([DVec3::splat(5.0), DVec3::new(48.0, 70.0, 40.0)]), ..scene() }),
         ("two eyes", Scene { stereo, level: LevelPolicy::Locked(1), ..scene() }),
+        ("lit from the eye", Scene { lighting: lit(Gradient::Central, &[]), ..scene() }),
+        ("two lights", Scene { lighting: lit(Gradient::Sobel, &[[-40.0, 10.0, 90.0], [80.0, 20.0, 30.0]]), ..scene() }),
+        (
+            "stored gradients",
+            Scene { lighting: lit(Gradient::Stored, &[[9.0, -60.0, 50.0]]), pixel_error: 2.0, ..scene() },
+        ),
         ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
     ];
     for (what, scene) in scenes {
@@ -174,6 +184,10 @@ fn what_several_volumes_cannot_do_is_refused() {
     refused(Scene { volumes: vec![VolumeLook { visible: false, ..look_askew() }; 2], ..scene() }, "no volume");
     refused(Scene { level: LevelPolicy::Locked(9), ..scene() }, "level 9");
     let expression = |text: &str| Some(text.to_string());
+    let lighting = lit(Gradient::Central, &[]);
+    refused(Scene { lighting, expression: expression("a"), ..scene() }, "gradient of an expression");
+    refused(Scene { lighting: lit(Gradient::Central, &[[0.0; 3]; 5]), ..scene() }, "5 lights");
+    refused(Scene { lighting: lit(Gradient::Central, &[[0.0, f64::NAN, 0.0]]), ..scene() }, "finite");
     refused(Scene { expression: expression("max(a, *b)"), ..scene() }, "\n         ^");
     refused(Scene { expression: expression("a + c"), ..scene() }, "no volume c");
     refused(Scene { expression: expression("1 + 2"), ..scene() }, "reads no volume");
@@ -209,6 +223,10 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "render a.zarr b.zarr -o max.png --size 32x32 --backend cpu --expr max(default(a,0),b*0.5) --transfer fire",
     );
     sandbox.run_ok("render a.zarr -o root.png --size 32x32 --backend cpu --expr sqrt(abs(a))");
+    sandbox.run_ok(
+        "render a.zarr b.zarr -o lit.png --size 32x32 --backend cpu --lighting tone --gradient sobel --light 9,-80,40 \
+         --volume 1:matrix=shift.txt",
+    );
     let many = "a.zarr ".repeat(33);
     let too_many = format!("render {many} -o no.png --size 32x32");
     for (line, code, word) in [
@@ -220,6 +238,9 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 stores"),
         ("render a.zarr b.zarr -o no.png --volume 1:blend=over", 2, "mix or add"),
         ("render a.zarr b.zarr -o no.png --mode mip", 2, "--mode dvr"),
+        ("render a.zarr b.zarr -o no.png --lighting phong --expr a*2", 2, "gradient of an expression"),
+        ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "--lighting"),
+        ("render a.zarr b.zarr -o no.png --lighting phong --light 1,2,nan", 2, "nan"),
         ("render a.zarr b.zarr -o no.png --exact", 2, "one volume"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),

@@ -93,8 +93,12 @@ pub struct FrameUniform {
     pub thresholds: [[f32; 4]; 2],
     /// Of each surface its colour and opacity.
     pub surfaces: [[f32; 4]; 8],
-    /// Where the lights are: voxels from the volume's corner times the spacing.
+    /// Where the lights are from the volume's corner, in the scene's world.
     pub light_places: [[f32; 4]; 4],
+    /// What a voxel along each axis is in the scene's world.
+    pub axes: [[f32; 4]; 3],
+    /// What a gradient of 1 to a voxel along each axis is there; all three in some unit.
+    pub slopes: [[f32; 4]; 3],
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.

@@ -1,13 +1,13 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
 //! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, from 16 on the atlases of
-//! several volumes. 10 is the texture of stored gradients. Where there are meshes, group 1 has what cuts the picture into slabs.
+//! several volumes. 10 is the texture of stored gradients; those of several volumes follow their atlases. Where there are meshes, group 1 has what cuts the picture into slabs.
 
 mod layout;
 mod together;
 
 pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
-pub use together::{ExpressionShader, FIRST_ATLAS, VolumeShader, raycast_together};
+pub use together::{ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, VolumeShader, raycast_together};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -164,6 +164,7 @@ const TREE: &str = include_str!("../wgsl/tree.wgsl");
 const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
 const RAY: &str = include_str!("../wgsl/ray.wgsl");
 const LIGHTING: &str = include_str!("../wgsl/lighting.wgsl");
+const SHADE: &str = include_str!("../wgsl/shade.wgsl");
 const HIDDEN: &str = include_str!("../wgsl/hidden.wgsl");
 const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 
@@ -234,6 +235,7 @@ fn marching(variant: &Variant) -> String {
     }
     if !variant.is_plain() {
         parts.push(&constants);
+        parts.push(SHADE);
         parts.extend(gradient(variant.medium.gradient));
     }
     parts.push(accumulate);
@@ -394,7 +396,8 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient spare thresholds surfaces light_places zone_starts planes);
+                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient spare thresholds surfaces light_places axes slopes zone_starts
+                planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare

@@ -1,10 +1,13 @@
 //! The shader of several volumes: what there is once for each volume is written once, with `#` for its number, and what one
 //! volume has too is that very code, its names numbered.
 
-use crate::{CLASSIFY, FULLSCREEN, TREE, sample};
+use crate::{CLASSIFY, FULLSCREEN, Gradient, LIGHTING, Light, SHADE, TREE, gradient, sample};
 
 /// The binding of the first volume's atlas; the others follow.
 pub const FIRST_ATLAS: u32 = 16;
+
+/// The binding of the first volume's stored gradients, behind as many atlases as there can be; the others follow.
+pub const FIRST_GRADIENTS: u32 = 48;
 
 /// What the shader has to know of a volume. Positions are in buffers that all volumes share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,6 +18,10 @@ pub struct VolumeShader {
     pub is_cubic: bool,
     /// Whether it adds to what others show instead of mixing with it; then its places hold opacities, not depths.
     pub adds: bool,
+    /// How its colours become lit ones.
+    pub light: Light,
+    /// How its gradients are found, if they do.
+    pub gradient: Gradient,
     /// The word of its octree's root.
     pub first_node: u32,
     /// Its first place in the transfer tables.
@@ -41,6 +48,8 @@ pub struct ExpressionShader {
 /// The raycast compositor's pass for several volumes, or for an expression over them: entry points `fullscreen` and `raycast`.
 pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&ExpressionShader>) -> String {
     let many = |source: &str| source.replace("frame_settings", "frames[volume]");
+    let (field, field_about) = split(include_str!("../wgsl/field.wgsl"), "// Through the brick");
+    let (field_about, _) = split(field_about, "// World length");
     let (tree, find_place) = split(TREE, "fn find_place");
     let (macrocells, _) = split(include_str!("../wgsl/macrocells.wgsl"), "// A ray's way from");
     let (raycast, _) = split(include_str!("../wgsl/raycast.wgsl"), "// Macro-cells of a brick that are seen");
@@ -73,10 +82,16 @@ pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&Expression
         raycast.to_string(),
         together,
     ];
+    if volumes.iter().any(VolumeShader::is_lit) {
+        let axes = include_str!("../wgsl/axes.wgsl");
+        parts.extend([field, LIGHTING, &many(SHADE), axes].map(str::to_string));
+    }
     for (i, volume) in volumes.iter().enumerate() {
-        // Constants before the first function are not needed here.
-        let (_, sample) = split(sample(volume.is_cubic, volume.has_invalid), "\nfn ");
+        let (_, sample) = split(sample(volume.is_cubic, volume.has_invalid), "const HAS_INVALID");
         parts.push(own(&[find_place, sample].join("\n"), i));
+        if volume.is_lit() {
+            parts.push(volume.lit(i, field_about));
+        }
         parts.push(volume.declarations(i, expression.is_some()));
     }
     parts.extend(expression.map(ExpressionShader::declarations));
@@ -85,6 +100,19 @@ pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&Expression
 }
 
 impl VolumeShader {
+    fn is_lit(&self) -> bool {
+        self.light != Light::Unlit
+    }
+
+    /// What lights it.
+    fn lit(&self, i: usize, field_about: &str) -> String {
+        let gradients = gradient(self.gradient).join("\n");
+        let binding = FIRST_GRADIENTS as usize + i;
+        let gradients = gradients.replace("@binding(10)", &format!("@binding({binding})"));
+        let lit = include_str!("../wgsl/volume_lit.wgsl").replace("LIGHTu", &format!("{}u", self.light as u32));
+        [own(&[field_about, &gradients].join("\n"), i), lit.replace('#', &i.to_string())].join("\n")
+    }
+
     fn declarations(&self, i: usize, is_read: bool) -> String {
         let [low, width] = self.values.map(f32::from_bits);
         let read = format!(
@@ -93,15 +121,17 @@ impl VolumeShader {
         );
         let put = match self.adds {
             _ if is_read => &read,
-            false => "color += medium.color * amount;\n            together.depth += amount;",
-            true => "glow += medium.color * amount;",
+            false => "color += color * amount;\n            together.depth += amount;",
+            true => "glow += color * amount;",
         };
+        let color = if self.is_lit() { "lit_#(t, value, medium)" } else { "medium.color" };
         let binding = FIRST_ATLAS as usize + i;
         include_str!("../wgsl/volume.wgsl")
             .replace("BINDING", &binding.to_string())
             .replace("FIRST_NODEu", &format!("{}u", self.first_node))
             .replace("FIRST_PLACEu", &format!("{}u", self.first_place))
             .replace("FIRST_COUNTu", &format!("{}u", self.first_count))
+            .replace("COLOR", color)
             .replace("PUT", put)
             .replace('#', &i.to_string())
     }
@@ -125,7 +155,23 @@ fn split<'a>(source: &'a str, mark: &str) -> (&'a str, &'a str) {
 }
 
 /// The names of one volume's code that there is one of for each.
-const OWN: [&str; 7] = ["atlas", "frame", "sample_atlas", "spline", "row", "find_place", "ROOT"];
+const OWN: [&str; 15] = [
+    "atlas",
+    "frame",
+    "sample_atlas",
+    "spline",
+    "row",
+    "find_place",
+    "ROOT",
+    "HAS_INVALID",
+    "MARGIN",
+    "field_about",
+    "value_at",
+    "neighbour",
+    "differences",
+    "gradients",
+    "GRADIENT_SCALE",
+];
 
 /// Code of one volume as that of volume `i`.
 fn own(source: &str, i: usize) -> String {
@@ -157,13 +203,21 @@ mod tests {
     }
 
     #[test]
+    fn all_atlases_come_before_all_gradients() {
+        assert_eq!(FIRST_GRADIENTS, FIRST_ATLAS + brickyard_volume::MAX_VOLUMES as u32);
+    }
+
+    #[test]
     fn every_number_and_kind_of_volumes_is_valid() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
-        for count in [1, 2, 32] {
+        let all = [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone];
+        for (count, lights) in [(1, [Light::Unlit; 4]), (1, [Light::Phong; 4]), (2, all), (32, all)] {
             let volume = |i: u32| VolumeShader {
                 has_invalid: i % 2 == 1,
                 is_cubic: i / 2 % 2 == 1,
                 adds: i / 4 % 2 == 1,
+                light: lights[i as usize % 4],
+                gradient: [Gradient::Central, Gradient::Sobel, Gradient::Stored][i as usize / 2 % 3],
                 first_node: 800 * i,
                 first_place: 65536 * i,
                 first_count: 65537 * i,

@@ -45,6 +45,9 @@ struct Frame {
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,
     light_places: array<vec4f, 4>,
+    // What a voxel along each axis is in the scene's world, and a gradient of 1 to a voxel there, but for its length.
+    axes: array<vec4f, 3>,
+    slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 12>,
 }

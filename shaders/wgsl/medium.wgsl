@@ -8,20 +8,11 @@ const MIDDLE: u32 = 0u;
 const LINE: u32 = 1u;
 const CUBIC: u32 = 2u;
 const FIELD: u32 = 3u;
-// Values of LIGHTING.
-const UNLIT: u32 = 0u;
-const PHONG: u32 = 1u;
-const BLINN_PHONG: u32 = 2u;
-const TONE: u32 = 3u;
 
 const MOST_PARTS: u32 = 8u;
 const ADAPTIVE_SHARE: f32 = 0.015625;
 const CLOSE_CODES: f32 = 0.015625;
 const MAX_DEPTH: f32 = 4096.0;
-
-const COOL: vec3f = vec3f(0.0, 0.0, 0.4);
-const WARM: vec3f = vec3f(0.3, 0.3, 0.0);
-const TONE_KEPT: vec2f = vec2f(0.3, 0.7);
 
 struct Pixel {
     color: vec3f,
@@ -94,47 +85,11 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-fn toned(color: vec3f, cosine: f32) -> vec3f {
-    return mix(COOL + color * TONE_KEPT.x, WARM + color * TONE_KEPT.y, 0.5 * (1.0 + cosine));
-}
-
 // A colour lit at a place of the ray, by one of LIGHTING's values.
 fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
-    if (length(differences) * frame.last_code < FLAT_CODES) {
-        if (lighting == TONE) {
-            return toned(color, 1.0);
-        }
-        return color * (AMBIENT + DIFFUSE);
-    }
-    let view = ray.direction * frame.spacing;
-    let gradient = normalize(differences * field.scale / frame.spacing);
-    let normal = select(gradient, -gradient, dot(gradient, view) > 0.0);
-    var diffuse = 0.0;
-    var specular = 0.0;
-    var facing = -1.0;
-    for (var i = 0u; i < max(frame.lights, 1u); i++) {
-        var to_light = -view;
-        if (frame.lights > 0u) {
-            let place = (ray.origin + ray.direction * t) * frame.spacing;
-            to_light = normalize(frame_settings.light_places[i].xyz - place);
-        }
-        let cosine = dot(normal, to_light);
-        facing = max(facing, cosine);
-        if (cosine > 0.0 && lighting != TONE) {
-            diffuse += cosine;
-            var reflected = 0.0;
-            if (lighting == PHONG) {
-                reflected = dot(normal * (2.0 * cosine) - to_light, -view);
-            } else {
-                reflected = dot(normal, normalize(to_light - view));
-            }
-            specular += pow(clamp(reflected, 0.0, 1.0), SPECULAR_POWER);
-        }
-    }
-    if (lighting == TONE) {
-        return toned(color, facing);
-    }
-    return color * (AMBIENT + DIFFUSE * diffuse) + SPECULAR * specular;
+    let is_flat = length(differences) * frame.last_code < FLAT_CODES;
+    let gradient = differences * field.scale / frame.spacing;
+    return lit(lighting, color, is_flat, gradient, ray.direction * frame.spacing, (ray.origin + ray.direction * t) * frame.spacing);
 }
 
 // The running integral of one of four channels up to a code's entry, 64 bits as two words.

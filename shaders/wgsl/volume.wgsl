@@ -69,6 +69,7 @@ fn look_#(before: Together, walk: Walk, threshold: u32) -> Together {
         if (value >= 0.0) {
             let place = u32(clamp(value, 0.0, 1.0) * frame_#.last_place + 0.5);
             let medium = medium_at(FIRST_PLACE_# + place);
+            let color = COLOR;
             let amount = medium.depth * (end - start) * frame_#.per_unit_distance;
             together.PUT
         }

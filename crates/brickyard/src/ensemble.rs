@@ -223,8 +223,9 @@ fn check(members: &[Member], scene: &Scene) -> Result<(), SessionError> {
         format!("several volumes are shown with --mode dvr, not {:?}: leave it out", scene.mode)
     } else if scene.sampling.method != Method::Udvr {
         format!("several volumes are sampled with --method udvr, not {:?}: leave it out", scene.sampling.method)
-    } else if scene.lighting.model != LightingModel::None {
-        format!("several volumes are not lit, and the scene asks for {:?}: leave it out", scene.lighting.model)
+    } else if scene.lighting.model != LightingModel::None && scene.expression.is_some() {
+        let problem = "the gradient of an expression's value is no volume's: it is not lit, and the scene asks for";
+        format!("{problem} {:?}: leave one of both out", scene.lighting.model)
     } else if scene.sampling.jitter != Jitter::None {
         "several volumes are not jittered: leave --jitter out".into()
     } else if !scene.meshes.is_empty() {

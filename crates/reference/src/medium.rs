@@ -61,15 +61,15 @@ struct Part {
 
 /// A level along a ray.
 #[derive(Clone, Copy)]
-struct Field<'a> {
-    frame: &'a FrameSettings,
-    level: &'a Array,
-    path: &'a Path,
-    lighting: &'a Lighting,
+pub(crate) struct Field<'a> {
+    pub(crate) frame: &'a FrameSettings,
+    pub(crate) level: &'a Array,
+    pub(crate) path: &'a Path,
+    pub(crate) lighting: &'a Lighting,
 }
 
 impl Field<'_> {
-    fn value(&self, t: f64) -> Option<f64> {
+    pub(crate) fn value(&self, t: f64) -> Option<f64> {
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
 
@@ -98,7 +98,7 @@ impl Field<'_> {
     }
 
     /// A colour lit at a place.
-    fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
+    pub(crate) fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         self.lighting.shade(color, self.normal(differences), direction, origin + direction * t)
     }
@@ -163,7 +163,7 @@ impl Field<'_> {
 
     /// Differences of the field across two voxels along each axis, about a place with a value; those without one are as good as
     /// it. Zero where nothing is lit.
-    fn differences(&self, t: f64, value: f64) -> DVec3 {
+    pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
         if self.lighting.model == LightingModel::None {
             return DVec3::ZERO;
         }

@@ -1,11 +1,12 @@
 //! Several volumes in one picture, as [`brickyard_volume::look`] says.
 
+use crate::medium::Field;
 use crate::{Path, ReferenceVolume};
 use brickyard_volume::look::Together;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, VolumeFrame};
 use glam::DVec3;
 
-/// Renders the whole picture of volumes, each with its frame; plainly sampled and unlit; or that of an expression over them.
+/// Renders the whole picture of volumes, each with its frame; plainly sampled; or that of an expression over them.
 ///
 /// # Panics
 /// If there is no frame, or not one for each volume.
@@ -46,7 +47,7 @@ pub fn pixel_together(
         let mut together = Together::default();
         let read = || ways.iter().filter_map(|way| Some((way, way.read(segment)?)));
         match combination {
-            None => read().for_each(|(way, (value, length))| way.put(value, length, &mut together)),
+            None => read().for_each(|(way, read)| way.put(&read, &mut together)),
             Some(combination) => put_combined(combination, read().map(|(way, read)| (way.index, read)), &mut together),
         }
         let (seen, left) = together.seen();
@@ -57,12 +58,12 @@ pub fn pixel_together(
     (color + background * light).to_array()
 }
 
-/// Puts in the medium of an expression's value, given volumes' values and the lengths of their parts.
-fn put_combined(combination: &Combination, read: impl Iterator<Item = (usize, (f64, f64))>, together: &mut Together) {
+/// Puts in the medium of an expression's value, given what is read of volumes.
+fn put_combined<'a>(combination: &Combination, read: impl Iterator<Item = (usize, Read<'a>)>, together: &mut Together) {
     let (mut values, mut longest) = ([f64::NAN; MAX_VOLUMES], 0.0f64);
-    for (index, (value, length)) in read {
+    for (index, Read { value, part, .. }) in read {
         values[index] = value;
-        longest = longest.max(length);
+        longest = longest.max(part.length());
     }
     let (value, transfer) = (combination.expression.value(&values), &combination.transfer);
     if !value.is_nan() {
@@ -80,6 +81,13 @@ struct Way<'a> {
     stretch: (f64, f64),
 }
 
+/// A volume's part of a segment, and the value in the middle of it.
+struct Read<'a> {
+    field: Field<'a>,
+    part: Segment,
+    value: f64,
+}
+
 impl<'a> Way<'a> {
     /// `None` if it misses what is shown.
     fn new(index: usize, frame: &'a VolumeFrame, volume: &'a ReferenceVolume<'a>, x: u32, y: u32) -> Option<Self> {
@@ -88,21 +96,26 @@ impl<'a> Way<'a> {
         Some(Self { index, frame, volume, path, stretch })
     }
 
-    /// The value in the middle of the volume's part of a segment, and that part's length.
-    fn read(&self, segment: Segment) -> Option<(f64, f64)> {
+    /// What is read of a segment.
+    fn read(&self, segment: Segment) -> Option<Read<'_>> {
         let part = Segment { start: segment.start.max(self.stretch.0), end: segment.end.min(self.stretch.1) };
         if part.length() <= 0.0 {
             return None;
         }
-        let point = self.path.at(part.middle());
-        let level = &self.volume.levels[(self.volume.level_at)(point)];
-        Some((level.sample(point, self.frame.settings.sampling.filter)?, part.length()))
+        let (frame, middle) = (&self.frame.settings, part.middle());
+        let level = &self.volume.levels[(self.volume.level_at)(self.path.at(middle))];
+        let field = Field { frame, level, path: &self.path, lighting: &frame.lighting };
+        Some(Read { field, part, value: field.value(middle)? })
     }
 
-    /// Puts in the medium of a value, over a length.
-    fn put(&self, value: f64, length: f64, together: &mut Together) {
-        let transfer = self.volume.transfer;
-        together.put(self.frame.blend, transfer.rgb(value), transfer.alpha(value), length / transfer.unit_distance);
+    /// Puts in the medium of what was read.
+    fn put(&self, &Read { field, part, value }: &Read<'_>, together: &mut Together) {
+        let (transfer, middle) = (self.volume.transfer, part.middle());
+        let mut rgb = transfer.rgb(value);
+        if self.frame.is_lit() {
+            rgb = field.shade(DVec3::from_array(rgb), field.differences(middle, value), middle).to_array();
+        }
+        together.put(self.frame.blend, rgb, transfer.alpha(value), part.length() / transfer.unit_distance);
     }
 }
 
@@ -111,7 +124,10 @@ mod tests {
     use super::*;
     use crate::tests::{camera, cube, settings};
     use crate::{Array, one_level, pixel};
-    use brickyard_volume::{Blend, Clip, FrameSettings, Geometry, Mode, Placement, Ray, TransferFunction};
+    use brickyard_volume::{
+        Blend, Camera, Clip, FrameSettings, Geometry, Lighting, LightingModel, Mode, Placement, Projection, Ray,
+        TransferFunction,
+    };
 
     fn fog(rgb: [f64; 3], alpha: f64, unit_distance: f64) -> TransferFunction {
         TransferFunction { color: vec![[0.0, rgb[0], rgb[1], rgb[2]]], opacity: vec![[0.0, alpha]], unit_distance }
@@ -205,6 +221,66 @@ mod tests {
         assert!(met > 600, "{met}");
     }
 
+    /// Two ramps of value that look the same everywhere, one of them turned, leaning and stretched, seen in parallel: the light on each is
+    /// one colour, which its exact gradient in the scene's world gives, whatever the other does.
+    #[test]
+    fn each_volume_is_lit_by_its_own_gradient_where_it_stands() {
+        let slope = DVec3::new(3.0, 1.0, 2.0);
+        let levels =
+            [[cube(24, |v| slope.dot(DVec3::from_array(v.map(f64::from))))], [cube(24, |[x, ..]| 5.0 * x as f64)]];
+        let level_at = one_level(0);
+        let transfers = [fog([1.0, 0.5, 0.0], 0.1, 1.0), fog([0.0, 0.25, 1.0], 0.3, 2.0)];
+        let placements = ["1 0 0 0 0 1 0 0 0 0 1 0", "0.8 -1.2 0.3 12.7  0.6 0.9 -0.5 -0.5  0.1 0.7 2.5 -28.1"];
+        let placements = placements.map(|text| Placement::from_text(text).unwrap());
+        let volumes =
+            [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfers[i] });
+        let target = DVec3::splat(11.5);
+        let eye = DVec3::new(-40.0, 3.0, 25.0);
+        let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
+        let light = DVec3::new(1e9, -2e9, 3e9);
+        // Gradients by the definition of one: how much a value changes from a place to others beside it.
+        let gradient = |i: usize| {
+            let value = |place: DVec3| [slope, DVec3::X][i].dot(placements[i].volume_from_world(place));
+            DVec3::from_array(DVec3::AXES.map(|axis| value(target + axis) - value(target))).normalize()
+        };
+        for (model, lights) in [
+            (LightingModel::BlinnPhong, vec![]),
+            (LightingModel::Phong, vec![light, -light]),
+            (LightingModel::Tone, vec![light]),
+        ] {
+            let lighting = Lighting { model, lights, ..Lighting::default() };
+            for (step, blend) in [(0.3, Blend::Mix), (1.9, Blend::Mix), (0.3, Blend::Add)] {
+                let frame = |i: usize| {
+                    let (placement, lighting) = (placements[i], lighting.clone());
+                    let plain = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
+                    // What all of the ramps' middles are in.
+                    let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
+                    let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
+                    let settings = FrameSettings { placement, lighting, clip, ..plain };
+                    VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix } }
+                };
+                let frames = [frame(0), frame(1)];
+                let found = pixel_together(&frames, &volumes, None, 16, 16);
+                let ray = frames[0].settings.rays.ray(16.5, 16.5);
+                let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
+                let mut together = Together::default();
+                for (i, frame) in frames.iter().enumerate() {
+                    let color = DVec3::from_array(transfers[i].rgb(0.0));
+                    let lit = lighting.shade(color, Some(gradient(i)), ray.direction, ray.origin);
+                    assert!((lit - color).length() > 0.02, "light that does not show proves nothing");
+                    let shown = if frame.blend == Blend::Add { color } else { lit };
+                    let length = (to - from) / transfers[i].unit_distance;
+                    together.put(frame.blend, shown.to_array(), transfers[i].alpha(0.0), length);
+                }
+                let (seen, left) = together.seen();
+                let expected = seen + DVec3::new(0.25, 0.0, 1.0) * left;
+                let off = (DVec3::from_array(found) - expected).abs().max_element();
+                // Lights a billion away are not quite in one direction.
+                assert!(off < 1e-6, "{model:?} {step} {blend:?}: {found:?} {expected}");
+            }
+        }
+    }
+
     #[test]
     fn one_volume_is_the_picture_of_one_volume() {
         let wave =
@@ -225,11 +301,16 @@ mod tests {
             0.7,
         );
         let frame = [VolumeFrame { settings, blend: Blend::Mix }];
+        let mut lit = frame.clone();
+        lit[0].settings.lighting =
+            Lighting { model: LightingModel::Phong, lights: vec![DVec3::ZERO], ..Lighting::default() };
         for i in 0..33 * 33 {
-            let together = pixel_together(&frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
-            let alone = pixel(&frame[0].settings, &volume, i % 33, i / 33);
-            // Rounding.
-            (0..3).for_each(|k| assert!((together[k] - alone[k]).abs() < 1e-12, "{i}: {together:?} {alone:?}"));
+            for frame in [&frame, &lit] {
+                let together = pixel_together(frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
+                let alone = pixel(&frame[0].settings, &volume, i % 33, i / 33);
+                // Rounding.
+                (0..3).for_each(|k| assert!((together[k] - alone[k]).abs() < 1e-12, "{i}: {together:?} {alone:?}"));
+            }
         }
     }
 

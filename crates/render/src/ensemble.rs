@@ -12,7 +12,7 @@ use crate::error::GpuError;
 use crate::frame::frame_uniform;
 use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
 use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
-use crate::pipelines::{Layouts, Pipelines};
+use crate::pipelines::{Layouts, Pipelines, gradient_of, light_of};
 use crate::raycast::PIXELS_PER_SUBMISSION;
 use crate::renderer::check_size;
 use crate::table;
@@ -20,11 +20,14 @@ use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use crate::upload::{MAX_BATCH, Uploader, staging_bytes};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
-use brickyard_shaders::{ExpressionShader, FIRST_ATLAS, FrameUniform, Gather, LEAF, NO_RANGES, RayBrick, VolumeShader};
+use brickyard_shaders::{
+    ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, FrameUniform, Gather, LEAF, Light, NO_RANGES, RayBrick,
+    VolumeShader,
+};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{
-    Blend, Combination, Filter, Jitter, LightingModel, MacroCells, Method, Mode, OpaqueCodes, Picture, SlotEncoding,
-    SlotFormat, TransferTable,
+    Blend, Combination, Filter, Jitter, MacroCells, Method, Mode, OpaqueCodes, Picture, SlotEncoding, SlotFormat,
+    TransferTable,
 };
 use std::collections::HashMap;
 use wgpu::{BindingResource, BufferUsages};
@@ -82,6 +85,11 @@ fn value_bits(encoding: &SlotEncoding) -> [u32; 2] {
     [encoding.low, encoding.high - encoding.low].map(|value| (value as f32).to_bits())
 }
 
+/// Whether there are gradients beside a volume's bricks.
+fn has_gradients(needs: &VolumeNeeds) -> bool {
+    needs.bricks.gradient_layers > 0
+}
+
 /// How a budget is spent.
 struct Plan {
     atlases: Vec<AtlasPlan>,
@@ -107,8 +115,9 @@ impl GpuEnsemble {
         loop {
             let gpu = Gpu::open(preference, u64::MAX)?;
             let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
-            if volumes.len() > limit as usize {
-                return Err(GpuError::Textures { volumes: volumes.len(), limit });
+            let needed: usize = volumes.iter().map(|needs| if has_gradients(needs) { 2 } else { 1 }).sum();
+            if needed > limit as usize {
+                return Err(GpuError::Textures { volumes: volumes.len(), needed, limit });
             }
             check_size(max_size_px, (gpu.report.max_texture_2d, gpu.report.max_texture_2d))?;
             let plan = Plan::new(&gpu, volumes, budget_bytes, max_size_px)?;
@@ -157,7 +166,7 @@ impl GpuEnsemble {
         let make = |device: &wgpu::Device| sizes.map(|(label, bytes)| buffer(device, label, bytes, usage));
         let total = sizes.iter().map(|(_, bytes)| bytes).sum();
         let [nodes, bricks, ranges, opaque_before] = gpu.allocate("the octrees and the macro-cells", total, make)?;
-        let layouts = Layouts::together(&gpu, volumes.len());
+        let layouts = Layouts::together(&gpu, volumes.len(), needs.iter().any(has_gradients));
         let (sampler, views) =
             (sampler(&gpu), volumes.iter().map(|v| v.atlas.texture.create_view(&Default::default())));
         let views: Vec<wgpu::TextureView> = views.collect();
@@ -170,7 +179,11 @@ impl GpuEnsemble {
             entry(7, ranges.as_entire_binding()),
             entry(8, opaque_before.as_entire_binding()),
         ];
-        entries.extend((FIRST_ATLAS..).zip(&views).map(|(at, view)| entry(at, BindingResource::TextureView(view))));
+        let gradients =
+            volumes.iter().filter_map(|volume| Some(volume.atlas.gradients.as_ref()?.create_view(&Default::default())));
+        let gradients: Vec<wgpu::TextureView> = gradients.collect();
+        let textures = (FIRST_ATLAS..).zip(&views).chain((FIRST_GRADIENTS..).zip(&gradients));
+        entries.extend(textures.map(|(at, view)| entry(at, BindingResource::TextureView(view))));
         let descriptor = wgpu::BindGroupDescriptor { label: Some("march"), layout: &layouts.march, entries: &entries };
         let bindings = gpu.device.create_bind_group(&descriptor);
         let targets = Targets::new(&gpu, Gather::Composite, max_size_px, 0)?;
@@ -229,7 +242,7 @@ impl GpuEnsemble {
     ///
     /// # Errors
     /// If the picture is too large, layers do not fit the volumes or ask for what several volumes do not have (another mode, another
-    /// method, light), or the device fails.
+    /// method, an expression that is lit), or the device fails.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
         self.gpu.check()?;
         if layers.len() != self.volumes.len() {
@@ -237,7 +250,7 @@ impl GpuEnsemble {
             return Err(GpuError::Mismatch(problem));
         }
         for (i, layer) in layers.iter().enumerate() {
-            self.volumes[i].check(layer)?;
+            self.volumes[i].check(layer, combination.is_some())?;
             self.write_frame(i, layer);
             self.write_table(i, layer);
             self.write_tree(i, layer)?;
@@ -273,7 +286,10 @@ impl GpuEnsemble {
     }
 
     fn write_frame(&self, volume: usize, layer: &Layer<'_>) {
-        let uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &self.volumes[volume].atlas.plan, 0.0, 0);
+        let Volume { atlas, needs, .. } = &self.volumes[volume];
+        let mut uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &atlas.plan, 0.0, 0);
+        uniform.gradient_edge = atlas.nodes.along() as f32;
+        uniform.first_gradient = needs.bricks.apron as f32 + atlas.nodes.first();
         let at = volume * size_of::<FrameUniform>();
         self.gpu.queue.write_buffer(&self.shared.frame, at as u64, bytemuck::bytes_of(&uniform));
     }
@@ -329,21 +345,22 @@ impl GpuEnsemble {
 }
 
 impl Volume {
-    fn check(&self, layer: &Layer<'_>) -> Result<(), GpuError> {
+    fn check(&self, layer: &Layer<'_>, is_combined: bool) -> Result<(), GpuError> {
         let settings = &layer.frame.settings;
         let is_plain = settings.mode == Mode::Dvr
             && settings.surfaces.is_empty()
             && settings.meshes.is_empty()
             && settings.sampling.method == Method::Udvr
-            && settings.sampling.jitter == Jitter::None
-            && settings.lighting.model == LightingModel::None;
+            && settings.sampling.jitter == Jitter::None;
         let fits = settings.encoding == self.needs.encoding
             && layer.pyramid.edge() == self.needs.edge
             && self.needs.bricks.satisfy(&settings.needs())
             && settings.table.entries.len() == self.needs.encoding.format.max_code() as usize + 1;
         let slots = self.atlas.plan.slots();
         let problem = if !is_plain {
-            "several volumes are sampled plainly and unlit"
+            "several volumes are sampled plainly"
+        } else if is_combined && layer.frame.is_lit() {
+            "what an expression makes has no gradient"
         } else if !fits {
             "a frame of another volume than the renderer was made for"
         } else if layer.draw.cells.iter().any(|cell| cell.slot.0 >= slots) {
@@ -355,10 +372,13 @@ impl Volume {
     }
 
     fn shader(&self, layer: &Layer<'_>) -> VolumeShader {
+        let (lighting, is_lit) = (&layer.frame.settings.lighting, layer.frame.is_lit());
         VolumeShader {
             has_invalid: self.needs.encoding.has_invalid,
             is_cubic: layer.frame.settings.sampling.filter == Filter::Tricubic,
             adds: layer.frame.blend == Blend::Add,
+            light: if is_lit { light_of(lighting) } else { Light::Unlit },
+            gradient: gradient_of(lighting, is_lit),
             first_node: self.first.node,
             first_place: self.first.place,
             first_count: self.first.count,

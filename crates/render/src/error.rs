@@ -50,11 +50,13 @@ pub enum GpuError {
     },
     /// Shaders see fewer textures than there are volumes.
     #[error(
-        "{volumes} volumes in one picture need a texture each, and this GPU's shaders see {limit}: show fewer, or use --backend cpu"
+        "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or use --backend cpu"
     )]
     Textures {
         /// Volumes asked for.
         volumes: usize,
+        /// Textures they need: one each, and another one where there are stored gradients.
+        needed: usize,
         /// Textures there are.
         limit: u32,
     },

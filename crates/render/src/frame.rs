@@ -31,6 +31,9 @@ pub(crate) fn frame_uniform(
     // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
     let (forward, shift) = if rays.orthographic { (rays.middle(), 0.0) } else { (rays.forward, rays.shift) };
     let (thresholds, surfaces) = surfaces(frame);
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    let slopes = axes.map(|axis| frame.placement.world_gradient(axis / spacing));
+    let steepest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
     let (jitter, jitter_seed) = match frame.sampling.jitter {
         Jitter::None => (0, 0),
         Jitter::White(seed) => (1, seed),
@@ -81,6 +84,8 @@ pub(crate) fn frame_uniform(
         first_gradient: 0.0,
         spare: 0.0,
         light_places: light_places(frame),
+        axes: axes.map(|axis| frame.placement.world_vector(axis * spacing).extend(0.0).as_vec4().to_array()),
+        slopes: slopes.map(|slope| (slope / steepest).extend(0.0).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
     }
@@ -98,11 +103,13 @@ fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) 
     (thresholds, looks)
 }
 
-/// Where the lights are, in the shaders' space times the spacing.
+/// Where the lights are from the volume's corner, in the scene's world.
 fn light_places(frame: &FrameSettings) -> [[f32; 4]; MAX_LIGHTS] {
     let mut places = [[0.0; 4]; MAX_LIGHTS];
     for (place, &light) in places.iter_mut().zip(&frame.lighting.lights) {
-        *place = (frame.geometry.voxel_from_world(light) * frame.geometry.spacing).extend(0.0).as_vec4().to_array();
+        let voxel = frame.geometry.voxel_from_world(frame.placement.volume_from_world(light));
+        let from_corner = frame.placement.world_vector(voxel * frame.geometry.spacing);
+        *place = from_corner.extend(0.0).as_vec4().to_array();
     }
     places
 }

@@ -5,10 +5,10 @@ use crate::adapter::{Gpu, GpuFormats};
 use crate::meshes::MeshLayouts;
 use crate::renderer::Compositor;
 use brickyard_shaders::{
-    Curve, ExpressionShader, FIRST_ATLAS, Gather, Light, Medium, Surfaces, Variant, VolumeShader, raycast,
-    raycast_together, resolve, sorted,
+    Curve, ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, Gather, Light, Medium, Surfaces, Variant, VolumeShader,
+    raycast, raycast_together, resolve, sorted,
 };
-use brickyard_volume::{Filter, FrameSettings, Gradient, LightingModel, Mode, sampling};
+use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
 };
@@ -35,12 +35,7 @@ fn medium_of(frame: &FrameSettings) -> Medium {
         sampling::Curve::Cubic => Curve::Cubic,
         sampling::Curve::Field => Curve::Field,
     };
-    let light = match frame.lighting.model {
-        LightingModel::None => Light::Unlit,
-        LightingModel::Phong => Light::Phong,
-        LightingModel::BlinnPhong => Light::BlinnPhong,
-        LightingModel::Tone => Light::Tone,
-    };
+    let light = light_of(&frame.lighting);
     let surfaces = match frame.mode {
         Mode::Isosurface => Surfaces::Alone,
         _ if frame.surfaces.is_empty() => Surfaces::None,
@@ -48,17 +43,32 @@ fn medium_of(frame: &FrameSettings) -> Medium {
     };
     // Without light a gradient is asked for by nothing: no variant of its own for each.
     let is_lit = light != Light::Unlit || surfaces != Surfaces::None;
-    let gradient = match frame.lighting.gradient {
-        Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
-        Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
-        _ => brickyard_shaders::Gradient::Central,
-    };
+    let gradient = gradient_of(&frame.lighting, is_lit);
     if surfaces == Surfaces::Alone {
         // Nor a method without fog.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
     let (parts, is_pre_integrated) = (frame.sampling.parts(0.0) as u32, method.is_pre_integrated());
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces }
+}
+
+/// How colours become lit ones.
+pub(crate) fn light_of(lighting: &Lighting) -> Light {
+    match lighting.model {
+        LightingModel::None => Light::Unlit,
+        LightingModel::Phong => Light::Phong,
+        LightingModel::BlinnPhong => Light::BlinnPhong,
+        LightingModel::Tone => Light::Tone,
+    }
+}
+
+/// How gradients are found; the same where none is asked for.
+pub(crate) fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
+    match lighting.gradient {
+        Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
+        Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
+        _ => brickyard_shaders::Gradient::Central,
+    }
 }
 
 /// The march that a frame needs.
@@ -152,13 +162,14 @@ impl Layouts {
         Self::of(gpu, &march)
     }
 
-    /// Those of several volumes, whose atlases begin at [`FIRST_ATLAS`].
-    pub(crate) fn together(gpu: &Gpu, volumes: usize) -> Self {
+    /// Those of several volumes, whose atlases begin at [`FIRST_ATLAS`], with stored gradients from [`FIRST_GRADIENTS`] on or without.
+    pub(crate) fn together(gpu: &Gpu, volumes: usize, has_gradients: bool) -> Self {
         let fragment = ShaderStages::FRAGMENT;
         let mut march: Vec<_> = [0, 1, 4, 6, 7, 8].map(|binding| (binding, fragment, storage())).into();
         march.push((3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)));
-        let atlases = (FIRST_ATLAS..).take(volumes);
-        march.extend(atlases.map(|binding| (binding, fragment, texture(TextureViewDimension::D3, true))));
+        let gradients = (FIRST_GRADIENTS..).take(if has_gradients { volumes } else { 0 });
+        let textures = (FIRST_ATLAS..).take(volumes).chain(gradients);
+        march.extend(textures.map(|binding| (binding, fragment, texture(TextureViewDimension::D3, true))));
         Self::of(gpu, &march)
     }
 

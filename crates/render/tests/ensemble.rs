@@ -136,6 +136,23 @@ fn camera(orthographic: bool, eye: [f64; 3]) -> Camera {
     Camera { eye: eye.into(), target: DVec3::new(18.0, 17.0, 16.0), up: DVec3::new(0.1, 0.2, 1.0), projection }
 }
 
+/// Unlit, lit from the eye, and by lights that stand somewhere, by gradients of every kind.
+fn lightings() -> [Lighting; 5] {
+    let lit = |model, gradient, lights: &[[f64; 3]]| Lighting {
+        model,
+        gradient,
+        lights: lights.iter().map(|&light| light.into()).collect(),
+    };
+    let (left, above) = ([-30.0, 20.0, 10.0], [20.0, 15.0, 70.0]);
+    [
+        Lighting::default(),
+        lit(LightingModel::BlinnPhong, Gradient::Central, &[]),
+        lit(LightingModel::Phong, Gradient::Sobel, &[left, above]),
+        lit(LightingModel::Tone, Gradient::Central, &[above]),
+        lit(LightingModel::BlinnPhong, Gradient::Stored, &[above]),
+    ]
+}
+
 /// The frames of the members; `clip` is the scene's, zones begin where pixels are `pixel_error` voxels.
 fn frames(
     members: &[Member],
@@ -143,6 +160,7 @@ fn frames(
     (step, pixel_error): (f64, f64),
     filter: Filter,
     clip: Option<&Clip>,
+    lighting: &Lighting,
 ) -> Vec<VolumeFrame> {
     let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
     let frame = |member: &Member| {
@@ -158,7 +176,7 @@ fn frames(
             surfaces: Vec::new(),
             meshes: Vec::new(),
             sampling: Sampling { filter, ..Sampling::default() },
-            lighting: Lighting::default(),
+            lighting: lighting.clone(),
             background: [0.1, 0.2, 0.35],
             clip: Clip::in_volume(clip, placement, *crop).expect("a crop"),
         };
@@ -205,7 +223,8 @@ fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combi
 #[test]
 fn volumes_of_unlike_grids_match_the_oracle() {
     let mut members = members();
-    members.iter_mut().for_each(|member| member.bricks.needs.filter = Filter::Tricubic);
+    let needs = Needs { apron: 3, gradient_layers: 1, filter: Filter::Tricubic, ..bricks::NEEDS };
+    members.iter_mut().for_each(|member| member.bricks.needs = needs);
     let Some(mut ensemble) = ensemble(&members, MEMORY_BYTES) else { return };
     let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
     let clip = Clip::new(
@@ -219,13 +238,21 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         (camera(true, [70.0, 35.0, 20.0]), (1.0, 0.01), Filter::Trilinear, Some(&clip)),
         (camera(false, [60.0, 50.0, -20.0]), (0.9, 1.0), Filter::Tricubic, Some(&clip)),
     ] {
-        let frames = frames(&members, &camera, steps, filter, clip);
-        let found = ensemble.render(&layers(&members, &frames, &draws), None).expect("a picture");
-        let expected = oracle(&members, &frames, None);
-        let difference = found.difference(&expected);
-        assert!(difference.max <= TOLERANCE, "{camera:?} {steps:?}: {difference:?}");
-        let background = Picture::quantise(frames[0].settings.background);
-        assert!(found.rgb.iter().filter(|&&p| p != background).count() > 200, "nothing in view proves nothing");
+        let mut unlit = None;
+        for lighting in lightings() {
+            let frames = frames(&members, &camera, steps, filter, clip, &lighting);
+            let found = ensemble.render(&layers(&members, &frames, &draws), None).expect("a picture");
+            let expected = oracle(&members, &frames, None);
+            let difference = found.difference(&expected);
+            assert!(difference.max <= TOLERANCE, "{camera:?} {steps:?} {lighting:?}: {difference:?}");
+            let background = Picture::quantise(frames[0].settings.background);
+            assert!(found.rgb.iter().filter(|&&p| p != background).count() > 200, "nothing in view proves nothing");
+            let unlit = unlit.get_or_insert(found.clone());
+            assert!(
+                lighting.model == LightingModel::None || found.difference(unlit).max > 20,
+                "{lighting:?} does not show"
+            );
+        }
     }
 }
 
@@ -245,8 +272,20 @@ fn budgets_and_layers_are_checked() {
     let Some(mut ensemble) = ensemble(&members, MEMORY_BYTES) else { return };
     assert!(ensemble.gpu_bytes() <= MEMORY_BYTES);
     let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
-    let mut frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None);
+    let mut frames = frames(
+        &members,
+        &camera(false, [-40.0, -25.0, 60.0]),
+        (0.7, 0.01),
+        Filter::Trilinear,
+        None,
+        &Lighting::default(),
+    );
     assert!(matches!(ensemble.render(&layers(&members, &frames, &draws)[..2], None), Err(GpuError::Mismatch(_))));
+    let mut lit = frames.clone();
+    lit[0].settings.lighting = lightings()[1].clone();
+    let combination = Combination::new(Expression::parse("a", 3).expect("an expression"), members[0].transfer.clone());
+    let refused = ensemble.render(&layers(&members, &lit, &draws), Some(&combination));
+    assert!(matches!(refused, Err(GpuError::Mismatch(problem)) if problem.contains("gradient")));
     frames[1].settings.mode = Mode::Mip;
     assert!(matches!(ensemble.render(&layers(&members, &frames, &draws), None), Err(GpuError::Mismatch(_))));
 }
@@ -266,7 +305,14 @@ fn expressions_match_the_oracle() {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
         members.iter_mut().for_each(|member| member.transfer = combination.of_each());
-        let frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None);
+        let frames = frames(
+            &members,
+            &camera(false, [-40.0, -25.0, 60.0]),
+            (0.7, 0.01),
+            Filter::Trilinear,
+            None,
+            &Lighting::default(),
+        );
         let found = ensemble.render(&layers(&members, &frames, &draws), Some(&combination)).expect("a picture");
         let expected = oracle(&members, &frames, Some(&combination));
         let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);

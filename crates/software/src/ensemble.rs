@@ -9,15 +9,16 @@
 use crate::blend::{Dvr, Entries, FAINTEST};
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
+use crate::medium::Path;
 use crate::ray::Ray;
 use crate::renderer::{Slots, SoftwareError, SoftwareOptions, bytes_per_slot, fixed_bytes, pool};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, Portable, Unit};
-use crate::tile::{self, Stretch, TILE_PX, Tile, TilePixels, place};
+use crate::tile::{self, March, Stretch, TILE_PX, Tile, TilePixels, place};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
 use brickyard_volume::integrals::MAX_DEPTH;
-use brickyard_volume::{Blend, Combination, Jitter, LightingModel, Method, Mode, Picture, SlotFormat};
+use brickyard_volume::{Blend, Combination, Jitter, Method, Mode, Picture, SlotFormat};
 use glam::{Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -122,7 +123,7 @@ impl SoftwareEnsemble {
     ///
     /// # Panics
     /// If there are others, a list names a slot that was never uploaded, or frames, pyramids and options do not belong together or
-    /// ask for what several volumes do not have: another mode, another method, light.
+    /// ask for what several volumes do not have: another mode, another method, an expression that is lit.
     pub fn render(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
         assert_eq!(layers.len(), self.volumes.len(), "a layer for each volume");
         let rays = &layers[0].frame.settings.rays;
@@ -157,18 +158,19 @@ impl<'a> Part<'a> {
         assert_eq!(options.edge, layer.pyramid.edge(), "other bricks");
         assert_eq!(options.encoding, settings.encoding, "other codes");
         assert!(options.needs.satisfy(&settings.needs()), "{:?} of bricks", settings.needs());
-        let is_lit = settings.lighting.model != LightingModel::None;
         let is_udvr = settings.sampling.method == Method::Udvr && settings.sampling.jitter == Jitter::None;
         let is_bare = settings.surfaces.is_empty() && settings.meshes.is_empty();
-        let is_plain = settings.mode == Mode::Dvr && is_bare && is_udvr && !is_lit;
-        assert!(is_plain, "several volumes are sampled plainly and unlit");
+        let is_plain = settings.mode == Mode::Dvr && is_bare && is_udvr;
+        assert!(is_plain, "several volumes are sampled plainly");
+        let is_lit = layer.frame.is_lit();
+        assert!(!is_lit || read_as.is_none(), "what an expression makes has no gradient");
         let brick = |slot: Slot| slots.brick(slot);
         let frame = Frame::new(settings, layer.pyramid, layer.draw, &options.needs, brick);
         let gather = match (options.encoding.format, options.encoding.has_invalid) {
-            (SlotFormat::U8, false) => for_machine::<Code8, false>(),
-            (SlotFormat::U8, true) => for_machine::<Code8, true>(),
-            (SlotFormat::U16, false) => for_machine::<Code16, false>(),
-            (SlotFormat::U16, true) => for_machine::<Code16, true>(),
+            (SlotFormat::U8, false) => of_look::<Code8, false>(is_lit),
+            (SlotFormat::U8, true) => of_look::<Code8, true>(is_lit),
+            (SlotFormat::U16, false) => of_look::<Code16, false>(is_lit),
+            (SlotFormat::U16, true) => of_look::<Code16, true>(is_lit),
         };
         Self { frame, blend: layer.frame.blend, read_as, gather }
     }
@@ -364,20 +366,24 @@ impl Scratch {
 /// Leaves what a cell has in a run of segments, from one of a chunk's on.
 type Gather = fn(&Part<'_>, &Cell<'_>, &Ray, Range<u32>, usize, &mut Chunk, &mut Media);
 
-fn for_machine<C: Code, const INVALID: bool>() -> Gather {
+fn of_look<C: Code, const INVALID: bool>(is_lit: bool) -> Gather {
+    if is_lit { for_machine::<C, INVALID, true>() } else { for_machine::<C, INVALID, false>() }
+}
+
+fn for_machine<C: Code, const INVALID: bool, const LIT: bool>() -> Gather {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the machine has AVX2.
         return |part, cell, ray, run, at, chunk, media| unsafe {
-            gather_avx2::<C, INVALID>(part, cell, ray, run, at, chunk, media);
+            gather_avx2::<C, INVALID, LIT>(part, cell, ray, run, at, chunk, media);
         };
     }
-    gather::<C, Portable, INVALID>
+    gather::<C, Portable, INVALID, LIT>
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn gather_avx2<C: Code, const INVALID: bool>(
+fn gather_avx2<C: Code, const INVALID: bool, const LIT: bool>(
     part: &Part<'_>,
     cell: &Cell<'_>,
     ray: &Ray,
@@ -386,11 +392,11 @@ fn gather_avx2<C: Code, const INVALID: bool>(
     chunk: &mut Chunk,
     media: &mut Media,
 ) {
-    gather::<C, Avx2, INVALID>(part, cell, ray, run, at, chunk, media);
+    gather::<C, Avx2, INVALID, LIT>(part, cell, ray, run, at, chunk, media);
 }
 
 #[inline(always)]
-fn gather<C: Code, U: Unit, const INVALID: bool>(
+fn gather<C: Code, U: Unit, const INVALID: bool, const LIT: bool>(
     Part { frame, blend, read_as, .. }: &Part<'_>,
     cell: &Cell<'_>,
     ray: &Ray,
@@ -404,7 +410,9 @@ fn gather<C: Code, U: Unit, const INVALID: bool>(
         stretch.look::<Dvr>(cell, Vec4::ZERO, &mut [0; LANES]);
     }
     let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+    let march = March { frame, cell, brick };
     let (entries, filter) = (Entries::of(frame), frame.settings.sampling.filter);
+    let path = if LIT { Some(Path::new(&march, &stretch, ray)) } else { None };
     let mut seen = stretch.seen;
     while let Some(segments) = stretch.next_seen(&mut seen) {
         // Blocks are asked for eight at a time, those past the last among them.
@@ -412,7 +420,7 @@ fn gather<C: Code, U: Unit, const INVALID: bool>(
             break;
         }
         stretch.place_samples::<INVALID>(frame, ray, chunk, segments.clone());
-        brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+        march.brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
         for (i, segment) in segments.enumerate().take(CHUNK) {
             let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
             let segment = at + segment as usize;
@@ -424,8 +432,12 @@ fn gather<C: Code, U: Unit, const INVALID: bool>(
                 }
                 continue;
             }
-            let entry = entries.lookup(code * frame.positions_per_code);
+            let mut entry = entries.lookup(code * frame.positions_per_code);
             if weight > 0.0 && entry.w > 0.0 {
+                if let Some(path) = &path {
+                    let along = chunk.along[i / LANES][i % LANES];
+                    entry = path.lit_sample::<C, U, INVALID>(along, code, entry.xyz()).extend(entry.w);
+                }
                 media.put(*blend, segment, entry, weight);
             }
         }

@@ -92,9 +92,9 @@ pub(crate) struct Path<'a> {
     last_end: f32,
     /// Unit distances of a whole segment.
     length: f64,
-    /// World units per voxel of the brick's level.
+    /// Units of the volume's own world per voxel of the brick's level.
     voxel: DVec3,
-    /// The ray in the world.
+    /// The ray in the scene's world.
     eye: DVec3,
     direction: DVec3,
     is_lit: bool,
@@ -109,9 +109,9 @@ pub(crate) struct Row {
 
 impl<'a> Path<'a> {
     #[inline(always)]
-    fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
+    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
         let March { frame, cell, .. } = march;
-        let geometry = &frame.settings.geometry;
+        let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
         let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -122,7 +122,7 @@ impl<'a> Path<'a> {
             let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
             last_end = stretch.along(ray.ends(ticks, tick).1);
         }
-        let direction = DVec3::from_array(ray.direction) * geometry.spacing;
+        let own_direction = DVec3::from_array(ray.direction) * geometry.spacing;
         Self {
             march,
             stretch,
@@ -132,8 +132,8 @@ impl<'a> Path<'a> {
             last_end,
             length: stretch.length * frame.per_unit,
             voxel: geometry.spacing / DVec3::from_array(cell.scale),
-            eye: geometry.world_from_voxel(DVec3::from_array(ray.origin)),
-            direction,
+            eye: placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin))),
+            direction: placement.world_vector(own_direction),
             is_lit: frame.settings.lighting.model != LightingModel::None,
         }
     }
@@ -323,7 +323,7 @@ impl<'a> Path<'a> {
     fn add_sampled<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, along: f32, code: f32, share: f32) {
         let Some(Shown { mut color, depth }) = self.at::<C>(code) else { return };
         if self.is_lit {
-            color = self.lit(along, color, self.differences::<C, U, INVALID>(along, code));
+            color = self.lit_sample::<C, U, INVALID>(along, code, color);
         }
         self.add(ray, color, depth, share);
     }
@@ -353,6 +353,12 @@ impl<'a> Path<'a> {
         ray.sum = (ray.sum.truncate() + color * (light * look.opacity)).extend(light * (1.0 - look.opacity));
     }
 
+    /// The colour of a code, lit at its place.
+    #[inline(always)]
+    pub(crate) fn lit_sample<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, code: f32, color: Vec3) -> Vec3 {
+        self.lit(along, color, self.differences::<C, U, INVALID>(along, code))
+    }
+
     fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
         self.lit_by(&self.march.frame.settings.lighting, along, color, differences)
     }
@@ -360,7 +366,8 @@ impl<'a> Path<'a> {
     /// A colour lit at a place.
     fn lit_by(&self, lighting: &Lighting, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
         let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
-        let normal = (!is_flat).then(|| (differences.as_dvec3() / self.voxel).normalize());
+        let placement = &self.march.frame.settings.placement;
+        let normal = (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel).normalize());
         let place = self.eye + self.direction * (self.stretch.middle + along as f64 * self.stretch.length);
         lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
     }

@@ -5,9 +5,13 @@
 //! the same place; so nothing depends on their order. A volume that *adds* glows: it gives its colour, times its opacity, for every unit
 //! distance, and hides nothing. Along a segment all of them are spread evenly, so what glows is dimmed by what mixes in the
 //! same segment: the picture of media that do not change is the same for every step.
+//!
+//! Where the scene is lit, the colour of a volume that mixes is lit before it is mixed, by the gradient of its own field at its sample,
+//! in the scene's world: its placement is affine, so gradients go by the inverse transpose. What adds glows, and is not lit.
 
 use crate::every::every;
 use crate::integrals;
+use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
 use crate::placement::Placement;
 use crate::transfer::TransferFunction;
@@ -77,6 +81,13 @@ pub struct VolumeFrame {
     pub settings: FrameSettings,
     /// What it does to others.
     pub blend: Blend,
+}
+
+impl VolumeFrame {
+    /// Whether its colours are lit.
+    pub fn is_lit(&self) -> bool {
+        self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
+    }
 }
 
 /// What several media are together in one segment.

@@ -150,6 +150,11 @@ impl Placement {
         self.volume_from_world.transform_vector3(vector)
     }
 
+    /// A direction of the volume's own world, in the scene's.
+    pub fn world_vector(&self, vector: DVec3) -> DVec3 {
+        self.world_from_volume.transform_vector3(vector)
+    }
+
     /// A ray of the scene's world, in the volume's own: the same points at the same `t`.
     pub fn volume_ray(&self, ray: &Ray) -> Ray {
         Ray { origin: self.volume_from_world(ray.origin), direction: self.volume_vector(ray.direction) }
