@@ -77,6 +77,7 @@ fn scene() -> Scene {
         color: vec![[0.0, 0.9, 0.1, 0.4], [255.0, 0.2, 0.8, 0.2]],
         opacity: vec![[0.0, 0.001], [255.0, 0.03]],
         unit_distance: 1.0,
+        ..brickyard::volume::TransferFunction::default()
     };
     Scene { transfer: Some(transfer), level: LevelPolicy::Locked(0), ..Scene::default() }
 }

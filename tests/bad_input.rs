@@ -484,6 +484,11 @@ fn requests_that_a_store_cannot_meet() {
 fn bad_scenes_and_transfer_functions() {
     let sandbox = with_good_store();
     let transfer = |color: &str, opacity: &str| format!(r#"{{"color": {color}, "opacity": {opacity}}}"#);
+    let by_gradient = |list: &str| format!(r#"{{"color": [[0, 1, 1, 1]], "opacity": [[0, 1]], {list}}}"#);
+    let region = |shape: &str, value: &str| {
+        let look = r#""gradient": [0, 5], "color": [1, 0, 0], "opacity": 0.5"#;
+        format!(r#""regions": [{{"shape": "{shape}", "value": {value}, {look}}}]"#)
+    };
     for (name, text) in [
         ("text.json", "not JSON".to_string()),
         ("empty.json", transfer("[]", "[[0, 1]]")),
@@ -510,6 +515,15 @@ fn bad_scenes_and_transfer_functions() {
         ("mode.json", r#"{"slice": {"point": [0, 0, 0], "normal": [0, 0, 1]}}"#.to_string()),
         ("plane.json", r#"{"clip_planes": [{"point": [0, 0, 0]}]}"#.to_string()),
         ("function.json", r#"{"transfer": {"color": [], "opacity": []}}"#.to_string()),
+        ("flat.json", by_gradient(r#""gradient_opacity": []"#)),
+        ("steep.json", by_gradient(r#""gradient_opacity": [[9, 0], [5, 1]]"#)),
+        ("negative.json", by_gradient(r#""gradient_opacity": [[-9, 0], [5, 1]]"#)),
+        ("infinite.json", by_gradient(r#""gradient_opacity": [[0, 0], [Infinity, 1]]"#)),
+        ("huge.json", by_gradient(r#""gradient_opacity": [[0, 0], [1e999, 1]]"#)),
+        ("factor.json", by_gradient(r#""gradient_opacity": [[0, 0], [5, 1.5]]"#)),
+        ("shape.json", by_gradient(&region("circle", "[1, 2]"))),
+        ("back.json", by_gradient(&region("rectangle", "[2, 1]"))),
+        ("by-gradient.json", by_gradient(&region("rectangle", "[1, 2]"))),
         ("cameras.json", r#"[{"eye": [0, 0, 0]}]"#.to_string()),
         ("none.json", "[]".to_string()),
     ] {
@@ -538,6 +552,26 @@ fn bad_scenes_and_transfer_functions() {
             ),
             (&render("--transfer property.vp"), BAD_INPUT, &["property.vp: ", "colours (line 9)", "7 numbers", "of 4"]),
             (&render("--transfer unit.json"), BAD_INPUT, &["unit.json", "unit_distance", "positive"]),
+            (&render("--transfer flat.json"), BAD_INPUT, &["flat.json", "'gradient_opacity' has no points"]),
+            (&render("--transfer steep.json"), BAD_INPUT, &["steep.json", "'gradient_opacity' point 1", "sort"]),
+            (&render("--transfer negative.json"), BAD_INPUT, &["negative.json", "magnitude -9 is negative"]),
+            (&render("--transfer infinite.json"), BAD_INPUT, &["infinite.json", "found Infinity", "finite"]),
+            (&render("--transfer huge.json"), BAD_INPUT, &["huge.json", "out of range"]),
+            (&render("--transfer factor.json"), BAD_INPUT, &["factor.json", "'gradient_opacity' point 1", "0..1"]),
+            (&render("--transfer shape.json"), BAD_INPUT, &["shape.json", "circle", "rectangle", "triangle"]),
+            (&render("--transfer back.json"), BAD_INPUT, &["back.json", "'regions' point 0", "'value' ends at 1"]),
+            (&render("--gradient-opacity 9:0,5:1"), USAGE, &["--gradient-opacity", "9:0,5:1", "sort"]),
+            (&render("--gradient-opacity=-9:0"), USAGE, &["-9", "negative"]),
+            (&render("--gradient-opacity nan:0"), USAGE, &["nan:0", "finite"]),
+            (&render("--gradient-opacity 5"), USAGE, &["'5'", "MAGNITUDE:FACTOR"]),
+            (&render("--gradient-opacity 5:1 --method plvs"), USAGE, &["Plvs", "udvr, lvs, cvs or asm"]),
+            (&render("--transfer by-gradient.json --method pdvr"), USAGE, &["Pdvr", "value and gradient", "asm"]),
+            (&render("good.zarr --gradient-opacity 5:1"), USAGE, &["--gradient-opacity", "one store"]),
+            (
+                &render("good.zarr --volume 1:transfer=by-gradient.json"),
+                USAGE,
+                &["volume 1", "value and gradient", "leave its gradient_opacity and regions out"],
+            ),
             (&render("--scene missing.json"), BAD_INPUT, &["missing.json", "No such file"]),
             (&render("--scene text.json"), BAD_INPUT, &["text.json", "not a scene"]),
             (&render("--scene field.json"), BAD_INPUT, &["field.json", "stpe"]),

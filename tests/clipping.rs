@@ -28,13 +28,14 @@ fn transfer(unit_distance: f64) -> TransferFunction {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [230.0, 1.0, 0.6, 0.1], [255.0, 1.0, 1.0, 1.0]],
         opacity: vec![[38.0, 0.0], [128.0, 0.06], [204.0, 0.25], [255.0, 0.5]],
         unit_distance,
+        ..TransferFunction::default()
     }
 }
 
 /// Values as shades of gray.
 fn gray() -> TransferFunction {
     let color = vec![[0.0, 0.0, 0.0, 0.0], [255.0, 1.0, 1.0, 1.0]];
-    TransferFunction { color, opacity: vec![[0.0, 1.0]], unit_distance: 1.0 }
+    TransferFunction { color, opacity: vec![[0.0, 1.0]], unit_distance: 1.0, ..TransferFunction::default() }
 }
 
 fn perspective(eye: DVec3, target: DVec3) -> Camera {
@@ -164,8 +165,12 @@ fn a_constant_medium_cut_obliquely_is_beer_lambert() {
     let geometry = Geometry { spacing: DVec3::splat(0.5), ..Geometry::default() };
     let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), |_, _, _| 100u8), 16);
     let alpha = 0.05;
-    let transfer =
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], opacity: vec![[0.0, alpha]], unit_distance: 1.0 };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.25]],
+        opacity: vec![[0.0, alpha]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
     let world = geometry.world_box(extent);
     let centre = (world.0 + world.1) * 0.5;
     let planes = vec![plane(centre + 2.0, [0.4, -0.7, 0.5]), plane(centre + DVec3::Y * 4.0, [-0.9, 0.1, 0.35])];

@@ -31,6 +31,7 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
         opacity: vec![[0.0, 0.001], [255.0, 0.03]],
         unit_distance: 1.0,
+        ..TransferFunction::default()
     };
     Scene { mode, level, transfer: Some(transfer), pixel_error: 0.93, background: [0.1, 0.0, 0.2], ..Scene::default() }
 }

@@ -4,7 +4,7 @@
 
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, Method, Mode, Projection,
-    Sampling, Scene, Stereo, StereoLayout, TransferFunction,
+    Region, Sampling, Scene, Shape, Stereo, StereoLayout, TransferFunction,
 };
 use brickyard_tests::{
     FunctionSource, TestStore, WAYS, assert_same, assert_same_surface, oracle, session_for_scene, settled,
@@ -33,6 +33,7 @@ fn base() -> Scene {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
         opacity: vec![[90.0, 0.0], [120.0, 0.3], [140.0, 0.05], [255.0, 0.4]],
         unit_distance: 1.0,
+        ..TransferFunction::default()
     };
     let (low, high) = geometry().world_box(EXTENT);
     let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
@@ -63,6 +64,24 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     let models = LightingModel::ALL.map(|model| shaded(lit(model, Gradient::Central)));
     let gradients = Gradient::ALL.map(|gradient| shaded(lit(LightingModel::BlinnPhong, gradient)));
     let of_surface = |gradient| Scene { lighting: lit(LightingModel::Phong, gradient), ..of_mode(Mode::Isosurface) };
+    // What is steep, and a region that ends in nothing: where one ends abruptly rounding decides.
+    let by_gradient = |lighting| {
+        let region = Region {
+            shape: Shape::Gaussian,
+            value: [60.0, 200.0],
+            gradient: [0.0, 40.0],
+            color: [1.0, 1.0, 0.2],
+            opacity: 0.2,
+        };
+        let steep = TransferFunction {
+            gradient_opacity: vec![[2.0, 0.0], [25.0, 1.0]],
+            regions: vec![region],
+            ..base().transfer.unwrap_or_default()
+        };
+        Scene { transfer: Some(steep), lighting, ..base() }
+    };
+    let lightings = |model| Gradient::ALL.map(|gradient| by_gradient(lit(model, gradient)));
+    let classified = [LightingModel::None, LightingModel::Tone].map(lightings).concat();
     let jitters = [Jitter::None, Jitter::White(3), Jitter::Blue].map(|jitter| sampled(Sampling { jitter, ..plain }));
     let layouts = StereoLayout::ALL.map(|layout| Scene { stereo: Some(Stereo::new(layout)), ..base() });
     let surfaces = [(100.0, 1.0), (131.0, 0.4)].map(|(value, opacity)| Isosurface { opacity, ..Isosurface::at(value) });
@@ -76,6 +95,7 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
         ("lighting models", models.to_vec()),
         ("gradients", gradients.to_vec()),
         ("gradients of a surface", Gradient::ALL.map(of_surface).to_vec()),
+        ("gradients that opacity depends on, unlit and lit", classified),
         ("jitter", jitters.to_vec()),
         ("layouts", layouts.to_vec()),
         ("surfaces in fog and alone", foggy.to_vec()),

@@ -65,6 +65,7 @@ fn transfer(unit_distance: f64) -> TransferFunction {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
         opacity: vec![[50.0, 0.0], [128.0, 0.06], [255.0, 0.3]],
         unit_distance,
+        ..TransferFunction::default()
     }
 }
 
@@ -253,8 +254,12 @@ fn layers_in_fog_are_as_deep_as_they_should_be() {
     let extent = Extent::new(40, 40, 40);
     let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), |_, _, _| 100u8), 16);
     let fog = DVec3::new(1.0, 0.5, 0.0);
-    let transfer =
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, 0.05]], unit_distance: 1.0 };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.0]],
+        opacity: vec![[0.0, 0.05]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
     let background = DVec3::new(0.1, 0.2, 0.3);
     // Two that cross in the middle of the picture, one right behind another, two at one place, and an opaque one.
     let wall = |x: f64, slope: f64, color: [f64; 3], opacity: f64| {

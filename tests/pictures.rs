@@ -40,6 +40,7 @@ fn transfer(low: f64, high: f64, unit_distance: f64) -> TransferFunction {
         ],
         opacity: vec![[at(0.15), 0.0], [at(0.5), 0.06], [at(0.8), 0.25], [at(1.0), 0.5]],
         unit_distance,
+        ..TransferFunction::default()
     }
 }
 
@@ -305,8 +306,12 @@ fn a_constant_medium_is_beer_lambert() {
     let extent = Extent::new(70, 70, 70);
     let geometry = Geometry { spacing: DVec3::splat(0.5), ..Geometry::default() };
     let source = FunctionSource::new(extent, geometry.clone(), |_, _, _| 100u8);
-    let transfer =
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], opacity: vec![[0.0, 0.05]], unit_distance: 1.0 };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.25]],
+        opacity: vec![[0.0, 0.05]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
     let (low, high) = geometry.world_box(extent);
     let centre = (low + high) * 0.5;
     let camera = Camera {
@@ -410,7 +415,12 @@ fn a_tiny_budget_gives_a_complete_coarser_picture() {
     let source = FunctionSource::new(extent, Geometry::default(), |_, _, _| 200u8);
     let test = TestStore::pack(&source, 16);
     let (low, high) = Geometry::default().world_box(extent);
-    let opaque = TransferFunction { color: vec![[0.0, 1.0, 1.0, 1.0]], opacity: vec![[0.0, 1.0]], unit_distance: 1.0 };
+    let opaque = TransferFunction {
+        color: vec![[0.0, 1.0, 1.0, 1.0]],
+        opacity: vec![[0.0, 1.0]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
     let camera = perspective((low + high) * 0.5 + DVec3::new(150.0, -190.0, 120.0), (low + high) * 0.5);
     let scene =
         Scene { camera: Some(camera), transfer: Some(opaque), level: LevelPolicy::Locked(0), ..Scene::default() };

@@ -116,8 +116,12 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
     let extent = Extent::new(64, 64, 64);
     let noise = |_, _, [x, y, z]: [u32; 3]| (x ^ y.wrapping_mul(31) ^ z.wrapping_mul(57)) as u8 | 1;
     // One colour, opaque, whatever the value: a hole would show the background, and no level differs from another.
-    let transfer =
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, 1.0]], unit_distance: 0.1 };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.0]],
+        opacity: vec![[0.0, 1.0]],
+        unit_distance: 0.1,
+        ..TransferFunction::default()
+    };
     let scene = |level| Scene {
         transfer: Some(transfer.clone()),
         background: [0.0, 0.0, 1.0],

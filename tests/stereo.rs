@@ -39,6 +39,7 @@ fn scene(camera: Camera, stereo: Option<Stereo>) -> Scene {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
         opacity: vec![[60.0, 0.0], [140.0, 0.06], [255.0, 0.4]],
         unit_distance: 1.0,
+        ..TransferFunction::default()
     };
     Scene { camera: Some(camera), stereo, transfer: Some(transfer), background: [0.1, 0.0, 0.2], ..Scene::default() }
 }

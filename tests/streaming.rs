@@ -3,7 +3,9 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Scene, TransferFunction, Voxel};
-use brickyard_tests::{FunctionSource, Random, TestStore, WAYS, assert_same, oracle, session, session_within, settled};
+use brickyard_tests::{
+    FunctionSource, Random, TestStore, WAYS, assert_same, oracle, session, session_for_scene, session_within, settled,
+};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -26,6 +28,7 @@ fn transfer(red: f64, opacity: f64) -> TransferFunction {
         color: vec![[0.0, red, 0.1, 0.4], [255.0, 0.9, 1.0 - red, 0.2]],
         opacity: vec![[0.0, 0.2 * opacity], [255.0, opacity]],
         unit_distance: 4.0,
+        ..TransferFunction::default()
     }
 }
 
@@ -55,6 +58,27 @@ fn an_edit_of_the_transfer_function_uploads_nothing() {
             assert_same(&picture, &oracle(&test.store, &edited, SIZE), &format!("{way:?} at {opacity}"));
             assert_eq!(after.bricks.uploaded, before.bricks.uploaded, "{way:?} at {opacity}");
             assert_eq!(after.bytes.decoded, before.bytes.decoded, "{way:?} at {opacity}");
+        }
+    }
+}
+
+/// Neither does one that depends on gradients, nor one of values alone after it.
+#[test]
+fn an_edit_by_gradient_uploads_nothing() {
+    let test = store();
+    let by_gradient =
+        |steepest: f64| TransferFunction { gradient_opacity: vec![[2.0, 0.0], [steepest, 1.0]], ..transfer(0.4, 0.6) };
+    let first = scene(by_gradient(8.0), 20.0);
+    for way in WAYS {
+        let Some(mut session) = session_for_scene(&test.store, &first, way, SIZE) else { continue };
+        let (shown, before) = settled(&mut session, &first, SIZE);
+        for transfer in [by_gradient(20.0), transfer(0.7, 0.9), by_gradient(12.0)] {
+            let edited = scene(transfer, 20.0);
+            let (picture, after) = settled(&mut session, &edited, SIZE);
+            assert_same(&picture, &oracle(&test.store, &edited, SIZE), &format!("{way:?}"));
+            assert_ne!(picture, shown, "{way:?}");
+            assert_eq!(after.bricks.uploaded, before.bricks.uploaded, "{way:?}");
+            assert_eq!(after.bytes.decoded, before.bytes.decoded, "{way:?}");
         }
     }
 }

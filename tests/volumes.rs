@@ -43,6 +43,7 @@ fn transfer(rgb: [f64; 3], alpha: f64) -> TransferFunction {
         color: vec![[0.0, rgb[0], rgb[1], rgb[2]], [255.0, 1.0 - rgb[0], rgb[1], 1.0 - rgb[2]]],
         opacity: vec![[110.0, 0.0], [150.0, alpha], [200.0, 0.3 * alpha], [255.0, alpha]],
         unit_distance: 3.0,
+        ..TransferFunction::default()
     }
 }
 

@@ -87,8 +87,11 @@ pub struct FrameUniform {
     pub gradient_edge: f32,
     /// Where in a slot, in texels, the first of them lies.
     pub first_gradient: f32,
-    /// Padding.
-    pub spare: f32,
+    /// Where in the table's buffer the entries over values and gradients begin, if there are any.
+    pub grid_at: u32,
+    /// Of those the first row's code, rows from one code to the next, columns from one gradient to the next where that is the
+    /// differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
+    pub grid: [f32; 4],
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
     pub thresholds: [[f32; 4]; 2],
     /// Of each surface its colour and opacity.

@@ -98,6 +98,8 @@ pub struct Medium {
     pub gradient: Gradient,
     /// What else there is to see.
     pub surfaces: Surfaces,
+    /// Whether they are classified by value and gradient magnitude.
+    pub has_grid: bool,
 }
 
 impl Medium {
@@ -109,6 +111,7 @@ impl Medium {
         light: Light::Unlit,
         gradient: Gradient::Central,
         surfaces: Surfaces::None,
+        has_grid: false,
     };
 
     fn constants(&self) -> String {
@@ -117,14 +120,15 @@ impl Medium {
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
              const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\n\
-             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};",
+             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};",
             self.curve as u32,
             self.parts,
             self.is_pre_integrated,
             self.light as u32,
             surface_light as u32,
             self.surfaces != Surfaces::Alone,
-            self.surfaces != Surfaces::None
+            self.surfaces != Surfaces::None,
+            self.has_grid
         )
     }
 }
@@ -151,8 +155,8 @@ impl Variant {
     }
 
     const fn is_plain(&self) -> bool {
-        let Medium { curve, light, surfaces, .. } = self.medium;
-        matches!((curve, light, surfaces), (Curve::Middle, Light::Unlit, Surfaces::None))
+        let Medium { curve, light, surfaces, has_grid, .. } = self.medium;
+        matches!((curve, light, surfaces), (Curve::Middle, Light::Unlit, Surfaces::None)) && !has_grid
     }
 }
 
@@ -216,7 +220,7 @@ fn marching(variant: &Variant) -> String {
     let sample = sample(variant.is_cubic, variant.has_invalid);
     let accumulate = match variant.gather {
         Gather::Composite if variant.is_plain() => include_str!("../wgsl/composite.wgsl"),
-        Gather::Composite => include_str!("../wgsl/medium.wgsl"),
+        Gather::Composite => concat!(include_str!("../wgsl/grid.wgsl"), include_str!("../wgsl/medium.wgsl")),
         Gather::Project => include_str!("../wgsl/project.wgsl"),
         Gather::Average => include_str!("../wgsl/average.wgsl"),
         Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
@@ -294,7 +298,7 @@ pub fn peel() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{gradients, integrals, jitter, lighting, mesh, sampling, surface};
+    use brickyard_volume::{TransferGrid, gradients, integrals, jitter, lighting, mesh, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -303,17 +307,20 @@ mod tests {
         let mut all = Vec::new();
         for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
             for light in [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone] {
-                let surfaces = Surfaces::None;
                 for (is_pre_integrated, gradient) in [
                     (false, Gradient::Central),
                     (true, Gradient::Central),
                     (false, Gradient::Sobel),
                     (true, Gradient::Stored),
                 ] {
-                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, gradient, surfaces });
+                    all.push(Medium { curve, parts: 3, is_pre_integrated, light, gradient, ..Medium::PLAIN });
                 }
-                for surfaces in [Surfaces::InFog, Surfaces::Alone] {
-                    all.push(Medium { curve, light, surfaces, ..Medium::PLAIN });
+                all.push(Medium { curve, light, surfaces: Surfaces::Alone, ..Medium::PLAIN });
+                for has_grid in [false, true] {
+                    all.push(Medium { curve, light, surfaces: Surfaces::InFog, has_grid, ..Medium::PLAIN });
+                }
+                for gradient in [Gradient::Central, Gradient::Sobel, Gradient::Stored] {
+                    all.push(Medium { curve, parts: 3, light, gradient, has_grid: true, ..Medium::PLAIN });
                 }
             }
         }
@@ -396,8 +403,8 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient spare thresholds surfaces light_places axes slopes zone_starts
-                planes);
+                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at grid thresholds
+                surfaces light_places axes slopes zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
@@ -451,6 +458,7 @@ mod tests {
             ("ADAPTIVE_SHARE", single(sampling::ADAPTIVE_SHARE)),
             ("CLOSE_CODES", single(integrals::CLOSE_CODES)),
             ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
+            ("GRID_COLUMNS", naga::Literal::U32(TransferGrid::COLUMNS as u32)),
         ];
         let of_media = of_media.map(|(name, value)| (&lit, name, value));
         let foggy = parse("surfaces in fog", &raycast(&foggy, true));

@@ -1,6 +1,7 @@
 // The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
 // one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Behind the last place are running
-// integrals: for each code, of three channels and of depth, the low and the high word. Behind all is the mask of jitter.
+// integrals: for each code, of three channels and of depth, the low and the high word. Behind those is the mask of jitter, and behind
+// all are entries over values and gradients: colour likewise, and opacity.
 @group(0) @binding(4) var<storage, read> table: array<vec2u>;
 
 struct Medium {
@@ -16,6 +17,10 @@ fn classify(value: f32) -> Medium {
 
 fn medium_at(index: u32) -> Medium {
     let place = table[index];
-    let color = vec3f(vec3u(place.x, place.x >> 11u, place.x >> 22u) & vec3u(2047u, 2047u, 1023u));
-    return Medium(color * vec3f(1.0 / 2047.0, 1.0 / 2047.0, 1.0 / 1023.0), bitcast<f32>(place.y));
+    return Medium(color_of(place.x), bitcast<f32>(place.y));
+}
+
+fn color_of(word: u32) -> vec3f {
+    let color = vec3f(vec3u(word, word >> 11u, word >> 22u) & vec3u(2047u, 2047u, 1023u));
+    return color * vec3f(1.0 / 2047.0, 1.0 / 2047.0, 1.0 / 1023.0);
 }

@@ -40,7 +40,8 @@ struct Frame {
     mesh_far: f32,
     gradient_edge: f32,
     first_gradient: f32,
-    spare: f32,
+    grid_at: u32,
+    grid: vec4f,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,

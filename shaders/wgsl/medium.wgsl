@@ -1,6 +1,6 @@
 // Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
-// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING` and
-// `HAS_FOG` leave out is no part of the compiled shader.
+// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
+// `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
 const FIRST_SHARE: f32 = 0.0;
 
 // Values of CURVE.
@@ -144,18 +144,35 @@ fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
     return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left, pixel.rank);
 }
 
-// A real sample, and what it stands for.
-fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pixel {
-    let value = inside(field, t);
-    var medium = classify(value);
-    if ((HAS_INVALID && value < 0.0) || medium.depth <= 0.0) {
-        return pixel;
+// What is seen of what may be, at a value and its differences, lit if it is to be.
+fn add_by_gradient(
+    pixel: Pixel, by_value: Medium, field: Field, ray: Ray, t: f32, length: f32, value: f32, differences: vec3f
+) -> Pixel {
+    var medium = by_value;
+    if (HAS_GRID) {
+        medium = classify_by_gradient(value, differences, field.scale);
+        if (medium.depth <= 0.0) {
+            return pixel;
+        }
     }
     var color = medium.color;
     if (LIGHTING != UNLIT) {
-        color = shade(LIGHTING, field, ray, t, color, differences(field, t, value));
+        color = shade(LIGHTING, field, ray, t, color, differences);
     }
     return add(pixel, medium, color, length);
+}
+
+// A real sample, and what it stands for.
+fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pixel {
+    let value = inside(field, t);
+    let medium = classify(value);
+    if ((HAS_INVALID && value < 0.0) || medium.depth <= 0.0) {
+        return pixel;
+    }
+    if (LIGHTING == UNLIT && !HAS_GRID) {
+        return add(pixel, medium, medium.color, length);
+    }
+    return add_by_gradient(pixel, medium, field, ray, t, length, value, differences(field, t, value));
 }
 
 // The curve of Catmull and Rom through four values.
@@ -214,16 +231,16 @@ fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, en
             medium = classify(on_curve(values, s.y));
         }
         if (medium.depth > 0.0) {
-            var color = medium.color;
-            if (LIGHTING != UNLIT) {
+            var gradient = vec3f(0.0);
+            if (LIGHTING != UNLIT || HAS_GRID) {
                 known = with_gradients(known, values, field, start, end);
-                var gradient = mix(known.g1, known.g2, s.y);
+                gradient = mix(known.g1, known.g2, s.y);
                 if (CURVE == CUBIC) {
                     gradient = catmull_rom(known.g0, known.g1, known.g2, known.g3, s.y);
                 }
-                color = shade(LIGHTING, field, ray, start + s.y * length, color, gradient);
             }
-            pixel = add(pixel, medium, color, length / f32(PARTS));
+            let t = start + s.y * length;
+            pixel = add_by_gradient(pixel, medium, field, ray, t, length / f32(PARTS), on_curve(values, s.y), gradient);
         }
     }
     return Taken(pixel, known);

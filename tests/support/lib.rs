@@ -177,7 +177,11 @@ pub fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u
     }
 }
 
-fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
+/// Opens a session as told; `None` (said on standard error) where there is no GPU adapter at all.
+///
+/// # Panics
+/// If the session cannot be made although there is an adapter.
+pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
     match Session::new(store.clone(), store.default_window(0), &options) {
         Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {

@@ -27,8 +27,14 @@ struct Arguments {
 }
 
 const EDGE: u32 = 64;
-const NEEDS: Needs =
-    Needs { apron: 1, gradient_layers: 0, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE };
+const NEEDS: Needs = Needs {
+    apron: 1,
+    gradient_layers: 0,
+    filter: Filter::Trilinear,
+    is_pre_integrated: false,
+    has_grid: false,
+    meshes: MeshRoom::NONE,
+};
 const PICTURE_PX: (u32, u32) = (512, 512);
 const MEMORY_BYTES: u64 = 256 << 20;
 

@@ -209,6 +209,19 @@ fn lattice(members: &[Member], volumes: &[(usize, ResolvedScene)], scene: &Scene
     }
 }
 
+/// What is wrong with the transfer functions, if one of them depends on gradients.
+fn by_gradient(scene: &Scene) -> Option<String> {
+    let depends = |transfer: &Option<TransferFunction>| transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
+    let problem = "several volumes are classified by value alone: leave its gradient_opacity and regions out";
+    match scene.volumes.iter().position(|look| depends(&look.transfer)) {
+        Some(i) => Some(format!("volume {i} has a transfer function of value and gradient, and {problem}")),
+        None if depends(&scene.transfer) => {
+            Some(format!("the transfer function is one of value and gradient, and {problem}"))
+        }
+        None => None,
+    }
+}
+
 /// Whether several volumes can be shown so.
 fn check(members: &[Member], scene: &Scene) -> Result<(), SessionError> {
     let most_levels = members.iter().map(|member| member.source.pyramid().levels().len()).max().unwrap_or(0);
@@ -228,6 +241,8 @@ fn check(members: &[Member], scene: &Scene) -> Result<(), SessionError> {
         format!("{problem} {:?}: leave one of both out", scene.lighting.model)
     } else if scene.sampling.jitter != Jitter::None {
         "several volumes are not jittered: leave --jitter out".into()
+    } else if let Some(problem) = by_gradient(scene) {
+        problem
     } else if !scene.meshes.is_empty() {
         "meshes stand in one volume: leave --mesh out, or give one store".into()
     } else if !scene.isosurfaces.is_empty() {

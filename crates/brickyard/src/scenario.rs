@@ -116,6 +116,7 @@ impl Setting {
         let mut transfer = self.transfer.clone();
         transfer.opacity.iter_mut().for_each(|point| point[0] += shift);
         transfer.color.iter_mut().for_each(|point| point[0] += shift);
+        transfer.regions.iter_mut().flat_map(|region| &mut region.value).for_each(|value| *value += shift);
         transfer
     }
 }

@@ -11,7 +11,7 @@ use brickyard_volume::sampling::MOST_VIRTUAL_SAMPLES;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
-    Occupancy, Picture, Placement, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface,
+    Occupancy, Picture, Placement, Region, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface,
     TransferFunction, TransferTable,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -351,8 +351,8 @@ pub fn resolve(
     let encoding = encoding_of(source);
     let transfer = scene.transfer.clone().unwrap_or_else(|| default_transfer(default_window, &geometry, extent));
     let table = TransferTable::new(&transfer, &encoding);
-    // A table entry reaches one code to each side, and quantisation moves a value by half a code.
-    let slack = 1.5 * encoding.code_width();
+    // Quantisation moves a value by half a code.
+    let slack = (table.reach_codes() + 0.5) * encoding.code_width();
     let bins = source.occupancy_bins();
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
     let surfaces = Surface::all(&scene.isosurfaces, &transfer, &encoding);
@@ -365,7 +365,7 @@ pub fn resolve(
     let opaque = fog.map(|fog| passed.fold(fog, Occupancy::union));
     let background = scene.background.map(|c| c as f32);
     let meshes = scene.shown_meshes().map_err(|error| SessionError::Scene(error.to_string()))?;
-    let appearance = appearance(&table, scene, &meshes);
+    let appearance = appearance(&table, &transfer, scene, &meshes);
     let frame = FrameSettings {
         rays,
         lattice,
@@ -404,7 +404,7 @@ pub fn resolve(
 }
 
 /// What of a picture decides which bricks hide others.
-fn appearance(table: &TransferTable, scene: &Scene, meshes: &[ShownMesh]) -> u64 {
+fn appearance(table: &TransferTable, transfer: &TransferFunction, scene: &Scene, meshes: &[ShownMesh]) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);
     scene.sampling.hash(&mut hasher);
@@ -413,6 +413,14 @@ fn appearance(table: &TransferTable, scene: &Scene, meshes: &[ShownMesh]) -> u64
     }
     table.unit_distance.to_bits().hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
+    transfer.gradient_opacity.as_flattened().iter().for_each(|number| number.to_bits().hash(&mut hasher));
+    for Region { shape, value, gradient, color: _, opacity } in &transfer.regions {
+        (*shape as u8).hash(&mut hasher);
+        [value[0], value[1], gradient[0], gradient[1], *opacity].map(f64::to_bits).hash(&mut hasher);
+    }
+    if transfer.is_by_gradient() {
+        scene.lighting.gradient.hash(&mut hasher);
+    }
     // A mesh that has been read is never changed.
     let seen = meshes.iter().map(|shown| (Arc::as_ptr(&shown.mesh), shown.opacity.to_bits()));
     seen.for_each(|mesh| mesh.hash(&mut hasher));
@@ -476,6 +484,7 @@ fn check_surfaces(scene: &Scene) -> Result<(), SessionError> {
 fn check_look(scene: &Scene) -> Result<(), SessionError> {
     let Lighting { model, lights, .. } = &scene.lighting;
     let is_dvr = scene.mode == Mode::Dvr;
+    let is_by_gradient = scene.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
     let problem = if scene.sampling.method != Method::Udvr && !is_dvr {
         format!(
             "the sampling method {:?} is for direct volume rendering: leave it out, or use --mode dvr",
@@ -487,6 +496,12 @@ fn check_look(scene: &Scene) -> Result<(), SessionError> {
         )
     } else if !(1..=MOST_VIRTUAL_SAMPLES).contains(&scene.sampling.virtual_samples) {
         format!("{} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}", scene.sampling.virtual_samples)
+    } else if scene.sampling.method.is_pre_integrated() && is_dvr && is_by_gradient {
+        format!(
+            "the sampling method {:?} integrates over values, and the transfer function is one of value and gradient: use --method \
+             udvr, lvs, cvs or asm",
+            scene.sampling.method
+        )
     } else if lights.len() > MAX_LIGHTS {
         format!("{} lights: expected at most {MAX_LIGHTS}", lights.len())
     } else if let Some(light) = lights.iter().find(|light| !light.is_finite()) {
@@ -511,6 +526,7 @@ pub fn subject(geometry: &brickyard_volume::Geometry, extent: Extent, window: (f
         window,
         unit_distance: size.max_element() / 100.0,
         cell_length: size.length() / (extent.volume() as f64).cbrt(),
+        mean_spacing: geometry.spacing.element_sum() / 3.0,
     }
 }
 

@@ -80,6 +80,7 @@ fn shells() -> TransferFunction {
         color: colors.into_iter().enumerate().flat_map(color).collect(),
         opacity: (0..colors.len()).flat_map(opacity).collect(),
         unit_distance: 1.0,
+        ..TransferFunction::default()
     }
 }
 

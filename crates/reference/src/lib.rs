@@ -131,7 +131,7 @@ pub struct ReferenceVolume<'a> {
     pub levels: &'a [Array],
     /// The level at a point of voxel space.
     pub level_at: &'a dyn Fn(DVec3) -> usize,
-    /// The exact transfer function; `FrameSettings::table` is not used.
+    /// The exact transfer function; of `FrameSettings::table` only running integrals are used, and whether there is a grid.
     pub transfer: &'a TransferFunction,
 }
 
@@ -355,7 +355,12 @@ pub(crate) mod tests {
     }
 
     fn fog(alpha: f64) -> TransferFunction {
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, alpha]], unit_distance: 2.0 }
+        TransferFunction {
+            color: vec![[0.0, 1.0, 0.5, 0.0]],
+            opacity: vec![[0.0, alpha]],
+            unit_distance: 2.0,
+            ..TransferFunction::default()
+        }
     }
 
     #[test]
@@ -384,6 +389,7 @@ pub(crate) mod tests {
             color: vec![[0.0, 0.0, 0.0, 0.0], [15.0, 1.0, 1.0, 1.0]],
             opacity: vec![[0.0, 1.0]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         };
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::new(7.5, 7.5, 7.5));
@@ -433,6 +439,7 @@ pub(crate) mod tests {
             color: vec![[0.0, 0.0, 0.0, 0.0], [15.0, 1.0, 1.0, 1.0]],
             opacity: vec![[0.0, 1.0]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         };
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::new(7.5, 7.5, 7.5));

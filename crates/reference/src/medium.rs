@@ -87,10 +87,10 @@ impl Field<'_> {
         for part in self.parts(segment) {
             let medium = match (integrals, part.ends) {
                 (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),
-                _ => Medium {
-                    rgb: volume.transfer.rgb(part.value),
-                    depth: -(1.0 - volume.transfer.alpha(part.value)).log2(),
-                },
+                _ => {
+                    let [r, g, b, alpha] = volume.transfer.at(part.value, self.gradient(part.differences).length());
+                    Medium { rgb: [r, g, b], depth: -(1.0 - alpha).log2() }
+                }
             };
             let color = self.shade(DVec3::from_array(medium.rgb), part.differences, part.middle);
             light.add(color, (-medium.depth * part.length / volume.transfer.unit_distance).exp2());
@@ -162,9 +162,9 @@ impl Field<'_> {
     }
 
     /// Differences of the field across two voxels along each axis, about a place with a value; those without one are as good as
-    /// it. Zero where nothing is lit.
+    /// it. Zero where nothing depends on them.
     pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
-        if self.lighting.model == LightingModel::None {
+        if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
         }
         let voxel = DVec3::from_array(self.level.factor.map(f64::from));
@@ -188,8 +188,14 @@ impl Field<'_> {
     /// The unit vector along the gradient in the world; `None` where the field is flat.
     fn normal(&self, differences: DVec3) -> Option<DVec3> {
         let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
-        let voxel = DVec3::from_array(self.level.factor.map(f64::from)) * self.frame.geometry.spacing;
-        (!is_flat).then(|| self.frame.placement.world_gradient(differences / voxel).normalize())
+        (!is_flat).then(|| self.gradient(differences).normalize())
+    }
+
+    /// The gradient in the world, data units per world unit.
+    fn gradient(&self, differences: DVec3) -> DVec3 {
+        let across =
+            DVec3::from_array(self.level.factor.map(|factor| 2.0 * factor as f64)) * self.frame.geometry.spacing;
+        self.frame.placement.world_gradient(differences / across)
     }
 }
 
@@ -198,10 +204,17 @@ mod tests {
     use super::*;
     use crate::tests::{camera, cube, settings};
     use crate::{one_level, pixel};
-    use brickyard_volume::{Filter, Geometry, Method, Sampling, TransferFunction};
+    use brickyard_volume::{
+        Clip, Extent, Filter, Geometry, LevelGrid, Method, Pyramid, Region, Sampling, Shape, TransferFunction,
+    };
 
     fn transfer(opacity: Vec<[f64; 2]>) -> TransferFunction {
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], opacity, unit_distance: 1.0 }
+        TransferFunction {
+            color: vec![[0.0, 1.0, 0.5, 0.25]],
+            opacity,
+            unit_distance: 1.0,
+            ..TransferFunction::default()
+        }
     }
 
     /// The colour of the ray through the middle of a volume of 16 voxels, from -x.
@@ -244,6 +257,7 @@ mod tests {
             color: vec![[0.0, 1.0, 0.0, 0.25], [255.0, 0.0, 1.0, 0.5]],
             opacity: vec![[0.0, 0.02], [255.0, 0.3]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         };
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &ramp };
         let picture = |method, lighting: &Lighting, step: f64| {
@@ -271,6 +285,103 @@ mod tests {
                 println!("{method:?} {:?}: {errors:?}", lighting.model);
                 assert!(errors[0] / errors[2] > least * least, "{method:?} {:?}: {errors:?}", lighting.model);
             }
+        }
+    }
+
+    /// A field that rises evenly has one gradient everywhere, so what a function makes of that is a homogeneous medium.
+    #[test]
+    fn an_even_slope_is_beer_lambert_by_its_gradient_at_any_step_spacing_and_level() {
+        let spacing = DVec3::new(1.0, 0.5, 2.0);
+        // Per world unit.
+        let slope = DVec3::new(2.0, -1.0, 0.75);
+        let pyramid = Pyramid::new(Extent::new(64, 64, 64), spacing.to_array(), 8);
+        let level = |grid: &LevelGrid| {
+            let world = |i: [u32; 3]| {
+                (DVec3::from_array(i.map(f64::from)) + 0.5) * DVec3::from_array(grid.factor.map(f64::from)) * spacing
+            };
+            Array::from_fn(grid, |i| 100.0 + slope.dot(world(i)))
+        };
+        let levels: Vec<Array> = pyramid.levels()[..3].iter().map(level).collect();
+        let by_gradient = TransferFunction {
+            gradient_opacity: vec![[0.0, 0.0], [0.5 * slope.length(), 0.2], [1.5 * slope.length(), 0.8]],
+            ..transfer(vec![[0.0, 0.2]])
+        };
+        let band = [0.9 * slope.length(), 1.1 * slope.length()];
+        let region = Region {
+            shape: Shape::Rectangle,
+            value: [0.0, 255.0],
+            gradient: band,
+            color: [1.0, 0.5, 0.25],
+            opacity: 0.1,
+        };
+        let by_region = TransferFunction { regions: vec![region], ..transfer(vec![[0.0, 0.0]]) };
+        // Far enough inside for voxels past the faces not to be read.
+        let [low, high] = [28.0, 36.0].map(|at| DVec3::splat(at) * spacing);
+        let alpha = 1.0 - 0.9f64.powf((high - low).length());
+        for transfer in [by_gradient, by_region] {
+            for (method, step, number) in [Method::Udvr, Method::Lvs, Method::Cvs, Method::Asm]
+                .into_iter()
+                .flat_map(|method| [0.13, 1.0, 2.3].map(|step| (method, step)))
+                .flat_map(|(method, step)| (0..levels.len()).map(move |number| (method, step, number)))
+            {
+                for (filter, gradient) in [
+                    (Filter::Trilinear, Gradient::Central),
+                    (Filter::Tricubic, Gradient::Sobel),
+                    (Filter::Trilinear, Gradient::Stored),
+                ] {
+                    let volume = ReferenceVolume { levels: &levels, level_at: &one_level(number), transfer: &transfer };
+                    let geometry = Geometry { spacing, ..Geometry::default() };
+                    let frame = settings(Mode::Dvr, geometry, camera(2.0 * low - high, high), &transfer, step);
+                    let frame = FrameSettings {
+                        sampling: Sampling { method, filter, ..Sampling::default() },
+                        lighting: Lighting { gradient, ..Lighting::default() },
+                        clip: Some(Clip::new(Some([low, high]), &[]).unwrap()),
+                        background: [0.0; 3],
+                        ..frame
+                    };
+                    let found = pixel(&frame, &volume, 16, 16);
+                    for (found, color) in found.into_iter().zip([1.0, 0.5, 0.25]) {
+                        let what = format!("{method:?} {filter:?} {step} level {number}");
+                        assert!((found - alpha * color).abs() < 1e-9, "{what}: {found} {}", alpha * color);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Of a ball with a thin rim a region shows the rim alone; its inside and what is around are flat, though they have colours of
+    /// their own.
+    #[test]
+    fn a_steep_shell_is_shown_and_flat_insides_are_not() {
+        let centre = DVec3::splat(15.5);
+        // From 200 inside to 40 outside, by 32 a voxel about 10 voxels from the centre.
+        let levels = [cube(32, |v| {
+            let distance = (DVec3::from_array(v.map(f64::from)) - centre).length();
+            (120.0 - 32.0 * (distance - 10.0)).clamp(40.0, 200.0)
+        })];
+        let region = Region {
+            shape: Shape::Gaussian,
+            value: [40.0, 200.0],
+            gradient: [16.0, 48.0],
+            color: [0.0, 1.0, 0.0],
+            opacity: 0.9,
+        };
+        let by_region = TransferFunction { regions: vec![region], ..transfer(vec![[0.0, 0.0]]) };
+        let edges = TransferFunction { gradient_opacity: vec![[8.0, 0.0], [30.0, 1.0]], ..transfer(vec![[0.0, 0.6]]) };
+        for transfer in [&by_region, &edges] {
+            let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer };
+            let eye = DVec3::new(-60.0, 15.5, 15.5);
+            let frame = settings(Mode::Dvr, Geometry::default(), camera(eye, centre), transfer, 0.25);
+            let frame = FrameSettings { background: [0.0; 3], ..frame };
+            let light = |limits: [f64; 2]| {
+                let path = Path { limits, ..Path::new(&frame, 16, 16) };
+                color(&frame, &volume, &path, DVec3::ZERO).max_element()
+            };
+            // Places along the ray through the centre, whose voxels begin at 0.
+            let at = |from_centre: f64| 76.0 + from_centre;
+            let [before, rim, inside] = [[0.0, at(-14.0)], [at(-13.0), at(-7.0)], [at(-6.0), at(6.0)]].map(light);
+            assert!(rim > 0.8, "{rim}");
+            assert_eq!([before, inside], [0.0; 2]);
         }
     }
 

@@ -75,6 +75,7 @@ mod tests {
             color: vec![[0.0, 0.0, 0.5, 1.0], [200.0, 1.0, 0.5, 0.0]],
             opacity: vec![[0.0, 0.0]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         }
     }
 
@@ -186,8 +187,12 @@ mod tests {
     #[test]
     fn surfaces_stand_in_the_fog_where_they_are() {
         let levels = [cube(32, |[x, ..]| 8.0 * x as f64)];
-        let fog =
-            TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, 0.05]], unit_distance: 1.0 };
+        let fog = TransferFunction {
+            color: vec![[0.0, 1.0, 0.5, 0.0]],
+            opacity: vec![[0.0, 0.05]],
+            unit_distance: 1.0,
+            ..TransferFunction::default()
+        };
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &fog };
         let middle = DVec3::splat(15.5);
         let surface = |threshold: f64, color: [f32; 3], opacity: f32| Surface { threshold, color, opacity };

@@ -130,7 +130,12 @@ mod tests {
     };
 
     fn fog(rgb: [f64; 3], alpha: f64, unit_distance: f64) -> TransferFunction {
-        TransferFunction { color: vec![[0.0, rgb[0], rgb[1], rgb[2]]], opacity: vec![[0.0, alpha]], unit_distance }
+        TransferFunction {
+            color: vec![[0.0, rgb[0], rgb[1], rgb[2]]],
+            opacity: vec![[0.0, alpha]],
+            unit_distance,
+            ..TransferFunction::default()
+        }
     }
 
     /// Length of a ray inside a box `low..high`.
@@ -291,6 +296,7 @@ mod tests {
             color: vec![[0.0, 1.0, 0.0, 0.2], [255.0, 0.1, 1.0, 0.6]],
             opacity: vec![[60.0, 0.0], [120.0, 0.4], [230.0, 1.0]],
             unit_distance: 2.0,
+            ..TransferFunction::default()
         };
         let volume = ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfer };
         let settings = settings(
@@ -324,6 +330,7 @@ mod tests {
             color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 1.0, 1.0]],
             opacity: vec![[0.0, 0.0], [10.0, 0.5]],
             unit_distance: 1.5,
+            ..TransferFunction::default()
         };
         for (text, values) in [
             ("a + b", [f64::NAN, 4.0, f64::NAN]),

@@ -82,6 +82,7 @@ fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
         color: colors.map(|[t, r, g, b]| [value(t), r, g, b]).to_vec(),
         opacity: opacity.into_iter().map(|[t, a]| [value(t), a]).collect(),
         unit_distance: 1.25,
+        ..TransferFunction::default()
     };
     let projection = Projection::Perspective { fov_y_deg: 24.0 };
     let camera = Camera::looking_at_box(bricks.geometry.world_box(Extent::new(256, 256, 256)));

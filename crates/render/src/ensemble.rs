@@ -9,13 +9,13 @@
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::{Atlas, AtlasPlan, slot_bytes};
 use crate::error::GpuError;
-use crate::frame::frame_uniform;
+use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
 use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
 use crate::pipelines::{Layouts, Pipelines, gradient_of, light_of};
 use crate::raycast::PIXELS_PER_SUBMISSION;
 use crate::renderer::check_size;
-use crate::table;
+use crate::table::{self, Room};
 use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use crate::upload::{MAX_BATCH, Uploader, staging_bytes};
@@ -141,8 +141,8 @@ impl GpuEnsemble {
             end.range += (raycast.ranges_bytes(slots) / size_of::<u32>() as u64) as u32;
             end.place += table::last_place(codes) + 1;
             end.count += codes.max_code() + 2;
-            table_bytes += table::bytes(codes, false);
-            let none = TransferTable { entries: Vec::new(), unit_distance: 1.0 };
+            table_bytes += Room::of_places(codes).bytes();
+            let none = TransferTable { entries: Vec::new(), unit_distance: 1.0, grid: None };
             volumes.push(Volume {
                 needs: *needs,
                 plan: raycast,
@@ -154,7 +154,7 @@ impl GpuEnsemble {
                 first,
             });
         }
-        let shared = SharedBuffers::new(&gpu, volumes.len() as u64, table_bytes + table::bytes(COMBINED, false))?;
+        let shared = SharedBuffers::new(&gpu, volumes.len() as u64, table_bytes + Room::of_places(COMBINED).bytes())?;
         let word = size_of::<u32>() as u64;
         let sizes = [
             ("octrees", end.node as u64 * word),
@@ -287,7 +287,7 @@ impl GpuEnsemble {
 
     fn write_frame(&self, volume: usize, layer: &Layer<'_>) {
         let Volume { atlas, needs, .. } = &self.volumes[volume];
-        let mut uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &atlas.plan, 0.0, 0);
+        let mut uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &atlas.plan, TableInUse::default());
         uniform.gradient_edge = atlas.nodes.along() as f32;
         uniform.first_gradient = needs.bricks.apron as f32 + atlas.nodes.first();
         let at = volume * size_of::<FrameUniform>();
@@ -351,14 +351,15 @@ impl Volume {
             && settings.surfaces.is_empty()
             && settings.meshes.is_empty()
             && settings.sampling.method == Method::Udvr
-            && settings.sampling.jitter == Jitter::None;
+            && settings.sampling.jitter == Jitter::None
+            && settings.grid().is_none();
         let fits = settings.encoding == self.needs.encoding
             && layer.pyramid.edge() == self.needs.edge
             && self.needs.bricks.satisfy(&settings.needs())
             && settings.table.entries.len() == self.needs.encoding.format.max_code() as usize + 1;
         let slots = self.atlas.plan.slots();
         let problem = if !is_plain {
-            "several volumes are sampled plainly"
+            "several volumes are sampled plainly, and classified by value alone"
         } else if is_combined && layer.frame.is_lit() {
             "what an expression makes has no gradient"
         } else if !fits {
@@ -418,10 +419,10 @@ impl Plan {
         let format = |needs: &VolumeNeeds| formats.atlas(needs.encoding.format);
         let gradients = |needs: &VolumeNeeds| needs.bricks.gradients(needs.edge);
         let slot_bytes = |needs: &VolumeNeeds| slot_bytes(slot_edge(needs), format(needs), gradients(needs));
-        let (mut small, mut staging) = (picture_bytes(formats, max_size_px) + table::bytes(COMBINED, false), 0);
+        let (mut small, mut staging) = (picture_bytes(formats, max_size_px) + Room::of_places(COMBINED).bytes(), 0);
         for (needs, plan) in volumes.iter().zip(&raycasts) {
             let codes = needs.encoding.format;
-            small += table::bytes(codes, false) + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
+            small += Room::of_places(codes).bytes() + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
             staging += staging_bytes(slot_edge(needs), format(needs), gradients(needs)) + plan.ranges_bytes(1);
         }
         // As for one volume: two batches are under way at once, together at most an eighth of the budget.

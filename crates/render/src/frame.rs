@@ -1,7 +1,7 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
 use crate::atlas::AtlasPlan;
-use crate::table;
+use crate::table::last_place;
 use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
 use brickyard_shaders::{CellInstance, FrameUniform};
@@ -11,13 +11,23 @@ use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{Clip, ClipPlane, FrameSettings, Jitter, MAX_PLANES, Mode, Pyramid};
 use glam::DVec3;
 
-/// The uniform of a frame of a volume in this atlas, with a transfer table whose integrals have this unit, and whose mask is there.
+/// The transfer table that a frame finds in its buffer.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TableInUse {
+    /// The unit of its integrals.
+    pub(crate) sum_unit: f32,
+    /// Where the mask begins, in places.
+    pub(crate) mask_at: u32,
+    /// Where entries over values and gradients begin, likewise.
+    pub(crate) grid_at: u32,
+}
+
+/// The uniform of a frame of a volume in this atlas.
 pub(crate) fn frame_uniform(
     frame: &FrameSettings,
     pyramid: &Pyramid,
     atlas: &AtlasPlan,
-    sum_unit: f32,
-    mask_at: u32,
+    table: TableInUse,
 ) -> FrameUniform {
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
@@ -37,7 +47,7 @@ pub(crate) fn frame_uniform(
     let (jitter, jitter_seed) = match frame.sampling.jitter {
         Jitter::None => (0, 0),
         Jitter::White(seed) => (1, seed),
-        Jitter::Blue => (2, mask_at),
+        Jitter::Blue => (2, table.mask_at),
     };
     FrameUniform {
         eye: single(eye),
@@ -63,8 +73,8 @@ pub(crate) fn frame_uniform(
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
-        last_place: table::last_place(frame.encoding.format) as f32,
-        sum_unit,
+        last_place: last_place(frame.encoding.format) as f32,
+        sum_unit: table.sum_unit,
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
         shown_low: single(shown_low),
@@ -82,7 +92,8 @@ pub(crate) fn frame_uniform(
         mesh_far: 0.0,
         gradient_edge: 0.0,
         first_gradient: 0.0,
-        spare: 0.0,
+        grid_at: table.grid_at,
+        grid: grid(frame),
         light_places: light_places(frame),
         axes: axes.map(|axis| frame.placement.world_vector(axis * spacing).extend(0.0).as_vec4().to_array()),
         slopes: slopes.map(|slope| (slope / steepest).extend(0.0).as_vec4().to_array()),
@@ -101,6 +112,15 @@ fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) 
         looks[i] = [r, g, b, surface.opacity];
     }
     (thresholds, looks)
+}
+
+/// Where values and gradients are in the table of both.
+fn grid(frame: &FrameSettings) -> [f32; 4] {
+    let Some(grid) = frame.grid() else { return [0.0; 4] };
+    // Differences are across two voxels, of normalised codes.
+    let gradient = 0.5 * (frame.encoding.high - frame.encoding.low);
+    let columns = (grid.columns_per_gradient as f64 * gradient) as f32;
+    [grid.first_code, grid.rows_per_code, columns, (grid.rows() - 1) as f32]
 }
 
 /// Where the lights are from the volume's corner, in the scene's world.

@@ -5,7 +5,7 @@ use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
 use crate::meshes;
-use crate::table;
+use crate::table::Room;
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::{GradientNodes, MeshRoom, SlotFormat};
@@ -75,9 +75,8 @@ impl RaycastPlan {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryNeeds {
     pub(crate) formats: GpuFormats,
-    pub(crate) codes: SlotFormat,
-    /// Whether running integrals are among the tables.
-    pub(crate) has_integrals: bool,
+    /// What tables there is room for.
+    pub(crate) tables: Room,
     pub(crate) slot_edge: u32,
     /// Stored with each brick.
     pub(crate) gradients: GradientNodes,
@@ -118,12 +117,12 @@ impl MemoryPlan {
         let (width_px, height_px) = needs.max_size_px;
         let pixels = width_px as u64 * height_px as u64;
         let picture = picture_bytes(&needs.formats, needs.max_size_px);
-        let table = table::bytes(needs.codes, needs.has_integrals);
+        let table = needs.tables.bytes();
         let (compositor, beside_bytes, most) = match needs.raycast {
             None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
         };
-        let format = needs.formats.atlas(needs.codes);
+        let format = needs.formats.atlas(needs.tables.codes);
         let staging = staging_bytes(needs.slot_edge, format, needs.gradients)
             + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
         // Two batches are under way at once; together at most an eighth of the budget.
@@ -169,8 +168,7 @@ mod tests {
                 composite: TextureFormat::Rgba32Float,
                 project: TextureFormat::Rg32Float,
             },
-            codes: SlotFormat::U8,
-            has_integrals: false,
+            tables: Room::of_places(SlotFormat::U8),
             slot_edge: 66,
             gradients: GradientNodes { edge: 64, layers: 0 },
             budget_bytes,
@@ -185,13 +183,13 @@ mod tests {
 
     /// For either compositor.
     fn both(needs: MemoryNeeds) -> [MemoryNeeds; 2] {
-        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.codes, true)), ..needs }]
+        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.tables.codes, true)), ..needs }]
     }
 
     #[test]
     fn sixteen_mebibytes_hold_a_picture_and_ten_bricks() {
-        for codes in [SlotFormat::U8, SlotFormat::U16] {
-            for needs in both(MemoryNeeds { codes, ..needs(16 << 20) }) {
+        for tables in [SlotFormat::U8, SlotFormat::U16].map(Room::of_places) {
+            for needs in both(MemoryNeeds { tables, ..needs(16 << 20) }) {
                 let plan = MemoryPlan::new(&needs).unwrap();
                 assert!(plan.atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
             }

@@ -41,15 +41,16 @@ fn medium_of(frame: &FrameSettings) -> Medium {
         _ if frame.surfaces.is_empty() => Surfaces::None,
         _ => Surfaces::InFog,
     };
-    // Without light a gradient is asked for by nothing: no variant of its own for each.
-    let is_lit = light != Light::Unlit || surfaces != Surfaces::None;
-    let gradient = gradient_of(&frame.lighting, is_lit);
+    // Where a gradient is asked for by nothing there is no variant of its own for each.
+    let has_grid = frame.grid().is_some();
+    let has_gradients = light != Light::Unlit || surfaces != Surfaces::None || has_grid;
+    let gradient = gradient_of(&frame.lighting, has_gradients);
     if surfaces == Surfaces::Alone {
         // Nor a method without fog.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
     let (parts, is_pre_integrated) = (frame.sampling.parts(0.0) as u32, method.is_pre_integrated());
-    Medium { curve, parts, is_pre_integrated, light, gradient, surfaces }
+    Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
 }
 
 /// How colours become lit ones.

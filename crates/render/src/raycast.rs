@@ -71,7 +71,7 @@ impl Raycast {
         }
         let bindings = shared.bindings(gpu, layout, atlas, &own);
         let slot_ranges = vec![macrocells::NONE; slots as usize];
-        let opaque = OpaqueCodes::new(&TransferTable { entries: Vec::new(), unit_distance: 1.0 });
+        let opaque = OpaqueCodes::new(&TransferTable { entries: Vec::new(), unit_distance: 1.0, grid: None });
         Ok(Self { plan, nodes, bricks, ranges, opaque_before, marks, bindings, slot_ranges, opaque })
     }
 

@@ -7,7 +7,7 @@
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::Atlas;
 use crate::error::GpuError;
-use crate::frame::frame_uniform;
+use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::SharedBuffers;
 use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
 use crate::meshes::{Layers, Meshes};
@@ -15,7 +15,7 @@ use crate::passes::{Next, Passes};
 use crate::pipelines::{Layouts, Pipelines, variant_of};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
-use crate::table;
+use crate::table::{self, Room};
 use crate::targets::Targets;
 use crate::upload::Uploader;
 use brickyard_pager::{DrawList, Slot};
@@ -116,14 +116,17 @@ impl Recipe {
             .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format, self.options.leaps))
     }
 
+    fn tables(&self) -> Room {
+        Room::new(self.encoding.format, &self.needs)
+    }
+
     /// How the budget is spent on this device.
     fn plan(&self, gpu: &Gpu, max_slots: u32) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
         MemoryPlan::new(&MemoryNeeds {
             formats: gpu.report.formats,
-            codes: self.encoding.format,
-            has_integrals: self.needs.is_pre_integrated,
+            tables: self.tables(),
             slot_edge: self.edge + 2 * self.needs.apron,
             gradients: self.needs.gradients(self.edge),
             budget_bytes: self.budget_bytes,
@@ -187,7 +190,7 @@ impl GpuRenderer {
         let codes = recipe.encoding.format;
         let gradients = recipe.needs.gradients(recipe.edge);
         let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes), gradients)?;
-        let shared = SharedBuffers::new(&gpu, 1, table::bytes(codes, recipe.needs.is_pre_integrated))?;
+        let shared = SharedBuffers::new(&gpu, 1, recipe.tables().bytes())?;
         let layouts = Layouts::new(&gpu, recipe.options.compositor, gradients.layers > 0);
         let march = match recipe.raycast() {
             None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
@@ -318,8 +321,9 @@ impl GpuRenderer {
         self.check(frame, pyramid)?;
         let variant = variant_of(frame);
         self.prepare(&variant, frame)?;
-        let mask_at = table::mask_at(frame.encoding.format, self.recipe.needs.is_pre_integrated);
-        let mut uniform = frame_uniform(frame, pyramid, &self.atlas.plan, self.sum_unit, mask_at);
+        let room = self.recipe.tables();
+        let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
+        let mut uniform = frame_uniform(frame, pyramid, &self.atlas.plan, table);
         let gradients = self.atlas.nodes;
         uniform.gradient_edge = gradients.along() as f32;
         uniform.first_gradient = self.recipe.needs.apron as f32 + gradients.first();
@@ -399,7 +403,7 @@ impl GpuRenderer {
             self.targets = Some(Targets::new(gpu, gather, (width, height), self.marks_bytes)?);
         }
         if self.table.as_ref() != Some(&frame.table) {
-            let words = table::words(&frame.table, frame.encoding.format, self.recipe.needs.is_pre_integrated);
+            let words = table::words(&frame.table, self.recipe.tables());
             self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&words.words));
             self.sum_unit = words.sum_unit;
             if let March::Raycast(raycast) = &mut self.march {

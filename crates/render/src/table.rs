@@ -3,7 +3,7 @@
 //! the depth that an exponential takes.
 
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::{Blend, Integrals, SlotFormat, TransferTable};
+use brickyard_volume::{Blend, Integrals, Needs, SlotFormat, TransferGrid, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
@@ -29,43 +29,76 @@ pub(crate) fn last_place(codes: SlotFormat) -> u32 {
 /// Channels of running integrals: three of colour, and depth.
 const CHANNELS: u64 = 4;
 
-/// Bytes of all places, of the running integrals behind them, and of the mask of [jitter](brickyard_volume::jitter) behind those.
-pub(crate) fn bytes(codes: SlotFormat, has_integrals: bool) -> u64 {
-    mask_at(codes, has_integrals) as u64 * PLACE_BYTES + (BLUE_EDGE * BLUE_EDGE) as u64
+/// Words of the mask, in places.
+const MASK_PLACES: u32 = (BLUE_EDGE * BLUE_EDGE) as u32 / PLACE_BYTES as u32;
+
+/// What the buffer has room for: places, then, if wanted, running integrals, then the mask of [jitter](brickyard_volume::jitter),
+/// then, if wanted, entries over values and gradients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Room {
+    pub(crate) codes: SlotFormat,
+    pub(crate) has_integrals: bool,
+    pub(crate) has_grid: bool,
 }
 
-/// Where the mask begins, in places.
-pub(crate) fn mask_at(codes: SlotFormat, has_integrals: bool) -> u32 {
-    let sums = if has_integrals { (codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
-    last_place(codes) + 1 + sums as u32
+impl Room {
+    /// For what pictures need.
+    pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
+        Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
+    }
+
+    /// For places alone.
+    pub(crate) fn of_places(codes: SlotFormat) -> Self {
+        Self { codes, has_integrals: false, has_grid: false }
+    }
+
+    /// Bytes of all of it.
+    pub(crate) fn bytes(&self) -> u64 {
+        let rows = TransferGrid::most_rows(self.codes.max_code() + 1);
+        let entries = if self.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
+        (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
+    }
+
+    /// Where the mask begins, in places.
+    pub(crate) fn mask_at(&self) -> u32 {
+        let sums = if self.has_integrals { (self.codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
+        last_place(self.codes) + 1 + sums as u32
+    }
+
+    /// Where the entries over values and gradients begin, in places.
+    pub(crate) fn grid_at(&self) -> u32 {
+        self.mask_at() + MASK_PLACES
+    }
 }
 
 /// All that the buffer holds.
 #[derive(Debug)]
 pub(crate) struct Words {
-    /// Places, then, if wanted, for each code the low and the high word of each integral, then the mask, a byte a step.
+    /// Places; for each code the low and the high word of each integral; the mask, a byte a step; entries, colour and opacity.
     pub(crate) words: Vec<[u32; 2]>,
     /// Depth over a code that a one in the low word of an integral stands for.
     pub(crate) sum_unit: f32,
 }
 
 /// A table's words.
-pub(crate) fn words(table: &TransferTable, codes: SlotFormat, has_integrals: bool) -> Words {
-    if !has_integrals {
-        let words = places(table, codes, Blend::Mix).into_iter().chain(mask()).collect();
-        return Words { words, sum_unit: 0.0 };
-    }
-    let integrals = Integrals::new(table);
-    let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
-    // Differences of 64 bits are exact, wherever along the table they are taken.
-    let unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
-    let mut words = places(table, codes, Blend::Mix);
-    for sum in integrals.sums().iter().flatten() {
-        let count = (sum / unit as f64) as u64;
-        words.push([count as u32, (count >> 32) as u32]);
+pub(crate) fn words(table: &TransferTable, room: Room) -> Words {
+    let mut words = places(table, room.codes, Blend::Mix);
+    let mut sum_unit = 0.0;
+    if room.has_integrals {
+        let integrals = Integrals::new(table);
+        let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
+        // Differences of 64 bits are exact, wherever along the table they are taken.
+        sum_unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
+        for sum in integrals.sums().iter().flatten() {
+            let count = (sum / sum_unit as f64) as u64;
+            words.push([count as u32, (count >> 32) as u32]);
+        }
     }
     words.extend(mask());
-    Words { words, sum_unit: unit }
+    if let Some(grid) = table.grid.as_ref().filter(|_| room.has_grid) {
+        words.extend(grid.entries.iter().map(|&[r, g, b, alpha]| [pack_color([r, g, b]), alpha.to_bits()]));
+    }
+    Words { words, sum_unit }
 }
 
 /// The mask's words, lowest bytes first.
@@ -97,18 +130,22 @@ fn pack_color(rgb: [f32; 3]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::{SlotEncoding, TransferFunction, VoxelType};
 
     #[test]
     fn places_say_what_the_table_says() {
         for codes in [SlotFormat::U8, SlotFormat::U16] {
             let entries = (0..=codes.max_code()).map(|i| i as f32 / codes.max_code() as f32);
-            let table =
-                TransferTable { entries: entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), unit_distance: 1.0 };
+            let table = TransferTable {
+                entries: entries.map(|t| [t, 1.0 - t, t * t, t]).collect(),
+                unit_distance: 1.0,
+                grid: None,
+            };
             let places = places(&table, codes, Blend::Mix);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {
-                let words = words(&table, codes, has_integrals).words;
-                assert_eq!(words.len() as u64 * 8, bytes(codes, has_integrals));
+                let room = Room { codes, has_integrals, has_grid: false };
+                assert_eq!(words(&table, room).words.len() as u64 * 8, room.bytes());
             }
             for (i, [color, depth]) in places.iter().enumerate() {
                 let [r, g, b, alpha] = table.lookup(i as f32 / last_place(codes) as f32);
@@ -121,6 +158,26 @@ mod tests {
             }
             assert_eq!(f32::from_bits(places[0][1]), 0.0, "clear stays clear");
             assert_eq!((-f32::from_bits(places[places.len() - 1][1]) * 1e-9).exp2(), 0.0, "opaque stays opaque");
+        }
+    }
+
+    #[test]
+    fn entries_over_values_and_gradients_fit_their_room() {
+        for voxel_type in [VoxelType::U8, VoxelType::U16] {
+            let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+            let transfer = TransferFunction {
+                opacity: vec![[0.0, 0.0], [encoding.high, 1.0]],
+                gradient_opacity: vec![[0.0, 0.5], [9.0, 1.0]],
+                ..TransferFunction::default()
+            };
+            let table = TransferTable::new(&transfer, &encoding);
+            let room = Room { codes: encoding.format, has_integrals: true, has_grid: true };
+            let words = words(&table, room).words;
+            assert_eq!(words.len() as u64 * 8, room.bytes(), "values of all codes fill it");
+            let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
+            for (word, entry) in entries.iter().zip(&grid.entries) {
+                assert_eq!([word[0], word[1]], [pack_color([1.0; 3]), entry[3].to_bits()]);
+            }
         }
     }
 }

@@ -23,7 +23,22 @@ fn tinted(encoding: &SlotEncoding) -> TransferFunction {
         color: vec![[at(0), 0.0, 0.2, 1.0], [at(127), 1.0, 0.3, 0.1], [at(255), 0.9, 1.0, 0.5]],
         opacity: vec![[at(90), 0.0], [at(150), 0.05], [at(200), 0.4]],
         unit_distance: 1.5,
+        ..TransferFunction::default()
     }
+}
+
+/// The same where the field is steep, and a region besides. All of it is smooth: the oracle has no table.
+fn by_gradient(encoding: &SlotEncoding) -> TransferFunction {
+    let code = (encoding.high - encoding.low) / 255.0;
+    let region = Region {
+        shape: Shape::Gaussian,
+        value: [encoding.low + 40.0 * code, encoding.low + 200.0 * code],
+        gradient: [0.0, 16.0 * code],
+        color: [1.0, 0.9, 0.1],
+        opacity: 0.15,
+    };
+    let gradient_opacity = vec![[code, 0.0], [9.0 * code, 1.0], [18.0 * code, 0.4]];
+    TransferFunction { gradient_opacity, regions: vec![region], ..tinted(encoding) }
 }
 
 fn bricks(
@@ -41,12 +56,16 @@ fn bricks(
 }
 
 fn frame(bricks: &Bricks, sampling: Sampling, lighting: Lighting) -> FrameSettings {
+    frame_of(bricks, &tinted(&bricks.encoding), sampling, lighting)
+}
+
+fn frame_of(bricks: &Bricks, transfer: &TransferFunction, sampling: Sampling, lighting: Lighting) -> FrameSettings {
     let (low, high) = bricks.geometry.world_box(bricks.pyramid.levels()[0].extent);
     let centre = (low + high) * 0.5;
     let eye = centre + DVec3::new(-50.0, -40.0, 45.0);
     let projection = Projection::Perspective { fov_y_deg: 40.0 };
     let rays = Camera { eye, target: centre, up: DVec3::Z, projection }.rays(22, 18).unwrap();
-    let plain = bricks.settings(rays, Mode::Dvr, &tinted(&bricks.encoding), Lattice::uniform(0.7, 0));
+    let plain = bricks.settings(rays, Mode::Dvr, transfer, Lattice::uniform(0.7, 0));
     FrameSettings { sampling, lighting, ..plain }
 }
 
@@ -70,13 +89,14 @@ fn few_lightings() -> [Lighting; 3] {
 
 /// One picture of all bricks by both compositors, against the oracle: all pixels but so many.
 fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
-    let transfer = tinted(&bricks.encoding);
+    let [plain, steep] = [tinted(&bricks.encoding), by_gradient(&bricks.encoding)];
     let mut expected = vec![None; frames.len()];
     for mut renderer in bricks.renderers() {
         for (frame, expected) in frames.iter().zip(&mut expected) {
             let list = bricks.draw(&mut renderer, &frame.rays, &|_| false, &|_| 0);
             let found = renderer.render(frame, &bricks.pyramid, &list).unwrap();
-            let expected = expected.get_or_insert_with(|| bricks.reference(frame, &list, &transfer));
+            let transfer = if frame.table.grid.is_some() { &steep } else { &plain };
+            let expected = expected.get_or_insert_with(|| bricks.reference(frame, &list, transfer));
             let difference = found.difference(expected);
             let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > CONTRACT);
             let count = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
@@ -90,7 +110,14 @@ fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
 
 /// The bricks that these frames need at most, with the frames.
 fn all_frames(filter: Filter, make: impl Fn(Needs) -> Bricks, lightings: &[Lighting]) -> (Bricks, Vec<FrameSettings>) {
-    let bricks = make(Needs { apron: 4, gradient_layers: 2, filter, is_pre_integrated: true, meshes: MeshRoom::NONE });
+    let bricks = make(Needs {
+        apron: 4,
+        gradient_layers: 2,
+        filter,
+        is_pre_integrated: true,
+        has_grid: true,
+        meshes: MeshRoom::NONE,
+    });
     let methods = Method::ALL.iter().map(|&method| Sampling { method, filter, ..Sampling::default() });
     let looks = methods.flat_map(|sampling| lightings.iter().map(move |lighting| (sampling, lighting.clone())));
     let frames = looks.map(|(sampling, lighting)| frame(&bricks, sampling, lighting)).collect();
@@ -135,19 +162,22 @@ fn every_method_matches_the_oracle_with_invalid_voxels_in_wide_codes() {
 #[test]
 fn bricks_of_other_sizes_show_the_same() {
     let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
-    for (method, filter) in [
-        (Method::Pcvs, Filter::Trilinear),
-        (Method::Cvs, Filter::Tricubic),
-        (Method::Asm, Filter::Trilinear),
-        (Method::Plvs, Filter::Tricubic),
+    for (method, filter, has_grid) in [
+        (Method::Pcvs, Filter::Trilinear, false),
+        (Method::Cvs, Filter::Tricubic, false),
+        (Method::Asm, Filter::Trilinear, false),
+        (Method::Plvs, Filter::Tricubic, false),
+        (Method::Udvr, Filter::Trilinear, true),
+        (Method::Cvs, Filter::Tricubic, true),
     ] {
         let sampling = Sampling { method, filter, ..Sampling::default() };
         let [unlit, _, sobel, _, stored] = lightings();
         for lighting in [unlit, sobel, stored] {
             for edge in [8, 32, 64] {
-                let needs = Needs::new(Mode::Dvr, sampling, &lighting, false);
+                let needs = Needs::new(Mode::Dvr, sampling, &lighting, false, has_grid);
                 let bricks = bricks([35, 29, 37], edge, encoding, needs, waves);
-                agree(&bricks, &[frame(&bricks, sampling, lighting.clone())], 0);
+                let transfer = if has_grid { by_gradient(&encoding) } else { tinted(&encoding) };
+                agree(&bricks, &[frame_of(&bricks, &transfer, sampling, lighting.clone())], 0);
             }
         }
     }
@@ -166,7 +196,14 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
         [(whole, Filter::Trilinear, &[16, 64][..]), (wide, Filter::Trilinear, &[16]), (whole, Filter::Tricubic, &[16])]
     {
         for &edge in edges {
-            let needs = Needs { apron: 4, gradient_layers: 1, filter, is_pre_integrated: true, meshes: MeshRoom::NONE };
+            let needs = Needs {
+                apron: 4,
+                gradient_layers: 1,
+                filter,
+                is_pre_integrated: true,
+                has_grid: true,
+                meshes: MeshRoom::NONE,
+            };
             let value = |voxel: [u32; 3]| if encoding.has_invalid { hole(voxel) } else { waves(voxel) };
             let bricks = bricks([35, 29, 37], edge, encoding, needs, value);
             let at = |code: f64| encoding.low + code / 255.0 * (encoding.high - encoding.low);
@@ -174,20 +211,24 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
             let half = Isosurface { value: at(150.5), color: None, opacity: 0.5 };
             let solid = Isosurface { value: at(190.0), color: Some([1.0, 0.9, 0.2]), opacity: 1.0 };
             let surfaces = Surface::all(&[solid, faint, half], &tinted(&encoding), &encoding);
-            let lit = lightings();
+            let (lit, [plain, steep]) = (lightings(), [tinted(&encoding), by_gradient(&encoding)]);
             let frames: Vec<_> = [
-                (Mode::Isosurface, Method::Udvr, &lit[0]),
-                (Mode::Isosurface, Method::Udvr, &lit[2]),
-                (Mode::Dvr, Method::Udvr, &lit[0]),
-                (Mode::Dvr, Method::Plvs, &lit[1]),
-                (Mode::Dvr, Method::Pcvs, &lit[0]),
-                (Mode::Dvr, Method::Asm, &lit[3]),
-                (Mode::Isosurface, Method::Udvr, &lit[4]),
-                (Mode::Dvr, Method::Udvr, &lit[4]),
+                (Mode::Isosurface, &plain, Method::Udvr, &lit[0]),
+                (Mode::Isosurface, &steep, Method::Udvr, &lit[2]),
+                (Mode::Dvr, &plain, Method::Udvr, &lit[0]),
+                (Mode::Dvr, &plain, Method::Plvs, &lit[1]),
+                (Mode::Dvr, &plain, Method::Pcvs, &lit[0]),
+                (Mode::Dvr, &plain, Method::Asm, &lit[3]),
+                (Mode::Dvr, &steep, Method::Udvr, &lit[0]),
+                (Mode::Dvr, &steep, Method::Lvs, &lit[1]),
+                (Mode::Isosurface, &plain, Method::Udvr, &lit[4]),
+                (Mode::Dvr, &plain, Method::Udvr, &lit[4]),
+                (Mode::Dvr, &steep, Method::Udvr, &lit[4]),
             ]
             .into_iter()
-            .map(|(mode, method, lighting)| {
-                let plain = frame(&bricks, Sampling { method, filter, ..Sampling::default() }, lighting.clone());
+            .map(|(mode, transfer, method, lighting)| {
+                let sampling = Sampling { method, filter, ..Sampling::default() };
+                let plain = frame_of(&bricks, transfer, sampling, lighting.clone());
                 FrameSettings { mode, surfaces: surfaces.clone(), ..plain }
             })
             .collect();
@@ -211,6 +252,7 @@ fn jittered_pictures_match_the_oracle() {
         gradient_layers: 0,
         filter: Filter::Trilinear,
         is_pre_integrated: true,
+        has_grid: true,
         meshes: MeshRoom::NONE,
     };
     for needs in [needs, Needs { is_pre_integrated: false, ..needs }] {

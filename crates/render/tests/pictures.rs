@@ -34,6 +34,7 @@ fn tinted(low: f64, high: f64) -> TransferFunction {
         color: vec![[at(0.0), 0.0, 0.2, 1.0], [at(0.5), 1.0, 0.3, 0.1], [at(1.0), 0.9, 1.0, 0.5]],
         opacity: vec![[at(0.35), 0.0], [at(0.6), 0.05], [at(0.8), 0.4]],
         unit_distance: 1.5,
+        ..TransferFunction::default()
     }
 }
 
@@ -307,8 +308,12 @@ fn a_constant_medium_is_beer_lambert_whatever_the_step_and_the_bricks() {
     for (alpha, edge) in [(0.0025, 32), (0.05, 8), (0.9, 32)] {
         let bricks = Bricks::new([104, 104, 104], edge, Geometry::default(), u8_codes(), |_| 100.0);
         let mut renderers = bricks.renderers();
-        let transfer =
-            TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, alpha]], unit_distance: 1.0 };
+        let transfer = TransferFunction {
+            color: vec![[0.0, 1.0, 0.5, 0.0]],
+            opacity: vec![[0.0, alpha]],
+            unit_distance: 1.0,
+            ..TransferFunction::default()
+        };
         let eyes = [DVec3::new(-150.0, -90.0, 130.0), DVec3::new(31.0, 64.0, 40.0), DVec3::new(52.0, 51.5, 500.0)];
         for eye in eyes {
             let up = if eye.z > 400.0 { DVec3::Y } else { DVec3::Z };
@@ -501,6 +506,7 @@ fn rays_say_with_what_they_entered_cells() {
         color: vec![[0.0, 1.0, 1.0, 1.0]],
         opacity: vec![[99.0, 0.0], [99.5, half], [100.5, half], [101.0, 0.0], [199.0, 0.0], [199.5, 1.0]],
         unit_distance: 1.0,
+        ..TransferFunction::default()
     };
     let nothing = TransferFunction { opacity: vec![[0.0, 0.0]], ..transfer.clone() };
     for mut renderer in bricks.renderers() {

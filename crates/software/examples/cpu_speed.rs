@@ -61,6 +61,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         color: colors.map(|[t, r, g, b]| [value(t), r, g, b]).to_vec(),
         opacity: opacity.into_iter().map(|[t, a]| [value(t), a]).collect(),
         unit_distance: 1.25,
+        ..TransferFunction::default()
     };
     let geometry = Geometry::default();
     let camera = Camera::looking_at_box(geometry.world_box(Extent::new(256, 256, 256)));

@@ -159,9 +159,9 @@ impl<'a> Part<'a> {
         assert_eq!(options.encoding, settings.encoding, "other codes");
         assert!(options.needs.satisfy(&settings.needs()), "{:?} of bricks", settings.needs());
         let is_udvr = settings.sampling.method == Method::Udvr && settings.sampling.jitter == Jitter::None;
-        let is_bare = settings.surfaces.is_empty() && settings.meshes.is_empty();
+        let is_bare = settings.surfaces.is_empty() && settings.meshes.is_empty() && settings.grid().is_none();
         let is_plain = settings.mode == Mode::Dvr && is_bare && is_udvr;
-        assert!(is_plain, "several volumes are sampled plainly");
+        assert!(is_plain, "several volumes are sampled plainly, and classified by value alone");
         let is_lit = layer.frame.is_lit();
         assert!(!is_lit || read_as.is_none(), "what an expression makes has no gradient");
         let brick = |slot: Slot| slots.brick(slot);

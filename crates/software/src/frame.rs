@@ -11,8 +11,8 @@ use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, Placement, Pyramid, ViewRays, VoxelBox,
-    surface,
+    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, Placement, Pyramid, TransferGrid,
+    ViewRays, VoxelBox, surface,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -43,6 +43,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) per_unit: f64,
     /// The transfer function's running integrals, if the method wants them.
     pub(crate) integrals: Option<Integrals>,
+    /// What fog is classified by, if that is value and gradient.
+    pub(crate) grid: Option<&'a TransferGrid>,
     /// What whole steps do, in a composite picture.
     pub(crate) steps: StepTables,
     /// Opacity is zero at table positions outside these two.
@@ -150,6 +152,7 @@ impl<'a> Frame<'a> {
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
+            grid: settings.grid(),
             integrals: settings.sampling.method.is_pre_integrated().then(|| Integrals::new(&settings.table)),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
             ticks,

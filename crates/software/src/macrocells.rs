@@ -207,7 +207,7 @@ mod tests {
             let reach = if by_ends { Reach::Ends } else { Reach::Middles };
             let (edge, apron, padded) = (17, 1, 19);
             let codes = &codes[..padded * padded * padded];
-            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, Needs { apron, gradient_layers: 0, filter: Filter::Trilinear, is_pre_integrated: false, meshes: MeshRoom::NONE });
+            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, Needs { apron, gradient_layers: 0, filter: Filter::Trilinear, is_pre_integrated: false, has_grid: false, meshes: MeshRoom::NONE });
             let join = |[a, b]: [u16; 2], [c, d]: [u16; 2]| [a.min(c), b.max(d)];
             let ranges = over_boxes(cells.ranges().iter().copied(), edge, join);
             let mut step: [f32; 3] = std::array::from_fn(|a| (far[a] - origin[a]) / count as f32);
@@ -278,6 +278,7 @@ mod tests {
                     gradient_layers: 0,
                     filter: Filter::Trilinear,
                     is_pre_integrated: false,
+                    has_grid: false,
                     meshes: MeshRoom::NONE,
                 },
             )

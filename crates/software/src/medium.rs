@@ -3,7 +3,7 @@
 //!
 //! A stretch goes through in rows of as many segments as one packet of places allows: all that a row's curves pass through is
 //! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
-//! operator), and taken only of what has opacity.
+//! operator), and taken only of what has opacity; where opacity depends on it, of what has some at any gradient.
 
 use crate::blend::{Blend, Entries, FAINTEST};
 use crate::frame::{Cell, Frame};
@@ -94,10 +94,14 @@ pub(crate) struct Path<'a> {
     length: f64,
     /// Units of the volume's own world per voxel of the brick's level.
     voxel: DVec3,
+    /// Half of what one code is in data units: differences are across two voxels.
+    half_code: f64,
     /// The ray in the scene's world.
     eye: DVec3,
     direction: DVec3,
     is_lit: bool,
+    /// Whether anything depends on gradients: light, or what is seen.
+    has_gradients: bool,
 }
 
 /// A row of values along the ray.
@@ -123,6 +127,7 @@ impl<'a> Path<'a> {
             last_end = stretch.along(ray.ends(ticks, tick).1);
         }
         let own_direction = DVec3::from_array(ray.direction) * geometry.spacing;
+        let is_lit = frame.settings.lighting.model != LightingModel::None;
         Self {
             march,
             stretch,
@@ -132,9 +137,11 @@ impl<'a> Path<'a> {
             last_end,
             length: stretch.length * frame.per_unit,
             voxel: geometry.spacing / DVec3::from_array(cell.scale),
+            half_code: 0.5 * frame.settings.encoding.code_width(),
             eye: placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin))),
             direction: placement.world_vector(own_direction),
-            is_lit: frame.settings.lighting.model != LightingModel::None,
+            is_lit,
+            has_gradients: is_lit || frame.grid.is_some(),
         }
     }
 
@@ -294,15 +301,15 @@ impl<'a> Path<'a> {
                 };
                 let Some(medium) = medium else { continue };
                 let along = a + (b - a) * middle as f32;
-                let mut color = medium.color;
-                if self.is_lit {
+                let mut differences = Vec3::ZERO;
+                if self.has_gradients {
                     for i in near - beyond..=near + 1 + beyond {
                         let known = at(i).unwrap_or(values[i + 1 - near]);
                         gradients[i]
                             .get_or_insert_with(|| self.differences::<C, U, INVALID>(row.along[i], known as f32));
                     }
                     let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
-                    let differences = match beyond {
+                    differences = match beyond {
                         0 => gradient(near).lerp(gradient(near + 1), middle as f32),
                         _ => {
                             let around = [near - 1, near, near + 1, near + 2].map(gradient);
@@ -310,9 +317,10 @@ impl<'a> Path<'a> {
                             Vec3::new(along(0), along(1), along(2))
                         }
                     };
-                    color = self.lit(along, color, differences);
                 }
-                self.add(ray, color, medium.depth, (b - a) / parts as f32);
+                if let Some(medium) = self.by_gradient(medium, value(middle) as f32, differences) {
+                    self.add_shown(ray, along, medium, differences, (b - a) / parts as f32);
+                }
             }
         }
         segments.start + count
@@ -321,19 +329,36 @@ impl<'a> Path<'a> {
     /// A real sample, and so much of a segment that it stands for.
     #[inline(always)]
     fn add_sampled<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, along: f32, code: f32, share: f32) {
-        let Some(Shown { mut color, depth }) = self.at::<C>(code) else { return };
-        if self.is_lit {
-            color = self.lit_sample::<C, U, INVALID>(along, code, color);
+        let Some(mut shown) = self.at::<C>(code) else { return };
+        let mut differences = Vec3::ZERO;
+        if self.has_gradients {
+            differences = self.differences::<C, U, INVALID>(along, code);
+            let Some(by_gradient) = self.by_gradient(shown, code, differences) else { return };
+            shown = by_gradient;
         }
-        self.add(ray, color, depth, share);
+        self.add_shown(ray, along, shown, differences, share);
+    }
+
+    /// What is seen of what may be, at a code and a gradient.
+    #[inline(always)]
+    fn by_gradient(&self, shown: Shown, code: f32, differences: Vec3) -> Option<Shown> {
+        let Some(grid) = self.march.frame.grid else { return Some(shown) };
+        let gradient = (differences.as_dvec3() / self.voxel).length() * self.half_code;
+        Shown::of(grid.lookup(code, gradient as f32).into())
+    }
+
+    /// A medium, lit if it is to be.
+    #[inline(always)]
+    fn add_shown(&self, ray: &mut Ray, along: f32, shown: Shown, differences: Vec3, share: f32) {
+        let color = if self.is_lit { self.lit(along, shown.color, differences) } else { shown.color };
+        self.add(ray, color, shown.depth, share);
     }
 
     /// What is shown at a code, if anything.
     #[inline(always)]
     fn at<C: Code>(&self, code: f32) -> Option<Shown> {
         let frame = self.march.frame;
-        let entry = Entries::of(frame).lookup(code * frame.positions_per_code);
-        (entry.w > 0.0).then(|| Shown { color: entry.truncate(), depth: -(1.0 - entry.w as f64).log2() })
+        Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
     }
 
     #[inline(always)]
@@ -454,6 +479,12 @@ struct Shown {
 }
 
 impl Shown {
+    /// What an entry says, straight colour and opacity, if that is anything.
+    #[inline(always)]
+    fn of(entry: Vec4) -> Option<Self> {
+        (entry.w > 0.0).then(|| Self { color: entry.truncate(), depth: -(1.0 - entry.w as f64).log2() })
+    }
+
     fn mean(Mean { rgb, depth }: Mean) -> Option<Self> {
         (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
     }

@@ -8,7 +8,7 @@ use crate::tile::{self, TILE_PX, Tile, TilePixels};
 use brickyard_pager::{DrawList, Slot};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::macrocells::{self, MacroCells};
-use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding};
+use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, TransferGrid};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -214,16 +214,19 @@ pub(crate) fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
     slot_bytes(options) + (cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
 }
 
-/// The picture as tiles and as rows, what steps do, the meshes' tree, and every thread's rays.
+/// The picture as tiles and as rows, what steps do, the table of values and gradients, the meshes' tree, and every thread's rays.
 pub(crate) fn fixed_bytes(options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
     let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
     let steps = steps::bytes(options.encoding.format, MAX_ZONES) as u64;
+    let rows = TransferGrid::most_rows(options.encoding.format.max_code() + 1);
+    let entries = if options.needs.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
+    let grid = (entries * size_of::<[f32; 4]>()) as u64;
     let room = options.needs.meshes;
     let layers = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
     let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + layers);
-    tiles * tile + picture + steps + meshes::bytes(room) + of_threads
+    tiles * tile + picture + steps + grid + meshes::bytes(room) + of_threads
 }
 
 #[cfg(test)]
@@ -241,6 +244,7 @@ mod tests {
                 gradient_layers: 0,
                 filter: Filter::Trilinear,
                 is_pre_integrated: false,
+                has_grid: false,
                 meshes: MeshRoom::NONE,
             },
             memory_bytes,

@@ -140,6 +140,7 @@ mod tests {
             color: vec![[0.0, 1.0, 0.5, 0.0], [255.0, 0.0, 1.0, 0.25]],
             opacity: vec![[50.0, 0.0], [100.0, 0.02], [101.0, 0.3], [255.0, 0.9]],
             unit_distance: 1.5,
+            ..TransferFunction::default()
         };
         let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
         let table = TransferTable::new(&transfer, &encoding);

@@ -61,7 +61,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> DrawTile {
     fn with_code<C: Code, const INVALID: bool>(settings: &FrameSettings) -> DrawTile {
         let Sampling { method, filter, .. } = settings.sampling;
         let is_lit = settings.lighting.model != LightingModel::None;
-        let is_plain = method == Method::Udvr && filter == Filter::Trilinear && !is_lit;
+        let is_plain = method == Method::Udvr && filter == Filter::Trilinear && !is_lit && settings.grid().is_none();
         match settings.mode {
             Mode::Isosurface if settings.is_one_opaque_surface() => for_machine::<C, Isosurface, INVALID>(),
             Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),

@@ -36,6 +36,7 @@ fn ramp((low, high): (f64, f64), rgb: [[f64; 3]; 2], alpha: f64) -> TransferFunc
         color: vec![color(40, rgb[0]), color(220, rgb[1])],
         opacity: vec![[at(100), 0.0], [at(140), alpha], [at(180), 0.25 * alpha], [at(230), alpha]],
         unit_distance: 2.0,
+        ..TransferFunction::default()
     }
 }
 
@@ -249,6 +250,7 @@ fn budgets_are_shared_and_hard() {
                 gradient_layers: 0,
                 filter: Filter::Trilinear,
                 is_pre_integrated: false,
+                has_grid: false,
                 meshes: MeshRoom::NONE,
             },
             least_slots: 2,

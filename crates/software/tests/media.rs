@@ -16,7 +16,22 @@ fn transfer((low, high): (f64, f64)) -> TransferFunction {
         color: vec![[at(25), 0.9, 0.1, 0.2], [at(127), 0.1, 1.0, 0.3], [at(230), 0.2, 0.3, 1.0]],
         opacity: vec![[at(76), 0.0], [at(127), 0.08], [at(178), 0.02], [at(190), 0.3], [at(255), 0.9]],
         unit_distance: 1.5,
+        ..TransferFunction::default()
     }
+}
+
+/// The same where the field is steep, and a region besides. All of it is smooth: the oracle has no table.
+fn by_gradient((low, high): (f64, f64)) -> TransferFunction {
+    let code = (high - low) / 255.0;
+    let region = Region {
+        shape: Shape::Gaussian,
+        value: [low + 40.0 * code, low + 200.0 * code],
+        gradient: [0.0, 14.0 * code],
+        color: [1.0, 0.9, 0.1],
+        opacity: 0.15,
+    };
+    let gradient_opacity = vec![[code, 0.0], [9.0 * code, 1.0], [16.0 * code, 0.4]];
+    TransferFunction { gradient_opacity, regions: vec![region], ..transfer((low, high)) }
 }
 
 fn blobs(p: DVec3) -> f64 {
@@ -25,17 +40,27 @@ fn blobs(p: DVec3) -> f64 {
 }
 
 fn frame(volume: &Volume, sampling: Sampling, lighting: Lighting, step: f64) -> FrameSettings {
+    let range = (volume.encoding.low, volume.encoding.high);
+    frame_of(volume, &transfer(range), sampling, lighting, step)
+}
+
+fn frame_of(
+    volume: &Volume,
+    transfer: &TransferFunction,
+    sampling: Sampling,
+    lighting: Lighting,
+    step: f64,
+) -> FrameSettings {
     let projection = Projection::Perspective { fov_y_deg: 45.0 };
     let eye = DVec3::new(-40.0, -25.0, 60.0);
     let camera = Camera { eye, target: DVec3::new(20.0, 18.0, 22.0), up: DVec3::Z, projection };
-    let (low, high) = (volume.encoding.low, volume.encoding.high);
     FrameSettings {
         rays: camera.rays(24, 20).unwrap(),
         lattice: Lattice::uniform(step, 0),
         geometry: Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), ..Geometry::default() },
         placement: Placement::default(),
         encoding: volume.encoding,
-        table: TransferTable::new(&transfer((low, high)), &volume.encoding),
+        table: TransferTable::new(transfer, &volume.encoding),
         mode: Mode::Dvr,
         surfaces: Vec::new(),
         sampling,
@@ -60,7 +85,8 @@ fn lightings() -> Vec<Lighting> {
 /// Draws with the oracle and through bricks, and compares.
 fn agree(volume: &Volume, frame: &FrameSettings, expected: &mut Option<Picture>, what: &str) {
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-    let transfer = transfer((volume.encoding.low, volume.encoding.high));
+    let range = (volume.encoding.low, volume.encoding.high);
+    let transfer = if frame.table.grid.is_some() { by_gradient(range) } else { transfer(range) };
     let expected = expected.get_or_insert_with(|| volume.reference(frame, &cut, &transfer));
     let found = volume.render(frame, &cut, 2);
     let difference = found.difference(expected);
@@ -81,11 +107,11 @@ fn volumes(encoding: SlotEncoding, value: impl Fn(DVec3) -> f64) -> [Volume; 4] 
 #[test]
 fn every_method_filter_and_lighting_matches_the_oracle_in_bricks_of_any_size() {
     let volumes = volumes(SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false), |p| 255.0 * blobs(p));
-    for method in Method::ALL {
+    for (method, transfer) in methods((0.0, 255.0)) {
         for filter in Filter::ALL {
             for lighting in lightings() {
                 let sampling = Sampling { method, filter, ..Sampling::default() };
-                let frame = frame(&volumes[0], sampling, lighting, 0.8);
+                let frame = frame_of(&volumes[0], &transfer, sampling, lighting, 0.8);
                 let mut expected = None;
                 for volume in &volumes {
                     let what = format!("{sampling:?} {:?} in {}", frame.lighting, volume.pyramid.edge());
@@ -94,6 +120,14 @@ fn every_method_filter_and_lighting_matches_the_oracle_in_bricks_of_any_size() {
             }
         }
     }
+}
+
+/// Each method with a function of values, and those that can with one of values and gradients.
+fn methods(range: (f64, f64)) -> Vec<(Method, TransferFunction)> {
+    let mut all: Vec<_> = Method::ALL.into_iter().map(|method| (method, transfer(range))).collect();
+    let sampled = Method::ALL.into_iter().filter(|method| !method.is_pre_integrated());
+    all.extend(sampled.map(|method| (method, by_gradient(range))));
+    all
 }
 
 #[test]
@@ -105,10 +139,10 @@ fn invalid_voxels_and_wide_codes_match_the_oracle() {
     let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
     let stored = Lighting { gradient: Gradient::Stored, ..lit.clone() };
     let (linear, cubic) = (Filter::Trilinear, Filter::Tricubic);
-    for method in Method::ALL {
+    for (method, transfer) in methods((-1.0, 3.0)) {
         for (filter, lighting) in [(linear, Lighting::default()), (cubic, lit.clone()), (linear, stored.clone())] {
             let sampling = Sampling { method, filter, ..Sampling::default() };
-            let frame = frame(&volumes[0], sampling, lighting, 0.8);
+            let frame = frame_of(&volumes[0], &transfer, sampling, lighting, 0.8);
             let mut expected = None;
             for volume in &volumes[..2] {
                 agree(volume, &frame, &mut expected, &format!("{sampling:?} in {}", volume.pyramid.edge()));
@@ -149,23 +183,26 @@ fn surfaces_in_fog_and_alone_match_the_oracle_in_bricks_of_any_size() {
     let holed = volumes(with_hole, |p| if hole(p) { f64::NAN } else { -1.0 + 4.0 * blobs(p) });
     let mut pictures = std::collections::BTreeSet::new();
     for volumes in [whole, holed] {
-        for (mode, method, filter, lighting, step) in [
-            (Mode::Isosurface, Method::Udvr, Filter::Trilinear, 0, 0.8),
-            (Mode::Isosurface, Method::Udvr, Filter::Tricubic, 4, 0.8),
-            (Mode::Dvr, Method::Udvr, Filter::Trilinear, 0, 0.8),
-            (Mode::Dvr, Method::Udvr, Filter::Tricubic, 2, 0.5),
-            (Mode::Dvr, Method::Plvs, Filter::Trilinear, 3, 0.8),
-            (Mode::Dvr, Method::Pcvs, Filter::Trilinear, 1, 0.8),
-            (Mode::Dvr, Method::Asm, Filter::Trilinear, 5, 0.8),
+        let range = (volumes[0].encoding.low, volumes[0].encoding.high);
+        let [plain, steep] = [transfer(range), by_gradient(range)];
+        for (mode, transfer, method, filter, lighting, step) in [
+            (Mode::Isosurface, &plain, Method::Udvr, Filter::Trilinear, 0, 0.8),
+            (Mode::Isosurface, &steep, Method::Udvr, Filter::Tricubic, 4, 0.8),
+            (Mode::Dvr, &plain, Method::Udvr, Filter::Trilinear, 0, 0.8),
+            (Mode::Dvr, &plain, Method::Udvr, Filter::Tricubic, 2, 0.5),
+            (Mode::Dvr, &plain, Method::Plvs, Filter::Trilinear, 3, 0.8),
+            (Mode::Dvr, &plain, Method::Pcvs, Filter::Trilinear, 1, 0.8),
+            (Mode::Dvr, &plain, Method::Asm, Filter::Trilinear, 5, 0.8),
+            (Mode::Dvr, &steep, Method::Udvr, Filter::Trilinear, 0, 0.8),
+            (Mode::Dvr, &steep, Method::Cvs, Filter::Trilinear, 3, 0.8),
         ] {
-            let plain =
-                frame(&volumes[0], Sampling { method, filter, ..Sampling::default() }, lit[lighting].clone(), step);
+            let sampling = Sampling { method, filter, ..Sampling::default() };
+            let plain = frame_of(&volumes[0], transfer, sampling, lit[lighting].clone(), step);
             let frame = FrameSettings { mode, surfaces: surfaces(&volumes[0].encoding), ..plain };
             let mut expected = None;
             for volume in &volumes {
                 let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-                let transfer = transfer((volume.encoding.low, volume.encoding.high));
-                let expected = expected.get_or_insert_with(|| volume.reference(&frame, &cut, &transfer));
+                let expected = expected.get_or_insert_with(|| volume.reference(&frame, &cut, transfer));
                 let found = volume.render(&frame, &cut, 2);
                 let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
                 let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
@@ -175,7 +212,7 @@ fn surfaces_in_fog_and_alone_match_the_oracle_in_bricks_of_any_size() {
             }
         }
     }
-    assert!(pictures.len() >= 14, "all show the same");
+    assert!(pictures.len() >= 18, "all show the same");
 }
 
 /// The surface that a mode has.

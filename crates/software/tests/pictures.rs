@@ -26,6 +26,7 @@ fn vivid((low, high): (f64, f64)) -> TransferFunction {
         color: vec![[at(25), 0.9, 0.1, 0.2], [at(127), 0.1, 1.0, 0.3], [at(230), 0.2, 0.3, 1.0]],
         opacity: vec![[at(76), 0.0], [at(127), 0.08], [at(178), 0.02], [at(179), 0.3], [at(255), 0.9]],
         unit_distance: 1.5,
+        ..TransferFunction::default()
     }
 }
 
@@ -265,8 +266,12 @@ fn mixed_levels_and_stand_ins_match_the_oracle() {
 
 #[test]
 fn a_constant_medium_is_beer_lambert_whatever_steps_and_bricks() {
-    let transfer =
-        TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.0]], opacity: vec![[0.0, 0.06]], unit_distance: 2.0 };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.0]],
+        opacity: vec![[0.0, 0.06]],
+        unit_distance: 2.0,
+        ..TransferFunction::default()
+    };
     let n = 48;
     for edge in [8, 16, 48] {
         let volume = Volume::new(Extent::new(n, n, n), DVec3::ONE, edge, u8_codes(), |_| 77.0);
@@ -457,7 +462,7 @@ proptest! {
         let at = |v: [i32; 3]| v.map(|c| c as f64 * 0.5);
         prop_assume!(eye != toward);
         let volume = Volume::new(Extent::new(24, 17, 31), DVec3::ONE, 8, u8_codes(), |_| 128.0);
-        let transfer = TransferFunction { color: vec![[0.0; 4], [255.0, 1.0, 1.0, 1.0]], opacity: vec![[0.0, 0.02]], unit_distance: 1.0 };
+        let transfer = TransferFunction { color: vec![[0.0; 4], [255.0, 1.0, 1.0, 1.0]], opacity: vec![[0.0, 0.02]], unit_distance: 1.0, ..TransferFunction::default() };
         let mut view = View { step, pixel_error, ..View::new(at(eye), at(toward)) };
         view.size = [16, 16];
         if orthographic {

@@ -23,6 +23,7 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         color: vec![[0.0, 1.0, 1.0, 1.0]],
         opacity: vec![[0.0, 0.0], [99.0, 0.0], [100.0, 0.5], [199.0, 0.5], [200.0, 1.0]],
         unit_distance: EDGE,
+        ..TransferFunction::default()
     };
     let eye = DVec3::new(7.5 + aside, 7.5, -20.0);
     let projection = Projection::Orthographic { height: 8.0 };

@@ -44,6 +44,11 @@ impl Combination {
     /// How each of its volumes is shown to a renderer: as if all of it could be seen, for that decides what is read.
     pub fn of_each(&self) -> TransferFunction {
         let unit_distance = self.transfer.unit_distance;
-        TransferFunction { color: vec![[0.0, 1.0, 1.0, 1.0]], opacity: vec![[0.0, 1.0]], unit_distance }
+        TransferFunction {
+            color: vec![[0.0, 1.0, 1.0, 1.0]],
+            opacity: vec![[0.0, 1.0]],
+            unit_distance,
+            ..TransferFunction::default()
+        }
     }
 }

@@ -62,7 +62,7 @@ pub use slice::Slice;
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use surface::{Isosurface, Surface};
-pub use transfer::{Subject, TransferFunction, TransferTable};
+pub use transfer::{Region, Shape, Subject, TransferFunction, TransferGrid, TransferTable};
 pub use voxel_type::{Voxel, VoxelType};
 
 /// Voxels along a brick's core edge unless a store says otherwise.

@@ -68,8 +68,10 @@ impl Default for VolumeLook {
 impl TransferFunction {
     /// The same with all opacities multiplied.
     pub fn scaled(&self, opacity: f64) -> Self {
-        let scaled = self.opacity.iter().map(|&[value, alpha]| [value, alpha * opacity]);
-        Self { opacity: scaled.collect(), ..self.clone() }
+        let mut scaled = self.clone();
+        scaled.opacity.iter_mut().for_each(|point| point[1] *= opacity);
+        scaled.regions.iter_mut().for_each(|region| region.opacity *= opacity);
+        scaled
     }
 }
 

@@ -80,6 +80,7 @@ impl OccupancyBins {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transfer::{Region, Shape};
     use proptest::prelude::*;
 
     #[test]
@@ -102,13 +103,21 @@ mod tests {
         fn no_opaque_value_is_in_an_empty_bin(
             knots in prop::collection::vec((0.0f64..100.0, prop::sample::select(vec![0.0, 0.0, 0.3, 1.0])), 1..6),
             low in -20.0f64..50.0, range in 0.1f64..120.0, value in -50.0f64..150.0,
+            factor in prop::sample::select(vec![0.0, 0.5]), side in 0.0f64..100.0, gradient in 0.0f64..9.0,
         ) {
             let mut knots = knots;
             knots.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let tf = TransferFunction { color: vec![[0.0, 1.0, 1.0, 1.0]], opacity: knots.iter().map(|&(v, a)| [v, a]).collect(), unit_distance: 1.0 };
+            let opacity = knots.iter().map(|&(v, a)| [v, a]).collect();
+            let region = Region { shape: Shape::Rectangle, value: [side, side + 5.0], gradient: [2.0, 6.0], color: [1.0; 3], opacity: 0.5 };
+            let of_values = TransferFunction { opacity, ..TransferFunction::default() };
+            let factors = vec![[0.0, factor], [5.0, 0.0]];
+            let of_both = TransferFunction { gradient_opacity: factors, regions: vec![region], ..of_values.clone() };
             let bins = OccupancyBins::over(low, low + range);
-            if tf.alpha(value) > 0.0 {
-                prop_assert!(bins.opaque(&tf, 0.0).meets(bins.mask(value, value)));
+            for (tf, alpha) in [(&of_values, of_values.alpha(value)), (&of_both, of_both.at(value, gradient)[3])] {
+                if alpha > 0.0 {
+                    prop_assert!(bins.opaque(tf, 0.0).meets(bins.mask(value, value)));
+                }
+                prop_assert!(alpha <= tf.max_alpha(value, value) + 1e-12);
             }
         }
     }

@@ -12,7 +12,7 @@ use crate::sampling::{Needs, Sampling};
 use crate::scene::Mode;
 use crate::space::Extent;
 use crate::surface::Surface;
-use crate::transfer::TransferTable;
+use crate::transfer::{TransferGrid, TransferTable};
 use glam::DVec3;
 
 /// Everything besides bricks that decides a frame, resolved for one picture size. Every renderer takes exactly this.
@@ -51,7 +51,13 @@ impl FrameSettings {
     /// What the picture needs bricks, and what is beside them, to have.
     pub fn needs(&self) -> Needs {
         let meshes = MeshRoom::of(self.meshes.iter().map(|shown| &*shown.mesh));
-        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.surfaces.is_empty()) }
+        let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
+    }
+
+    /// What fog is classified by, if that is value and gradient.
+    pub fn grid(&self) -> Option<&TransferGrid> {
+        self.table.grid.as_deref().filter(|_| self.mode == Mode::Dvr)
     }
 
     /// Whether all there is to see is one surface that hides what is behind it, lit from the eye: what has shaders of its own.

@@ -189,13 +189,16 @@ pub struct Needs {
     pub filter: Filter,
     /// Whether running integrals of the transfer function are among the tables.
     pub is_pre_integrated: bool,
+    /// Whether the [grid](crate::TransferGrid) of a transfer function of value and gradient is among the tables.
+    pub has_grid: bool,
     /// Room for meshes.
     pub meshes: MeshRoom,
 }
 
 impl Needs {
-    /// Of a picture without meshes, with isosurfaces in it or not.
-    pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool) -> Self {
+    /// Of a picture without meshes, with isosurfaces in it or not, through a transfer function of value and gradient or of value
+    /// alone.
+    pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool, has_grid: bool) -> Self {
         let filter = sampling.filter;
         let along = match mode {
             Mode::Dvr if has_surfaces => sampling.method.reach().max(Method::Lvs.reach()),
@@ -203,11 +206,12 @@ impl Needs {
             Mode::Mip | Mode::MinIp | Mode::Average => 0.0,
             Mode::Isosurface => Method::Lvs.reach(),
         };
+        let has_grid = has_grid && mode == Mode::Dvr;
         let is_fog_lit = mode == Mode::Dvr && lighting.model != LightingModel::None;
-        let is_lit = mode == Mode::Isosurface || has_surfaces || is_fog_lit;
+        let has_gradients = mode == Mode::Isosurface || has_surfaces || is_fog_lit || has_grid;
         let (across, gradient_layers) = match lighting.gradient.reach() {
-            Some(across) if is_lit => (across, 0),
-            None if is_lit => (0.0, GradientNodes::layers(along)),
+            Some(across) if has_gradients => (across, 0),
+            None if has_gradients => (0.0, GradientNodes::layers(along)),
             _ => (0.0, 0),
         };
         let is_pre_integrated = mode == Mode::Dvr && sampling.method.is_pre_integrated();
@@ -216,6 +220,7 @@ impl Needs {
             gradient_layers,
             filter,
             is_pre_integrated,
+            has_grid,
             meshes: MeshRoom::NONE,
         }
     }
@@ -227,7 +232,7 @@ impl Needs {
 
     /// Whether bricks made for these will do for those.
     pub fn satisfy(&self, other: &Self) -> bool {
-        let has_tables = self.is_pre_integrated || !other.is_pre_integrated;
+        let has_tables = (self.is_pre_integrated || !other.is_pre_integrated) && (self.has_grid || !other.has_grid);
         self.apron >= other.apron
             && self.gradient_layers >= other.gradient_layers
             && self.filter.taps() >= other.filter.taps()
@@ -266,7 +271,7 @@ mod tests {
     fn aprons_follow_what_is_read() {
         let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
         let apron = |mode, method, filter, lighting: &Lighting| {
-            Needs::new(mode, Sampling { method, filter, ..Sampling::default() }, lighting, false).apron
+            Needs::new(mode, Sampling { method, filter, ..Sampling::default() }, lighting, false, false).apron
         };
         let (none, linear, cubic) = (Lighting::default(), Filter::Trilinear, Filter::Tricubic);
         assert_eq!(apron(Mode::Dvr, Method::Udvr, linear, &none), 1);
@@ -276,10 +281,11 @@ mod tests {
         assert_eq!(apron(Mode::Dvr, Method::Plvs, linear, &lit), 2);
         assert_eq!(apron(Mode::Dvr, Method::Pcvs, linear, &none), 2);
         assert_eq!(apron(Mode::Dvr, Method::Cvs, cubic, &lit), MAX_REACH);
-        assert_eq!(Needs::new(Mode::Dvr, Sampling::default(), &none, true).apron, 2);
+        assert_eq!(Needs::new(Mode::Dvr, Sampling::default(), &none, true, false).apron, 2);
         let stored = Lighting { gradient: Gradient::Stored, ..lit };
         let needs = |method, filter, lighting: &Lighting| {
-            let needs = Needs::new(Mode::Dvr, Sampling { method, filter, ..Sampling::default() }, lighting, false);
+            let needs =
+                Needs::new(Mode::Dvr, Sampling { method, filter, ..Sampling::default() }, lighting, false, false);
             (needs.apron, needs.gradient_layers)
         };
         assert_eq!(needs(Method::Udvr, linear, &stored), (2, 1));
@@ -287,6 +293,12 @@ mod tests {
         assert_eq!(needs(Method::Pcvs, cubic, &stored), (MAX_REACH, 2));
         let unlit = Lighting { model: LightingModel::None, ..stored };
         assert_eq!(needs(Method::Udvr, linear, &unlit), (1, 0), "of nothing that is lit there are no gradients");
+        // By gradient as if it were lit; projections have nothing of that.
+        let by_gradient = |mode| Needs::new(mode, Sampling::default(), &none, false, true);
+        assert_eq!(
+            [Mode::Dvr, Mode::Mip].map(|mode| (by_gradient(mode).apron, by_gradient(mode).has_grid)),
+            [(2, true), (1, false)]
+        );
     }
 
     #[test]

@@ -165,7 +165,8 @@ impl Scene {
     /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
     pub fn needs(&self) -> Needs {
         let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
-        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty()) }
+        let has_grid = self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty(), has_grid) }
     }
 
     /// The meshes as renderers take them; those that are not to be seen are left out.

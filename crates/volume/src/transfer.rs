@@ -1,5 +1,6 @@
 //! Transfer functions: piecewise linear colour and opacity over data values, and the table that every renderer looks up after
-//! interpolation.
+//! interpolation. Opacity may depend on the field's gradient magnitude, too: by a factor, and by [regions](Region) of the plane of
+//! both.
 //!
 //! They come from a name ([`presets`](TransferFunction::preset)) or from a file ([`mod@file`]): the JSON of [`TransferFunction`]
 //! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
@@ -8,17 +9,23 @@
 mod color_space;
 mod curve;
 pub mod file;
+mod grid;
 mod maps;
 mod paraview;
 mod presets;
+mod region;
 mod slicer;
 mod table;
 
 pub use color_space::lab;
 pub use file::{Imported, Subject};
+pub use grid::TransferGrid;
+pub use region::{Region, Shape};
 pub use table::TransferTable;
 
-use serde::{Deserialize, Serialize};
+use crate::integrals::depth;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
 /// a step.
@@ -32,10 +39,31 @@ pub struct TransferFunction {
     /// World distance over which alpha is collected; positive.
     #[serde(default = "unit")]
     pub unit_distance: f64,
+    /// `[magnitude, factor]`, sorted by magnitude: what [`opacity`](Self::opacity) is multiplied by where the field's gradient has that
+    /// magnitude, in data units per world unit; factors in 0..=1. Empty, which a file says by leaving it out, is 1 everywhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "some_points")]
+    pub gradient_opacity: Vec<[f64; 2]>,
+    /// What is to be seen besides, by value and gradient magnitude.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions: Vec<Region>,
+}
+
+impl Default for TransferFunction {
+    /// White and clear everywhere.
+    fn default() -> Self {
+        let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]]);
+        Self { color, opacity, unit_distance: unit(), gradient_opacity: Vec::new(), regions: Vec::new() }
+    }
 }
 
 fn unit() -> f64 {
     1.0
+}
+
+/// A list that is there has points.
+fn some_points<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<[f64; 2]>, D::Error> {
+    let points = Vec::deserialize(list)?;
+    if points.is_empty() { Err(D::Error::custom("'gradient_opacity' has no points")) } else { Ok(points) }
 }
 
 /// Why a transfer function cannot be used.
@@ -107,7 +135,7 @@ pub enum TransferError {
 }
 
 impl TransferFunction {
-    /// Checks that both lists are sorted, finite, in range and not empty.
+    /// Checks that lists are sorted, finite, in range, and those of colour and opacity not empty.
     ///
     /// # Errors
     /// Names the first offending point.
@@ -116,10 +144,31 @@ impl TransferFunction {
         check_order("color", &self.color)?;
         check_points("opacity", &self.opacity)?;
         check_order("opacity", &self.opacity)?;
+        if self.is_by_gradient() {
+            self.check_gradients()?;
+        }
         if !(self.unit_distance.is_finite() && self.unit_distance > 0.0) {
             return Err(TransferError::UnitDistance(self.unit_distance));
         }
         Ok(())
+    }
+
+    fn check_gradients(&self) -> Result<(), TransferError> {
+        const LIST: &str = "gradient_opacity";
+        if !self.gradient_opacity.is_empty() {
+            check_points(LIST, &self.gradient_opacity)?;
+            check_order(LIST, &self.gradient_opacity)?;
+        }
+        if let Some(index) = self.gradient_opacity.iter().position(|point| point[0] < 0.0) {
+            let problem = format!("magnitude {} is negative", self.gradient_opacity[index][0]);
+            return Err(TransferError::Point { list: LIST, index, problem });
+        }
+        self.regions.iter().enumerate().try_for_each(|(index, region)| region.check(index))
+    }
+
+    /// Whether what is shown depends on the gradient.
+    pub fn is_by_gradient(&self) -> bool {
+        !(self.gradient_opacity.is_empty() && self.regions.is_empty())
     }
 
     /// Straight colour at a value.
@@ -128,16 +177,46 @@ impl TransferFunction {
         [r, g, b]
     }
 
-    /// Opacity over `unit_distance` at a value.
+    /// What opacity is multiplied by at a gradient magnitude.
+    pub fn factor(&self, gradient: f64) -> f64 {
+        if self.gradient_opacity.is_empty() { 1.0 } else { interpolate(&self.gradient_opacity, gradient)[1] }
+    }
+
+    /// Straight colour, and opacity over `unit_distance`, at a value and a gradient magnitude: those of the media of the value and of
+    /// all regions in the same place. Extinctions add, and colours mix by extinction.
+    pub fn at(&self, value: f64, gradient: f64) -> [f64; 4] {
+        let [r, g, b] = self.rgb(value);
+        let alpha = self.alpha(value) * self.factor(gradient);
+        mix([r, g, b, alpha], self.regions.iter().map(|region| (region.color, region.alpha(value, gradient))))
+    }
+
+    /// Opacity over `unit_distance` at a value, where nothing depends on the gradient.
     pub fn alpha(&self, value: f64) -> f64 {
         interpolate(&self.opacity, value)[1]
     }
 
-    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite).
+    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient; of regions that
+    /// meet it, what all of them come to.
     pub fn max_alpha(&self, low: f64, high: f64) -> f64 {
         let inside = self.opacity.iter().filter(|p| low <= p[0] && p[0] <= high).map(|p| p[1]);
-        inside.fold(self.alpha(low).max(self.alpha(high)), f64::max)
+        let alpha = inside.fold(self.alpha(low).max(self.alpha(high)), f64::max);
+        let factor = self.gradient_opacity.iter().map(|point| point[1]).reduce(f64::max).unwrap_or(1.0);
+        let regions = self.regions.iter().filter(|region| region.value[0] <= high && low <= region.value[1]);
+        let clear = regions.map(|region| 1.0 - region.opacity).product::<f64>();
+        if clear == 1.0 { alpha * factor } else { 1.0 - (1.0 - alpha * factor) * clear }
     }
+}
+
+/// A medium with others in the same place, each a colour and an opacity over the same distance.
+fn mix(one: [f64; 4], others: impl Iterator<Item = ([f64; 3], f64)>) -> [f64; 4] {
+    let (mut mixed, mut total) = (one, depth(one[3]));
+    for (color, alpha) in others.filter(|(_, alpha)| *alpha > 0.0) {
+        let share = depth(alpha) / (total + depth(alpha));
+        (0..3).for_each(|k| mixed[k] += share * (color[k] - mixed[k]));
+        mixed[3] = 1.0 - (1.0 - mixed[3]) * (1.0 - alpha);
+        total += depth(alpha);
+    }
+    mixed
 }
 
 /// Points `[value, ...]`: some, all finite, all but the value in 0..=1.
@@ -212,6 +291,7 @@ mod tests {
             color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 0.5, 0.0]],
             opacity: vec![[2.0, 0.0], [4.0, 0.2], [4.0, 0.9]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         };
         assert_eq!([tf.alpha(1.0), tf.alpha(3.0), tf.alpha(4.0), tf.alpha(99.0)], [0.0, 0.1, 0.9, 0.9]);
         assert_eq!(tf.rgb(5.0), [0.5, 0.25, 0.0]);

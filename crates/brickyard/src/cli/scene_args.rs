@@ -1,7 +1,7 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
-use super::values;
+use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
 use brickyard::ensemble::expression_window;
 use brickyard::import::read_mesh;
@@ -56,6 +56,10 @@ pub(crate) struct SceneArguments {
     isovalue: Vec<Isosurface>,
     #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
+    /// What the transfer function's opacity is multiplied by (0..1) where the field's gradient has a magnitude, in data units per
+    /// world unit: points of a curve, as in `20:0,60:1`, which hides what is even and shows boundaries
+    #[arg(long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
+    gradient_opacity: Option<GradientOpacity>,
     /// Of several stores, how store N looks, counted from 0; again and again. KEY=VALUE is one of: transfer=FILE|PRESET;
     /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's; blend=mix|add; opacity=0..1;
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
@@ -64,7 +68,7 @@ pub(crate) struct SceneArguments {
     /// Show one value made of several stores', through one transfer function: `max(a, b * 0.5)`, where a is the first store
     #[arg(long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
-    /// How the gradients that `--lighting` needs are found
+    /// How the gradients that `--lighting` and transfer functions by gradient need are found
     #[arg(long, value_enum)]
     gradient: Option<GradientArgument>,
     /// Where a light stands, world units; up to four times [default: one at the eye]
@@ -182,8 +186,13 @@ impl SceneArguments {
             return Err(Failure::usage("--volume, --expr, and volumes of a scene file, are for `brickyard render`"));
         }
         check_channel(scene.channel, store)?;
+        let subject = subject_of(store, scene.channel);
         if let Some(name) = &self.transfer {
-            scene.transfer = Some(transfer(name, &subject_of(store, scene.channel))?);
+            scene.transfer = Some(transfer(name, &subject)?);
+        }
+        if let Some(GradientOpacity(points)) = &self.gradient_opacity {
+            let of_values = scene.transfer.map_or_else(|| default_transfer(&subject), Ok)?;
+            scene.transfer = Some(TransferFunction { gradient_opacity: points.clone(), ..of_values });
         }
         scene.camera = Some(self.camera(&scene, store.geometry().world_box(extent(store)), size_px));
         Ok(scene)
@@ -205,6 +214,9 @@ impl SceneArguments {
     /// As [`SceneArguments::scene`]; and for more volumes than stores, or a volume that cannot look so.
     pub(crate) fn scene_of_several(&self, stores: &[Arc<Store>], size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = self.without_stores()?;
+        if self.gradient_opacity.is_some() {
+            return Err(Failure::usage("--gradient-opacity is for one store: several are classified by value alone"));
+        }
         if stores.len() > MAX_VOLUMES {
             let problem = format!("{} volumes in one picture: expected at most {MAX_VOLUMES}", stores.len());
             return Err(Failure::usage(problem));
@@ -369,6 +381,11 @@ fn transfer_help() -> String {
 /// What a store's channel is to a transfer function.
 fn subject_of(store: &Store, channel: u32) -> Subject {
     subject(store.geometry(), extent(store), store.default_window(channel))
+}
+
+/// That of a scene that says none.
+fn default_transfer(subject: &Subject) -> Result<TransferFunction, Failure> {
+    TransferFunction::preset("gray", subject.window, subject.unit_distance).map_err(Failure::failed)
 }
 
 fn transfer(argument: &str, subject: &Subject) -> Result<TransferFunction, Failure> {

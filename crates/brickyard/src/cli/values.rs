@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, TransferFunction, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -72,6 +72,20 @@ pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
 pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
     let c: [f64; 3] = list(text, ',', "three numbers R,G,B in 0..1")?;
     if c.iter().all(|v| (0.0..=1.0).contains(v)) { Ok(c) } else { Err(format!("'{text}': expected R,G,B in 0..1")) }
+}
+
+/// Points of a transfer function's gradient opacity.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct GradientOpacity(pub(crate) Vec<[f64; 2]>);
+
+/// `MAGNITUDE:FACTOR,MAGNITUDE:FACTOR,...`.
+pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
+    let form = "MAGNITUDE:FACTOR,MAGNITUDE:FACTOR,..., as in 20:0,60:1";
+    let points: Result<Vec<[f64; 2]>, _> = text.split(',').map(|point| list(point, ':', form)).collect();
+    let points = points.map_err(|_| format!("'{text}': expected {form}"))?;
+    let transfer = TransferFunction { gradient_opacity: points.clone(), ..TransferFunction::default() };
+    transfer.validate().map_err(|error| format!("'{text}': {error}"))?;
+    Ok(GradientOpacity(points))
 }
 
 /// `VALUE[,opacity=A][,color=R:G:B]`.
@@ -217,6 +231,15 @@ mod tests {
         assert!(extent("3,0,5").unwrap_err().contains("zero"));
         assert!(extent("4294967295,4294967295,9").unwrap_err().contains("overflows"));
         assert!(extent("3,4").unwrap_err().contains("X,Y,Z"));
+    }
+
+    #[test]
+    fn gradient_opacity_is_a_curve_over_magnitudes() {
+        let found = gradient_opacity("0:0, 50:0,120.5:1");
+        assert_eq!(found, Ok(GradientOpacity(vec![[0.0, 0.0], [50.0, 0.0], [120.5, 1.0]])));
+        for bad in ["", "5", "5:0,", "5:0,4:1", "-1:0", "0:nan", "inf:1", "0:1.5", "0:0:1"] {
+            assert!(gradient_opacity(bad).unwrap_err().starts_with(&format!("'{bad}': ")), "{bad}");
+        }
     }
 
     #[test]

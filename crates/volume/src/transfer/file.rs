@@ -20,6 +20,8 @@ pub struct Subject {
     /// The diagonal of the volume by the cube root of its number of voxels, world units: the distance over which opacity is
     /// collected in ParaView, which does not write it down.
     pub cell_length: f64,
+    /// Mean of the volume's three voxel spacings, world units: VTK's unit of length for gradients.
+    pub mean_spacing: f64,
 }
 
 /// A function from a file.
@@ -45,10 +47,10 @@ pub fn read(text: &str, name: Option<&str>, subject: &Subject) -> Result<Importe
         Some('{' | '[') => match json(text)? {
             Value::Array(maps) => paraview::read(&maps, name, subject),
             map if map.get("RGBPoints").is_some() => paraview::read(&[map], name, subject),
-            file if file.get("volumeProperties").is_some() => unnamed(slicer::read_json(file)),
+            file if file.get("volumeProperties").is_some() => unnamed(slicer::read_json(file, subject)),
             _ => unnamed(own(text)),
         },
-        _ if slicer::is_text(text) => unnamed(slicer::read_text(text)),
+        _ if slicer::is_text(text) => unnamed(slicer::read_text(text, subject)),
         _ => Err(TransferError::UnknownForm),
     }
 }
@@ -85,9 +87,9 @@ fn not_finite(text: &str, line: usize, column: usize) -> Option<TransferError> {
 pub(super) mod tests {
     use super::*;
 
-    /// A window of -100 to 300, unit distance 5, cells of 1.5.
+    /// A window of -100 to 300, unit distance 5, cells of 1.5, a mean spacing of 2.
     pub(in crate::transfer) const SUBJECT: Subject =
-        Subject { window: (-100.0, 300.0), unit_distance: 5.0, cell_length: 1.5 };
+        Subject { window: (-100.0, 300.0), unit_distance: 5.0, cell_length: 1.5, mean_spacing: 2.0 };
 
     fn bad(text: &str) -> String {
         read(text, None, &SUBJECT).unwrap_err().to_string()
@@ -119,6 +121,17 @@ pub(super) mod tests {
         assert!(bad(r#"{"color": [], "opacity": [[0,1]]}"#).contains("'color' has no points"));
         assert!(bad(r#"{"color": [[0,1,1,1]], "opacity": [[5,0],[1,1]]}"#).contains("'opacity' point 1"));
         assert!(bad(r#"{"color": [[0,1,1,2]], "opacity": [[5,0]]}"#).contains("outside 0..1"));
+        let by_gradient = |list: &str| bad(&format!(r#"{{"color": [[0,1,1,1]], "opacity": [[5,0]], {list}}}"#));
+        assert!(by_gradient(r#""gradient_opacity": [[9,0],[5,1]]"#).contains("'gradient_opacity' point 1"));
+        assert!(by_gradient(r#""gradient_opacity": [[-3,0],[5,1]]"#).contains("magnitude -3 is negative"));
+        assert!(by_gradient(r#""gradient_opacity": [[0,2]]"#).contains("outside 0..1"));
+        assert!(by_gradient(r#""gradient_opacity": []"#).contains("'gradient_opacity' has no points at line 1"));
+        let region = r#"{"shape": "rectangle", "value": [3, 2], "gradient": [0, 1], "color": [1, 1, 1], "opacity": 1}"#;
+        assert!(by_gradient(&format!(r#""regions": [{region}]"#)).contains("'regions' point 0: 'value' ends at 2"));
+        let circle = region.replace("rectangle", "circle");
+        assert!(
+            by_gradient(&format!(r#""regions": [{circle}]"#)).contains("unknown variant `circle`, expected one of")
+        );
         assert!(bad(r#"{"color": [[0,1,1,1]], "opacity": [[5,0]], "unit_distance": 0}"#).contains("unit_distance"));
         let named =
             read(r#"{"color": [[0,1,1,1]], "opacity": [[5,0]]}"#, Some("Jet"), &SUBJECT).unwrap_err().to_string();

@@ -47,11 +47,20 @@ pub(super) fn read(maps: &[Value], name: Option<&str>, subject: &Subject) -> Res
     let transfer = match map.points.as_deref() {
         Some(points) => {
             let nodes = opacities(fours("Points", points).map_err(foreign)?)?;
-            TransferFunction { color, opacity: curve::points(nodes), unit_distance: subject.cell_length }
+            TransferFunction {
+                color,
+                opacity: curve::points(nodes),
+                unit_distance: subject.cell_length,
+                ..TransferFunction::default()
+            }
         }
         None => {
-            let ramp =
-                TransferFunction { color: Vec::new(), opacity: RISING.to_vec(), unit_distance: subject.unit_distance };
+            let ramp = TransferFunction {
+                color: Vec::new(),
+                opacity: RISING.to_vec(),
+                unit_distance: subject.unit_distance,
+                ..TransferFunction::default()
+            };
             TransferFunction { color, ..ramp.stretched((0.0, 1.0), span) }
         }
     };

@@ -1,23 +1,26 @@
 //! 3D Slicer's volume properties: the text of a `.vp` file, and the JSON of a `.vp.json` file (Slicer 5.9 and later).
 //!
 //! Of what they hold the scalar opacity and the colours of the first component become the function. How the volume is lit is no
-//! matter of a transfer function. Opacity by gradient is one of a function of two variables: a remark says that it is left out.
-//! Opacity is collected over the file's distance, in the text form over 1 (VTK's default, which Slicer leaves alone).
+//! matter of a transfer function. Opacity is collected over the file's distance, in the text form over 1 (VTK's default, which
+//! Slicer leaves alone).
+//!
+//! Gradient opacity becomes the function's, but where it is 1 everywhere: then there is none. VTK's mappers measure gradients in units
+//! of the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`: central differences
+//! by `2 * spacing / mean`), so magnitudes are divided by that mean here. Two things of VTK's are not its function's: all magnitudes
+//! beyond a quarter of the data's range count as that, and the factor applies to the opacity of one of its steps, so that pictures change with
+//! the step. Here it applies to the opacity over the unit distance, which is the same where VTK's steps are as long as that.
 //!
 //! The text has nine lines: interpolation, shade, diffuse, ambient, specular, specular power, then scalar opacity, gradient
 //! opacity and colours, each as how many numbers follow and those numbers (`value alpha` or `value r g b` after one another).
 //! As Slicer does, points are sorted by value, and those at one value are a step.
 
 use super::curve::{self, Node};
-use super::file::Imported;
-use super::{TransferError, TransferFunction, check_points};
+use super::file::{Imported, Subject};
+use super::{TransferError, TransferFunction, check_points, interpolate};
 use serde::Deserialize;
 use serde_json::Value;
 
 const FORM: &str = "a 3D Slicer volume property";
-
-const GRADIENT_REMARK: &str =
-    "its opacity depends on the gradient too: that is left out, and what it hides where values are even will show";
 
 fn foreign(problem: String) -> TransferError {
     TransferError::Foreign { form: FORM, problem }
@@ -29,7 +32,7 @@ pub(super) fn is_text(text: &str) -> bool {
 }
 
 /// Reads a `.vp` file.
-pub(super) fn read_text(text: &str) -> Result<Imported, TransferError> {
+pub(super) fn read_text(text: &str, subject: &Subject) -> Result<Imported, TransferError> {
     const HEAD: [&str; 6] = ["interpolation", "shade", "diffuse", "ambient", "specular", "specular power"];
     let mut lines = text.lines();
     for (i, name) in HEAD.into_iter().enumerate() {
@@ -41,7 +44,14 @@ pub(super) fn read_text(text: &str) -> Result<Imported, TransferError> {
     let opacity = text_points::<2>("scalar opacity (line 7)", lines.next())?;
     let gradient = text_points::<2>("gradient opacity (line 8)", lines.next())?;
     let color = text_points::<4>("colours (line 9)", lines.next())?;
-    imported(straight(color), straight(opacity), &straight(gradient), 1.0, Vec::new())
+    let transfer = TransferFunction {
+        color: curve::points(straight(color)),
+        opacity: curve::points(straight(opacity)),
+        unit_distance: 1.0,
+        gradient_opacity: by_world_unit(straight(gradient), subject),
+        regions: Vec::new(),
+    };
+    imported(transfer, Vec::new())
 }
 
 /// A line of points: checked, but not sorted.
@@ -125,7 +135,7 @@ fn half() -> f64 {
 }
 
 /// Reads a `.vp.json` file.
-pub(super) fn read_json(file: Value) -> Result<Imported, TransferError> {
+pub(super) fn read_json(file: Value, subject: &Subject) -> Result<Imported, TransferError> {
     let file: File = serde_json::from_value(file).map_err(|error| foreign(error.to_string()))?;
     let property = file.volume_properties.first().ok_or_else(|| foreign("'volumeProperties' is empty".into()))?;
     let component = property.components.first().ok_or_else(|| foreign("'components' is empty".into()))?;
@@ -151,7 +161,14 @@ pub(super) fn read_json(file: Value) -> Result<Imported, TransferError> {
     if !(distance.is_finite() && distance > 0.0) {
         return Err(foreign(format!("'scalarOpacityUnitDistance' is {distance}, expected a positive number")));
     }
-    imported(color.into_iter().map(node).collect(), opacity, &gradient, distance, remarks)
+    let transfer = TransferFunction {
+        color: curve::points(color.into_iter().map(node).collect()),
+        opacity: curve::points(opacity),
+        unit_distance: distance,
+        gradient_opacity: by_world_unit(gradient, subject),
+        regions: Vec::new(),
+    };
+    imported(transfer, remarks)
 }
 
 fn opacities(list: &'static str, function: &Function<OpacityPoint>) -> Result<Vec<Node<2>>, TransferError> {
@@ -161,17 +178,19 @@ fn opacities(list: &'static str, function: &Function<OpacityPoint>) -> Result<Ve
     Ok(points.into_iter().map(node).collect())
 }
 
-fn imported(
-    color: Vec<Node<4>>,
-    opacity: Vec<Node<2>>,
-    gradient: &[Node<2>],
-    unit_distance: f64,
-    mut remarks: Vec<String>,
-) -> Result<Imported, TransferError> {
-    if gradient.iter().any(|node| node.point[1] != 1.0) {
-        remarks.push(GRADIENT_REMARK.to_string());
+/// Gradient opacity over magnitudes in world units; none where it is 1 everywhere.
+fn by_world_unit(gradient: Vec<Node<2>>, subject: &Subject) -> Vec<[f64; 2]> {
+    let points = curve::points(gradient);
+    if points.iter().all(|point| point[1] == 1.0) {
+        return Vec::new();
     }
-    let transfer = TransferFunction { color: curve::points(color), opacity: curve::points(opacity), unit_distance };
+    // No magnitude is below 0, where a curve may begin.
+    let at_zero = points.iter().any(|point| point[0] < 0.0).then(|| interpolate(&points, 0.0));
+    let others = points.into_iter().filter(|point| point[0] >= 0.0);
+    at_zero.into_iter().chain(others).map(|[magnitude, factor]| [magnitude / subject.mean_spacing, factor]).collect()
+}
+
+fn imported(transfer: TransferFunction, remarks: Vec<String>) -> Result<Imported, TransferError> {
     transfer.validate()?;
     Ok(Imported { transfer, remarks })
 }
@@ -223,13 +242,18 @@ mod tests {
     }
 
     #[test]
-    fn opacity_by_gradient_is_not_left_out_in_silence() {
-        let remarks = |text: &str| read(text, None, &SUBJECT).unwrap().remarks;
-        assert_eq!(remarks(&TEXT.replace("4 0 1 255 1", "4 0 0.2 255 1")), [GRADIENT_REMARK]);
+    fn gradients_are_measured_in_the_world() {
+        let imported = |text: &str| read(text, None, &SUBJECT).unwrap();
+        let points = |text: &str| imported(text).transfer.gradient_opacity;
+        assert!(points(TEXT).is_empty() && points(JSON).is_empty(), "1 everywhere is none");
+        // The mean of the spacings is 2: what changes by 255 a voxel changes by 127.5 a world unit.
+        assert_eq!(points(&TEXT.replace("4 0 1 255 1", "4 0 0.2 255 1")), [[0.0, 0.2], [127.5, 1.0]]);
+        assert_eq!(points(&TEXT.replace("4 0 1 255 1", "6 -5 0 5 1 25 0.5")), [[0.0, 0.5], [2.5, 1.0], [12.5, 0.5]]);
         let edges = JSON.replace(r#"{"x": 0, "y": 1}"#, r#"{"x": 0, "y": 0.5}"#);
-        assert_eq!(remarks(&edges), [GRADIENT_REMARK]);
+        assert_eq!(points(&edges), [[0.0, 0.5], [127.5, 1.0]]);
+        assert!(imported(&edges).remarks.is_empty());
         let disabled = edges.replace(r#""disableGradientOpacity": false"#, r#""disableGradientOpacity": true"#);
-        assert!(remarks(&disabled).is_empty());
+        assert!(points(&disabled).is_empty());
         let twice = JSON.replace(r#""volumeProperties": ["#, r#""volumeProperties": [{"components": []}, "#);
         assert!(bad(&twice).contains("'components' is empty"));
     }

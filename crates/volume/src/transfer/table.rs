@@ -1,16 +1,21 @@
 //! The table that renderers look samples up in.
 
-use super::TransferFunction;
+use super::{TransferFunction, TransferGrid};
 use crate::code::SlotEncoding;
+use std::sync::Arc;
 
 /// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
 /// neighbouring entries. 256 entries for 8-bit codes and 65,536 for 16-bit ones, so every code has its own entry.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferTable {
-    /// The entries; entry `i` belongs to code `i`.
+    /// The entries; entry `i` belongs to code `i`. Where there is a grid, alpha is the most that a value next to the code has at any
+    /// gradient: what is clear here is clear there.
     pub entries: Vec<[f32; 4]>,
     /// World distance over which the entries' alpha is collected.
     pub unit_distance: f32,
+    /// What is seen at values and gradients, of a function that depends on both: shared, as copies of a table are made for every
+    /// frame.
+    pub grid: Option<Arc<TransferGrid>>,
 }
 
 impl TransferTable {
@@ -22,7 +27,17 @@ impl TransferTable {
             let [r, g, b] = transfer.rgb(value);
             [r, g, b, transfer.alpha(value)].map(|v| v as f32)
         };
-        Self { entries: (0..=max).map(entry).collect(), unit_distance: transfer.unit_distance as f32 }
+        let mut entries: Vec<_> = (0..=max).map(entry).collect();
+        let grid = transfer.is_by_gradient().then(|| TransferGrid::new(transfer, encoding));
+        if let Some(grid) = &grid {
+            entries.iter_mut().zip(grid.most(max + 1)).for_each(|(entry, most)| entry[3] = most);
+        }
+        Self { entries, unit_distance: transfer.unit_distance as f32, grid: grid.map(Arc::new) }
+    }
+
+    /// How far from a value, in codes, others may change what is seen there: as far as the next entry.
+    pub fn reach_codes(&self) -> f64 {
+        self.grid.as_ref().map_or(1.0, |grid| 1.0 / grid.rows_per_code as f64)
     }
 
     /// The entry at a normalised code, interpolated.
@@ -48,6 +63,7 @@ mod tests {
             color: vec![[0.0, 0.0, 0.0, 0.0], [10.0, 1.0, 0.5, 0.0]],
             opacity: vec![[2.0, 0.0], [4.0, 0.2], [4.0, 0.9]],
             unit_distance: 1.0,
+            ..TransferFunction::default()
         };
         for t in [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16] {
             let encoding = SlotEncoding::new(t, (0.0, 1.0), false);

@@ -1,0 +1,396 @@
+//! The table of a transfer function of value and gradient magnitude: entries over the plane of both, looked up bilinearly after
+//! interpolation.
+//!
+//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a voxel can
+//! have has its own; where those are more than [`TransferGrid::MOST_ROWS`], so many at equal distances. Its columns are gradient
+//! magnitudes, at equal distances from 0 to the greatest that the function speaks of; beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield
+//! units are 3 units apart, a tenth of such data's noise; 256 columns are 1/255 of the steepest boundary apart, and gradients
+//! of 8-bit data have a resolution of half a code per voxel, coarser than that. What is narrower than an entry is drawn as wide
+//! as one, and a jump from one entry to the next is a ramp between them.
+//!
+//! Opacities are interpolated as they are, and colours by opacity, so that a region does not take on colours that are not shown.
+//! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.
+
+use super::{Region, Shape, TransferFunction, mix};
+use crate::code::SlotEncoding;
+use std::ops::RangeInclusive;
+
+const MOST_ROWS: usize = TransferGrid::MOST_ROWS;
+const COLUMNS: usize = TransferGrid::COLUMNS;
+
+/// Entries over values and gradient magnitudes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferGrid {
+    /// The code of the first row.
+    pub first_code: f32,
+    /// Rows from one code to the next; at most 1.
+    pub rows_per_code: f32,
+    /// Columns from one gradient magnitude to the next, in data units per world unit.
+    pub columns_per_gradient: f32,
+    /// Row by row `[r, g, b, alpha]`, straight, alpha over the table's unit distance; at least two rows.
+    pub entries: Vec<[f32; 4]>,
+}
+
+/// Where rows and columns are.
+struct Axes<'a> {
+    encoding: &'a SlotEncoding,
+    first_code: f64,
+    codes_per_row: f64,
+    rows: usize,
+    gradient_per_column: f64,
+}
+
+impl TransferGrid {
+    /// Rows at most.
+    pub const MOST_ROWS: usize = 1024;
+
+    /// Columns.
+    pub const COLUMNS: usize = 256;
+
+    /// Rows at most for so many codes.
+    pub const fn most_rows(codes: u32) -> usize {
+        if (codes as usize) < Self::MOST_ROWS { codes as usize } else { Self::MOST_ROWS }
+    }
+
+    /// Samples the function.
+    pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
+        let axes = Axes::new(transfer, encoding);
+        let factors: Vec<f64> = (0..COLUMNS).map(|column| transfer.factor(axes.gradient(column))).collect();
+        let mut entries = Vec::with_capacity(axes.rows * COLUMNS);
+        for row in 0..axes.rows {
+            let value = axes.value(row);
+            let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
+            entries.extend(factors.iter().map(|factor| [r, g, b, alpha * factor].map(|v| v as f32)));
+        }
+        let regions: Vec<Fitted> = transfer.regions.iter().filter_map(|region| axes.fit(region)).collect();
+        for (_, rows, columns) in &regions {
+            for row in rows.clone() {
+                let value = axes.value(row);
+                let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
+                for column in columns.clone() {
+                    let gradient = axes.gradient(column);
+                    let media = regions.iter().map(|(region, ..)| (region.color, region.alpha(value, gradient)));
+                    let entry = mix([r, g, b, alpha * factors[column]], media);
+                    entries[row * COLUMNS + column] = entry.map(|v| v as f32);
+                }
+            }
+        }
+        Self {
+            first_code: axes.first_code as f32,
+            rows_per_code: (1.0 / axes.codes_per_row) as f32,
+            columns_per_gradient: (1.0 / axes.gradient_per_column) as f32,
+            entries,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.entries.len() / COLUMNS
+    }
+
+    /// Straight colour and opacity at a code and a gradient magnitude in data units per world unit, interpolated.
+    #[inline]
+    pub fn lookup(&self, code: f32, gradient: f32) -> [f32; 4] {
+        let split = |position: f32, count: usize| {
+            let position = position.clamp(0.0, (count - 1) as f32);
+            let first = (position as usize).min(count - 2);
+            (first, position - first as f32)
+        };
+        let (row, s) = split((code - self.first_code) * self.rows_per_code, self.rows());
+        let (column, t) = split(gradient * self.columns_per_gradient, COLUMNS);
+        let at = row * COLUMNS + column;
+        let [a, b, c, d] = [at, at + 1, at + COLUMNS, at + COLUMNS + 1].map(|i| self.entries[i]);
+        // Written so that what is the same in all four stays that.
+        let (low, high) = (a[3] + t * (b[3] - a[3]), c[3] + t * (d[3] - c[3]));
+        let alpha = low + s * (high - low);
+        let weights = [(1.0 - s) * (1.0 - t) * a[3], (1.0 - s) * t * b[3], s * (1.0 - t) * c[3], s * t * d[3]];
+        let share = 1.0 / weights.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+        let color = |k: usize| (weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k] + weights[3] * d[k]) * share;
+        [color(0), color(1), color(2), alpha]
+    }
+
+    /// For each code the greatest opacity that a value within one code of it can have, whatever the gradient.
+    pub fn most(&self, codes: u32) -> impl Iterator<Item = f32> {
+        let most: Vec<f32> = self
+            .entries
+            .chunks_exact(COLUMNS)
+            .map(|row| row.iter().map(|entry| entry[3]).fold(0.0, f32::max))
+            .collect();
+        let (first, per_code, last) = (self.first_code, self.rows_per_code, most.len() - 1);
+        (0..codes).map(move |code| {
+            let position = |code: f32| ((code - first) * per_code).clamp(0.0, last as f32);
+            let (low, high) = (position(code as f32 - 1.0), position(code as f32 + 1.0));
+            most[low.floor() as usize..=high.ceil() as usize].iter().copied().fold(0.0, f32::max)
+        })
+    }
+}
+
+/// A region as the grid has it, and the rows and columns that may have something of it.
+type Fitted = (Region, RangeInclusive<usize>, RangeInclusive<usize>);
+
+impl<'a> Axes<'a> {
+    fn new(transfer: &TransferFunction, encoding: &'a SlotEncoding) -> Self {
+        let max = encoding.format.max_code() as f64;
+        let code = |value: f64| (encoding.unorm(value) * max).clamp(0.0, max);
+        let [low, high] = told_apart(transfer).map(code);
+        let [low, high] = [low.floor(), high.ceil()];
+        // A row more to each side, where the function is what it is from there on.
+        let (first_code, codes_per_row, rows) = match (high - low) as usize + 3 {
+            rows if rows > MOST_ROWS => {
+                let step = (high - low) / (MOST_ROWS - 3) as f64;
+                (low - step, step, MOST_ROWS)
+            }
+            _ => {
+                let first = (low - 1.0).clamp(0.0, max - 1.0);
+                let last = (high + 1.0).clamp(first + 1.0, max);
+                (first, 1.0, (last - first) as usize + 1)
+            }
+        };
+        // Regions end where they do: the last column is behind them.
+        let factors = transfer.gradient_opacity.last().map_or(0.0, |point| point[0]);
+        let behind = (COLUMNS - 1) as f64 / (COLUMNS - 2) as f64;
+        let top = transfer.regions.iter().map(|region| region.gradient[1] * behind).fold(factors, f64::max);
+        let top = if top > 0.0 { top } else { 1.0 };
+        Self { encoding, first_code, codes_per_row, rows, gradient_per_column: top / (COLUMNS - 1) as f64 }
+    }
+
+    fn value(&self, row: usize) -> f64 {
+        let code = self.first_code + row as f64 * self.codes_per_row;
+        self.encoding.value(code / self.encoding.format.max_code() as f64)
+    }
+
+    fn gradient(&self, column: usize) -> f64 {
+        column as f64 * self.gradient_per_column
+    }
+
+    /// A region that the entries do not miss: a rectangle's edges are at entries, and other shapes no narrower than two steps.
+    /// `None` if it has no value that there is a code for.
+    fn fit(&self, region: &Region) -> Option<Fitted> {
+        let [low, high] = region.value.map(|value| self.encoding.unorm(value));
+        if high < 0.0 || low > 1.0 {
+            return None;
+        }
+        let code = |value: f64| self.encoding.unorm(value) * self.encoding.format.max_code() as f64;
+        let row =
+            |value: f64| ((code(value) - self.first_code) / self.codes_per_row).clamp(0.0, (self.rows - 1) as f64);
+        let column = |gradient: f64| (gradient / self.gradient_per_column).clamp(0.0, (COLUMNS - 1) as f64);
+        let mut fitted = *region;
+        let per_row = self.codes_per_row * self.encoding.code_width();
+        match region.shape {
+            Shape::Rectangle => {
+                fitted.value = region.value.map(|value| self.value(row(value).round() as usize));
+                fitted.gradient = region.gradient.map(|gradient| self.gradient(column(gradient).round() as usize));
+            }
+            Shape::Gaussian | Shape::Triangle => {
+                fitted.value = widened(region.value, per_row);
+                fitted.gradient = widened(region.gradient, self.gradient_per_column);
+            }
+        }
+        let rows = fitted.value.map(row);
+        let columns = fitted.gradient.map(column);
+        let span = |[low, high]: [f64; 2]| low.floor() as usize..=high.ceil() as usize;
+        Some((fitted, span(rows), span(columns)))
+    }
+}
+
+/// An interval, at least a step to each side of its middle.
+fn widened([low, high]: [f64; 2], step: f64) -> [f64; 2] {
+    let middle = 0.5 * (low + high);
+    [low.min(middle - step), high.max(middle + step)]
+}
+
+/// The values outside of which nothing changes any more.
+fn told_apart(transfer: &TransferFunction) -> [f64; 2] {
+    let opacity = &transfer.opacity;
+    let colors = || transfer.color.iter().map(|point| point[0]);
+    // Colours of what is clear are told apart by nobody.
+    let first = opacity.iter().position(|point| point[1] > 0.0);
+    let last = opacity.iter().rposition(|point| point[1] > 0.0);
+    let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
+    if let (Some(first), Some(last)) = (first, last) {
+        low = match first {
+            0 => colors().fold(opacity[0][0], f64::min),
+            _ => opacity[first - 1][0],
+        };
+        high = match opacity.get(last + 1) {
+            None => colors().fold(opacity[last][0], f64::max),
+            Some(point) => point[0],
+        };
+    }
+    for region in &transfer.regions {
+        (low, high) = (low.min(region.value[0]), high.max(region.value[1]));
+    }
+    if low <= high { [low, high] } else { [opacity[0][0]; 2] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::voxel_type::VoxelType;
+
+    fn region(shape: Shape, value: [f64; 2], gradient: [f64; 2]) -> Region {
+        Region { shape, value, gradient, color: [1.0, 0.5, 0.25], opacity: 0.5 }
+    }
+
+    fn ramps() -> TransferFunction {
+        TransferFunction {
+            color: vec![[-50.0, 0.0, 0.0, 1.0], [100.0, 1.0, 0.5, 0.0]],
+            opacity: vec![[-20.0, 0.0], [40.0, 0.2], [60.0, 0.8]],
+            unit_distance: 1.0,
+            gradient_opacity: vec![[0.0, 0.0], [25.5, 0.5], [51.0, 1.0]],
+            regions: Vec::new(),
+        }
+    }
+
+    /// How far the table is from the function at many places, by channel; colours count by what is seen of them.
+    fn error(transfer: &TransferFunction, encoding: &SlotEncoding, values: [f64; 2], gradients: [f64; 2]) -> f64 {
+        let grid = TransferGrid::new(transfer, encoding);
+        let mut worst = 0.0f64;
+        for i in 0..=211 {
+            for j in 0..=97 {
+                let value = values[0] + (values[1] - values[0]) * i as f64 / 211.0;
+                let gradient = gradients[0] + (gradients[1] - gradients[0]) * j as f64 / 97.0;
+                let code = (encoding.unorm(value) * encoding.format.max_code() as f64) as f32;
+                let (found, exact) = (grid.lookup(code, gradient as f32), transfer.at(value, gradient));
+                let alpha = exact[3];
+                worst = worst.max((found[3] as f64 - alpha).abs());
+                for k in 0..3 {
+                    worst = worst.max((found[k] as f64 - exact[k]).abs() * alpha);
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn what_is_linear_between_entries_is_exact_and_holds_beyond() {
+        for voxel_type in [VoxelType::I8, VoxelType::I16] {
+            let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+            let found = error(&ramps(), &encoding, [-128.0, 127.0], [0.0, 90.0]);
+            // Colours mix by opacity from one code to the next; a colour changes by 1/150 there.
+            assert!(found < 5e-4, "{voxel_type:?}: {found}");
+            let grid = TransferGrid::new(&ramps(), &encoding);
+            // From a code before -20 to one after 100.
+            assert_eq!(grid.rows(), 123);
+            assert_eq!(grid.lookup(encoding.format.max_code() as f32, 1e9)[3], 0.8);
+        }
+    }
+
+    /// Over a range of values that has more codes than rows.
+    #[test]
+    fn smooth_shapes_are_met_closely() {
+        let encoding = SlotEncoding::new(VoxelType::I16, (0.0, 1.0), false);
+        for shape in [Shape::Gaussian, Shape::Triangle] {
+            let transfer = TransferFunction {
+                regions: vec![
+                    region(shape, [200.0, 2800.0], [150.0, 800.0]),
+                    Region { color: [0.0, 0.0, 1.0], ..region(shape, [-300.0, 900.0], [100.0, 820.0]) },
+                ],
+                ..TransferFunction::default()
+            };
+            // Triangles are cut off below and above.
+            let gradients = if shape == Shape::Gaussian { [0.0, 999.0] } else { [155.0, 795.0] };
+            let found = error(&transfer, &encoding, [-500.0, 3500.0], gradients);
+            let tolerance = if shape == Shape::Gaussian { 2e-3 } else { 0.02 };
+            assert!(found < tolerance, "{shape:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn nothing_falls_between_entries_and_nothing_is_beside_its_region() {
+        let encoding = SlotEncoding::new(VoxelType::I16, (0.0, 1.0), false);
+        for shape in Shape::ALL {
+            // Of steps of three codes and of four units of gradient; the other region spans the table.
+            let thin = region(shape, [700.2, 700.4], [301.0, 301.5]);
+            let wide = Region { opacity: 0.0, ..region(Shape::Rectangle, [0.0, 3000.0], [0.0, 1000.0]) };
+            let transfer = TransferFunction { regions: vec![thin, wide], ..TransferFunction::default() };
+            let grid = TransferGrid::new(&transfer, &encoding);
+            assert_eq!(grid.rows(), MOST_ROWS);
+            let alpha = |value: f32, gradient: f32| grid.lookup(value + 32768.0, gradient)[3];
+            let near = (0..40).map(|i| alpha(695.0 + 0.25 * i as f32, 301.0)).fold(0.0, f32::max);
+            assert!(near > 0.1, "{shape:?}: {near}");
+            for (value, gradient) in [(690.0, 301.0), (711.0, 301.0), (700.3, 285.0), (700.3, 318.0)] {
+                assert_eq!(alpha(value, gradient), 0.0, "{shape:?} {value} {gradient}");
+            }
+        }
+        let outside = TransferFunction {
+            regions: vec![region(Shape::Rectangle, [300.0, 400.0], [0.0, 5.0])],
+            ..TransferFunction::default()
+        };
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
+        assert!(TransferGrid::new(&outside, &encoding).entries.iter().all(|entry| entry[3] == 0.0));
+    }
+
+    #[test]
+    fn regions_end_at_their_sides() {
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
+        let transfer = TransferFunction {
+            regions: vec![region(Shape::Rectangle, [100.0, 120.0], [10.0, 50.0])],
+            ..TransferFunction::default()
+        };
+        let grid = TransferGrid::new(&transfer, &encoding);
+        for (code, gradient, expected) in [
+            (100.0, 30.0, 0.5),
+            (120.0, 30.0, 0.5),
+            (99.0, 30.0, 0.0),
+            (121.0, 30.0, 0.0),
+            (110.0, 50.0, 0.5),
+            (110.0, 50.3, 0.0),
+            (110.0, 1e9, 0.0),
+            (110.0, 9.5, 0.0),
+            (0.0, 30.0, 0.0),
+            (255.0, 30.0, 0.0),
+        ] {
+            assert_eq!(grid.lookup(code, gradient)[3], expected, "{code} {gradient}");
+        }
+        assert_eq!(&grid.lookup(99.5, 30.0)[..3], [1.0, 0.5, 0.25], "its colour as far as it goes");
+        // Where rows are three codes apart, too.
+        let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
+        let wide = Region { value: [1000.0, 4001.0], ..transfer.regions[0] };
+        let grid = TransferGrid::new(&TransferFunction { regions: vec![wide], ..transfer }, &encoding);
+        for (code, expected) in [(996.0, 0.0), (1000.0, 0.5), (4001.0, 0.5), (4005.0, 0.0), (0.0, 0.0), (65535.0, 0.0)]
+        {
+            assert_eq!(grid.lookup(code, 30.0)[3], expected, "{code}");
+        }
+    }
+
+    #[test]
+    fn media_in_one_place_add_their_extinctions() {
+        let transfer = TransferFunction {
+            color: vec![[0.0, 1.0, 0.0, 0.0]],
+            opacity: vec![[0.0, 0.75]],
+            regions: vec![Region { color: [0.0, 1.0, 0.0], ..region(Shape::Rectangle, [0.0, 9.0], [0.0, 9.0]) }],
+            ..TransferFunction::default()
+        };
+        // Two halvings of red and one of green.
+        let expected = [2.0 / 3.0, 1.0 / 3.0, 0.0, 1.0 - 1.0 / 8.0];
+        transfer.at(4.0, 4.0).into_iter().zip(expected).for_each(|(a, b)| assert!((a - b).abs() < 1e-12));
+        assert_eq!(transfer.at(4.0, 10.0), [1.0, 0.0, 0.0, 0.75]);
+    }
+
+    /// The promise that leaps rest on.
+    #[test]
+    fn what_is_clear_at_every_gradient_is_known_to_be() {
+        for (voxel_type, codes) in [(VoxelType::I8, 256), (VoxelType::I16, 65536)] {
+            let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+            let transfer = TransferFunction {
+                regions: vec![
+                    region(Shape::Gaussian, [-90.0, -70.0], [5.0, 9.0]),
+                    region(Shape::Triangle, [90.0, 99.0], [2.0, 30.0]),
+                ],
+                ..ramps()
+            };
+            let grid = TransferGrid::new(&transfer, &encoding);
+            let most: Vec<f32> = grid.most(codes).collect();
+            let zero = encoding.unorm(0.0) as f32 * (codes - 1) as f32;
+            for i in -1270..1270 {
+                let code = zero + i as f32 / 10.0;
+                let of_two = most[code.floor() as usize].max(most[code.ceil() as usize]);
+                for gradient in 0..70 {
+                    assert!(grid.lookup(code, gradient as f32)[3] <= of_two + 1e-6, "{voxel_type:?} {code}");
+                }
+            }
+            assert_eq!(most[(zero - 60.0) as usize], 0.0, "between the regions all is clear");
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Transfer functions of value and gradient, end to end: what they show is what formulas say, by every method, step, spacing and
+//! level, and no less for what is leapt over.
+
+use brickyard::session::SessionOptions;
+use brickyard::volume::{
+    Camera, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Method, Picture, Projection,
+    Region, Sampling, Scene, Shape, TransferFunction, Voxel,
+};
+use brickyard_tests::{
+    FunctionSource, TestStore, WAYS, assert_same, open_session, options, oracle, session_for_scene, settled,
+};
+use glam::DVec3;
+
+const SIZE: (u32, u32) = (33, 25);
+
+fn region(shape: Shape, value: [f64; 2], gradient: [f64; 2], opacity: f64) -> Region {
+    Region { shape, value, gradient, color: [1.0, 0.5, 0.25], opacity }
+}
+
+/// An even slope has one gradient everywhere, so what a function makes of that is a homogeneous medium: Beer-Lambert's opacity.
+#[test]
+fn an_even_slope_is_beer_lambert_by_its_gradient() {
+    let spacing = DVec3::new(1.0, 0.5, 2.0);
+    // World units; 16-bit codes, so that rounding a voxel changes the gradient little.
+    let slope = DVec3::new(150.0, -80.0, 60.0);
+    let extent = Extent::new(72, 96, 64);
+    let geometry = Geometry { spacing, ..Geometry::default() };
+    let source = FunctionSource::new(extent, geometry.clone(), |_, _, v| {
+        let world = (DVec3::from_array(v.map(f64::from)) + 0.5) * spacing;
+        u16::from_f64_rounded(20000.0 + slope.dot(world))
+    });
+    let steepness = slope.length();
+    let white = TransferFunction { color: vec![[0.0, 1.0, 0.5, 0.25]], ..TransferFunction::default() };
+    let everywhere = [0.0, 60000.0];
+    let functions = [
+        TransferFunction {
+            opacity: vec![[0.0, 0.4]],
+            gradient_opacity: vec![[0.0, 0.0], [0.5 * steepness, 0.1], [1.5 * steepness, 0.4]],
+            ..white.clone()
+        },
+        TransferFunction {
+            regions: vec![region(Shape::Rectangle, everywhere, [0.9 * steepness, 1.1 * steepness], 0.1)],
+            ..white.clone()
+        },
+        // Two in one place, of which light passes 0.9 of a unit distance.
+        TransferFunction {
+            opacity: vec![[0.0, 0.04]],
+            regions: vec![region(Shape::Rectangle, everywhere, [0.0, 2.0 * steepness], 1.0 - 0.9 / 0.96)],
+            ..white
+        },
+    ];
+    // The middle of the volume, away from its faces, where voxels are repeated and nothing rises.
+    let (low, high) = geometry.world_box(extent);
+    let [from, to] = [low.lerp(high, 0.4), low.lerp(high, 0.6)];
+    let alpha = 1.0 - 0.9f64.powf(to.y - from.y);
+    let expected = Picture::quantise([1.0, 0.5, 0.25].map(|c| (c * alpha) as f32));
+    let camera = Camera {
+        eye: (low + high) * 0.5 - DVec3::Y * 90.0,
+        target: (low + high) * 0.5,
+        up: DVec3::Z,
+        projection: Projection::Orthographic { height: 0.35 * (to.z - from.z) },
+    };
+    let test = TestStore::pack(&source, 16);
+    for (i, transfer) in functions.into_iter().enumerate() {
+        for (method, filter, gradient, step, level) in [
+            (Method::Udvr, Filter::Trilinear, Gradient::Central, 0.3, 0),
+            (Method::Udvr, Filter::Tricubic, Gradient::Sobel, 1.0, 1),
+            (Method::Lvs, Filter::Trilinear, Gradient::Central, 1.0, 0),
+            (Method::Cvs, Filter::Trilinear, Gradient::Sobel, 0.7, 1),
+            (Method::Asm, Filter::Trilinear, Gradient::Central, 2.0, 0),
+            (Method::Udvr, Filter::Trilinear, Gradient::Stored, 1.0, 0),
+            (Method::Lvs, Filter::Trilinear, Gradient::Stored, 0.6, 1),
+        ] {
+            let scene = Scene {
+                camera: Some(camera),
+                transfer: Some(transfer.clone()),
+                sampling: Sampling { method, filter, ..Sampling::default() },
+                lighting: Lighting { gradient, ..Lighting::default() },
+                step,
+                level: LevelPolicy::Locked(level),
+                clip: Some([from, to]),
+                ..Scene::default()
+            };
+            for way in WAYS {
+                let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+                let (picture, _) = settled(&mut session, &scene, SIZE);
+                for pixel in &picture.rgb {
+                    let off = (0..3).map(|k| pixel[k].abs_diff(expected[k])).max();
+                    let what = format!("function {i} {method:?} {filter:?} {step} level {level} {way:?}");
+                    assert!(off <= Some(1), "{what}: {pixel:?}, expected {expected:?}");
+                }
+            }
+        }
+    }
+}
+
+/// A ball with a rim, in flat surroundings: by value alone its inside would hide the rim's far half.
+fn ball() -> TestStore {
+    let extent = Extent::new(60, 56, 64);
+    let centre = DVec3::new(30.0, 27.0, 33.0);
+    let value = move |v: [u32; 3]| {
+        let distance = (DVec3::from_array(v.map(f64::from)) - centre).length();
+        u8::from_f64_rounded((120.0 - 20.0 * (distance - 18.0)).clamp(30.0, 210.0))
+    };
+    TestStore::pack(&FunctionSource::new(extent, Geometry::default(), move |_, _, v| value(v)), 16)
+}
+
+fn scene_of(transfer: TransferFunction) -> Scene {
+    let camera = Camera::looking_at_box(Geometry::default().world_box(Extent::new(60, 56, 64))).orbited(25.0);
+    Scene { camera: Some(camera), transfer: Some(transfer), level: LevelPolicy::Locked(0), ..Scene::default() }
+}
+
+/// What shows only where it is steep: by a factor, and by regions of every shape.
+fn steep() -> Vec<TransferFunction> {
+    let flat =
+        TransferFunction { color: vec![[30.0, 0.1, 0.4, 1.0], [210.0, 1.0, 0.6, 0.2]], ..TransferFunction::default() };
+    let by_region =
+        |shape| TransferFunction { regions: vec![region(shape, [60.0, 190.0], [6.0, 26.0], 0.4)], ..flat.clone() };
+    vec![
+        TransferFunction {
+            opacity: vec![[30.0, 0.3]],
+            gradient_opacity: vec![[4.0, 0.0], [16.0, 1.0]],
+            ..flat.clone()
+        },
+        by_region(Shape::Rectangle),
+        by_region(Shape::Gaussian),
+        by_region(Shape::Triangle),
+    ]
+}
+
+#[test]
+fn a_rim_is_shown_and_what_is_flat_is_leapt_over_or_not_alike() {
+    let test = ball();
+    for (i, transfer) in steep().into_iter().enumerate() {
+        // A rectangle ends abruptly, where a rounded gradient decides; smooth ones are the oracle's to the last code.
+        let is_smooth = i == 0 || i == 2;
+        for lighting in [Lighting::default(), Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() }] {
+            let scene = Scene { lighting, ..scene_of(transfer.clone()) };
+            let expected = oracle(&test.store, &scene, SIZE);
+            for way in WAYS {
+                let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+                let (picture, _) = settled(&mut session, &scene, SIZE);
+                let what = format!("function {i} {way:?}");
+                let difference = picture.difference(&expected);
+                if is_smooth {
+                    assert_same(&picture, &expected, &what);
+                } else {
+                    assert!(difference.psnr_db > 40.0, "{what}: {difference:?}");
+                }
+                let everything =
+                    SessionOptions { bricks: scene.needs(), leaps: false, ..options(way, SIZE, 256 << 20, 256 << 20) };
+                let Some(mut session) = open_session(&test.store, everything) else { continue };
+                let (found, _) = settled(&mut session, &scene, SIZE);
+                assert!(found.difference(&picture).max <= 1, "{what}: leaps show");
+                // The corner looks past the ball, through flat voxels with colours of their own.
+                assert_eq!(picture.pixel(0, 0), [0; 3], "{what}");
+                assert_ne!(picture.pixel(SIZE.0 / 2, SIZE.1 / 2), [0; 3], "{what}");
+            }
+        }
+    }
+}
+
+/// In a session of live scenes, projections among them, only fog depends on gradients.
+#[test]
+fn other_modes_take_the_colours_alone() {
+    use brickyard::volume::Mode;
+    let test = ball();
+    let by_gradient = steep().swap_remove(0);
+    let by_value = TransferFunction { gradient_opacity: Vec::new(), ..by_gradient.clone() };
+    for mode in [Mode::Mip, Mode::Average] {
+        let [steep, plain] = [by_gradient.clone(), by_value.clone()].map(|t| Scene { mode, ..scene_of(t) });
+        for way in WAYS {
+            let Some(mut session) = session_for_scene(&test.store, &scene_of(by_gradient.clone()), way, SIZE) else {
+                continue;
+            };
+            let [found, expected] = [&steep, &plain].map(|scene| settled(&mut session, scene, SIZE).0);
+            assert!(found == expected, "{mode:?} {way:?}");
+        }
+    }
+}
