@@ -148,23 +148,19 @@ mod tests {
 
     #[test]
     fn impossible_regions_are_named() {
-        let problem = |change: &dyn Fn(&mut Region)| {
-            let mut region = region(Shape::Rectangle);
-            change(&mut region);
-            region.check(3).unwrap_err().to_string()
-        };
         assert!(region(Shape::Gaussian).check(0).is_ok());
-        let cases: [(&dyn Fn(&mut Region), &str); 7] = [
-            (&|r| r.value[1] = f64::INFINITY, "finite"),
-            (&|r| r.gradient[0] = f64::NAN, "finite"),
-            (&|r| r.value = [3.0, 2.0], "'value' ends at 2, before it begins at 3"),
-            (&|r| r.gradient = [3.0, 2.0], "'gradient' ends at 2, before it begins at 3"),
-            (&|r| r.gradient[0] = -1.0, "'gradient' begins at -1: a magnitude is at least 0"),
-            (&|r| r.color[2] = 1.5, "'color'"),
-            (&|r| r.opacity = f64::NAN, "'opacity' is NaN"),
+        let of = || region(Shape::Rectangle);
+        let cases = [
+            (Region { value: [0.0, f64::INFINITY], ..of() }, "finite"),
+            (Region { gradient: [f64::NAN, 1.0], ..of() }, "finite"),
+            (Region { value: [3.0, 2.0], ..of() }, "'value' ends at 2, before it begins at 3"),
+            (Region { gradient: [3.0, 2.0], ..of() }, "'gradient' ends at 2, before it begins at 3"),
+            (Region { gradient: [-1.0, 2.0], ..of() }, "'gradient' begins at -1: a magnitude is at least 0"),
+            (Region { color: [0.0, 0.0, 1.5], ..of() }, "'color'"),
+            (Region { opacity: f64::NAN, ..of() }, "'opacity' is NaN"),
         ];
-        for (change, expected) in cases {
-            let found = problem(change);
+        for (region, expected) in cases {
+            let found = region.check(3).unwrap_err().to_string();
             assert!(found.starts_with("'regions' point 3: ") && found.contains(expected), "{found}");
         }
     }
