@@ -10,8 +10,8 @@ use brickyard::session::{SessionError, SessionOptions, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode, Picture,
-    Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
+    Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
+    Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, options};
 use glam::DVec3;
@@ -95,6 +95,13 @@ fn two_stores_equal_the_oracle_on_every_backend() {
     let glowing = VolumeLook { blend: Blend::Add, opacity: 0.5, ..look_askew() };
     let cropped =
         VolumeLook { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..Default::default() };
+    let layered = vec![
+        VolumeLook { isosurfaces: vec![Isosurface { opacity: 0.5, ..Isosurface::at(140.0) }], ..Default::default() },
+        VolumeLook {
+            isosurfaces: [90.0, 170.0].map(|v| Isosurface { opacity: 0.4, ..Isosurface::at(v) }).into(),
+            ..look_askew()
+        },
+    ];
     let stereo = Some(Stereo::new(StereoLayout::SideBySide));
     let own_look = VolumeLook { transfer: None, opacity: 1.0, blend: Blend::Mix, ..look_askew() };
     let combined = |text: &str| Scene {
@@ -116,6 +123,11 @@ fn two_stores_equal_the_oracle_on_every_backend() {
             "stored gradients",
             Scene { lighting: lit(Gradient::Stored, &[[9.0, -60.0, 50.0]]), pixel_error: 2.0, ..scene() },
         ),
+        ("surfaces", Scene { volumes: layered.clone(), ..scene() }),
+        (
+            "surfaces, lit",
+            Scene { lighting: lit(Gradient::Sobel, &[[-40.0, 10.0, 90.0]]), volumes: layered, ..scene() },
+        ),
         ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
     ];
     for (what, scene) in scenes {
@@ -127,8 +139,11 @@ fn two_stores_equal_the_oracle_on_every_backend() {
             let Some((picture, stats)) = draw(&members, &resolved, &options) else { continue };
             assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
             let difference = picture.difference(&expected);
-            // As for one volume: rounding, twice.
-            assert!(difference.max <= 2, "{what} {way:?}: {difference:?}");
+            // As for one volume: rounding, twice; and rays that graze a surface.
+            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > 2);
+            let off = picture.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+            let grazing = if what.starts_with("surfaces") { 2 } else { 0 };
+            assert!(off <= grazing, "{what} {way:?}: {off} pixels, {difference:?}");
             let background = Picture::quantise(scene.background.map(|c| c as f32));
             assert!(picture.rgb.iter().filter(|&&p| p != background).count() > 200, "{what}: nothing in view");
         }
@@ -188,6 +203,17 @@ fn what_several_volumes_cannot_do_is_refused() {
     let lighting = lit(Gradient::Central, &[]);
     refused(Scene { lighting, expression: expression("a"), ..scene() }, "gradient of an expression");
     refused(Scene { lighting: lit(Gradient::Central, &[[0.0; 3]; 5]), ..scene() }, "5 lights");
+    let layered = |surface: Isosurface, count: usize| Scene {
+        volumes: vec![VolumeLook::default(), VolumeLook { isosurfaces: vec![surface; count], ..look_askew() }],
+        ..scene()
+    };
+    refused(layered(Isosurface::at(7.0), 9), "volume 1: 9 isosurfaces");
+    refused(layered(Isosurface::at(7.0), 2), "two isosurfaces");
+    refused(layered(Isosurface::at(f64::NAN), 1), "finite");
+    refused(layered(Isosurface { opacity: 1.5, ..Isosurface::at(7.0) }, 1), "from 0 to 1");
+    refused(Scene { isosurfaces: vec![Isosurface::at(7.0)], ..scene() }, "--volume 0:isovalue=300");
+    let own = VolumeLook { isosurfaces: vec![Isosurface::at(7.0)], ..VolumeLook::default() };
+    refused(Scene { expression: expression("a"), volumes: vec![own], ..scene() }, "look of its own");
     refused(Scene { lighting: lit(Gradient::Central, &[[0.0, f64::NAN, 0.0]]), ..scene() }, "finite");
     refused(Scene { expression: expression("max(a, *b)"), ..scene() }, "\n         ^");
     refused(Scene { expression: expression("a + c"), ..scene() }, "no volume c");
@@ -228,7 +254,12 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "render a.zarr b.zarr -o lit.png --size 32x32 --backend cpu --lighting tone --gradient sobel --light 9,-80,40 \
          --volume 1:matrix=shift.txt",
     );
+    sandbox.run_ok(
+        "render a.zarr b.zarr -o surfaces.png --size 32x32 --backend cpu --volume 0:isovalue=0.5,opacity=0.4,color=1:0:0 \
+         --volume 1:isovalue=-300 --volume 1:isovalue=300,opacity=0.5 --light 9,-80,40",
+    );
     let many = "a.zarr ".repeat(33);
+    let nine = format!("render a.zarr b.zarr -o no.png {}", "--volume 1:isovalue=7 ".repeat(9));
     let too_many = format!("render {many} -o no.png --size 32x32");
     for (line, code, word) in [
         (&too_many[..], 2, "33 volumes"),
@@ -242,6 +273,10 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --lighting phong --expr a*2", 2, "gradient of an expression"),
         ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "--lighting"),
         ("render a.zarr b.zarr -o no.png --lighting phong --light 1,2,nan", 2, "nan"),
+        ("render a.zarr b.zarr -o no.png --volume 1:isovalue=nan", 2, "finite"),
+        ("render a.zarr b.zarr -o no.png --volume 1:isovalue=7,opacity=2", 2, "0 to 1"),
+        (&nine, 2, "at most 8"),
+        ("render a.zarr b.zarr -o no.png --isovalue 7", 2, "isovalue=300"),
         ("render a.zarr b.zarr -o no.png --exact", 2, "one volume"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),

@@ -169,6 +169,9 @@ const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
 const RAY: &str = include_str!("../wgsl/ray.wgsl");
 const LIGHTING: &str = include_str!("../wgsl/lighting.wgsl");
 const SHADE: &str = include_str!("../wgsl/shade.wgsl");
+const FIELD: &str = include_str!("../wgsl/field.wgsl");
+const MEDIUM: &str = include_str!("../wgsl/medium.wgsl");
+const SURFACES: &str = include_str!("../wgsl/surfaces.wgsl");
 const HIDDEN: &str = include_str!("../wgsl/hidden.wgsl");
 const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
 
@@ -235,7 +238,7 @@ fn marching(variant: &Variant) -> String {
     parts.push(include_str!("../wgsl/jitter.wgsl"));
     let constants = variant.medium.constants();
     if !variant.has_samples() {
-        parts.extend([include_str!("../wgsl/field.wgsl"), LIGHTING]);
+        parts.extend([FIELD, LIGHTING]);
     }
     if !variant.is_plain() {
         parts.push(&constants);
@@ -246,7 +249,7 @@ fn marching(variant: &Variant) -> String {
     if !variant.is_plain() {
         parts.push(match variant.medium.surfaces {
             Surfaces::None => include_str!("../wgsl/surfaces_none.wgsl"),
-            Surfaces::InFog | Surfaces::Alone => include_str!("../wgsl/surfaces.wgsl"),
+            Surfaces::InFog | Surfaces::Alone => SURFACES,
         });
     }
     parts.join("\n")

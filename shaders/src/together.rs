@@ -1,7 +1,7 @@
 //! The shader of several volumes: what there is once for each volume is written once, with `#` for its number, and what one
 //! volume has too is that very code, its names numbered.
 
-use crate::{CLASSIFY, FULLSCREEN, Gradient, LIGHTING, Light, SHADE, TREE, gradient, sample};
+use crate::{CLASSIFY, FIELD, FULLSCREEN, Gradient, LIGHTING, Light, MEDIUM, SHADE, SURFACES, TREE, gradient, sample};
 
 /// The binding of the first volume's atlas; the others follow.
 pub const FIRST_ATLAS: u32 = 16;
@@ -22,6 +22,8 @@ pub struct VolumeShader {
     pub light: Light,
     /// How its gradients are found, if they do.
     pub gradient: Gradient,
+    /// How its surfaces are lit, if it has some; they are even if its fog is not.
+    pub surfaces: Option<Light>,
     /// The word of its octree's root.
     pub first_node: u32,
     /// Its first place in the transfer tables.
@@ -48,8 +50,6 @@ pub struct ExpressionShader {
 /// The raycast compositor's pass for several volumes, or for an expression over them: entry points `fullscreen` and `raycast`.
 pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&ExpressionShader>) -> String {
     let many = |source: &str| source.replace("frame_settings", "frames[volume]");
-    let (field, field_about) = split(include_str!("../wgsl/field.wgsl"), "// Through the brick");
-    let (field_about, _) = split(field_about, "// World length");
     let (tree, find_place) = split(TREE, "fn find_place");
     let (macrocells, _) = split(include_str!("../wgsl/macrocells.wgsl"), "// A ray's way from");
     let (raycast, _) = split(include_str!("../wgsl/raycast.wgsl"), "// Macro-cells of a brick that are seen");
@@ -64,6 +64,11 @@ pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&Expression
     let read = format!("values: array<f32, {count}>,\n    are_valid: array<bool, {count}>,\n    longest: f32,");
     let together = together.replace("READ", if expression.is_some() { &read } else { "" });
     let main = main.replace("COMBINE", if expression.is_some() { "together = combine(together);" } else { "" });
+    let is_layered = volumes.iter().any(|volume| volume.surfaces.is_some());
+    let main = match is_layered {
+        true => main.replace("SEE", &see_pieces(volumes)),
+        false => main.replace("SEE", "pixel = see(pixel, together);"),
+    };
     let main =
         main.replace("BEGIN", &numbered(begin).join("\n    ")).replace("LOOK", &numbered(look).join("\n        "));
     let mut parts = vec![
@@ -82,17 +87,22 @@ pub fn raycast_together(volumes: &[VolumeShader], expression: Option<&Expression
         raycast.to_string(),
         together,
     ];
-    if volumes.iter().any(VolumeShader::is_lit) {
+    parts.push(format!("const IS_LAYERED: bool = {is_layered};"));
+    if volumes.iter().any(VolumeShader::has_gradients) {
+        let (field, _) = split(FIELD, "// Through the brick");
+        let (_, reach) = split(FIELD, "// World length");
+        let (search, _) = split(SURFACES, "// How many surfaces");
         let axes = include_str!("../wgsl/axes.wgsl");
-        parts.extend([field, LIGHTING, &many(SHADE), axes].map(str::to_string));
+        parts.extend([field, reach, search, LIGHTING, &many(SHADE), axes].map(str::to_string));
     }
     for (i, volume) in volumes.iter().enumerate() {
         let (_, sample) = split(sample(volume.is_cubic, volume.has_invalid), "const HAS_INVALID");
         parts.push(own(&[find_place, sample].join("\n"), i));
-        if volume.is_lit() {
-            parts.push(volume.lit(i, field_about));
+        if volume.has_gradients() {
+            parts.push(volume.lit(i));
         }
-        parts.push(volume.declarations(i, expression.is_some()));
+        parts.push(volume.surfaces(i, is_layered));
+        parts.push(volume.declarations(i, expression.is_some(), is_layered));
     }
     parts.extend(expression.map(ExpressionShader::declarations));
     parts.extend([main, FULLSCREEN.to_string()]);
@@ -104,25 +114,62 @@ impl VolumeShader {
         self.light != Light::Unlit
     }
 
+    /// Whether anything of it is.
+    fn has_gradients(&self) -> bool {
+        self.is_lit() || self.surfaces.is_some()
+    }
+
     /// What lights it.
-    fn lit(&self, i: usize, field_about: &str) -> String {
+    fn lit(&self, i: usize) -> String {
+        let (_, field) = split(FIELD, "// Through the brick");
+        let (field, _) = split(field, "// World length");
         let gradients = gradient(self.gradient).join("\n");
         let binding = FIRST_GRADIENTS as usize + i;
         let gradients = gradients.replace("@binding(10)", &format!("@binding({binding})"));
         let lit = include_str!("../wgsl/volume_lit.wgsl").replace("LIGHTu", &format!("{}u", self.light as u32));
-        [own(&[field_about, &gradients].join("\n"), i), lit.replace('#', &i.to_string())].join("\n")
+        [own(&[field, &gradients].join("\n"), i), lit.replace('#', &i.to_string())].join("\n")
     }
 
-    fn declarations(&self, i: usize, is_read: bool) -> String {
+    /// What finds its surfaces, and of a picture with surfaces what shares its medium out between them.
+    fn surfaces(&self, i: usize, is_layered: bool) -> String {
+        let mut parts = Vec::new();
+        if let Some(light) = self.surfaces {
+            let (_, inside) = split(MEDIUM, "fn inside");
+            let (inside, _) = split(inside, "fn known_of");
+            let (_, rank) = split(SURFACES, "// How many surfaces");
+            let (rank, rest) = split(rank, "// Takes a segment");
+            let (_, locate) = split(rest, "// Where in a piece");
+            let (_, rank_of_code) = split(include_str!("../wgsl/sees_surfaces.wgsl"), "// How many surfaces");
+            let (rank_of_code, _) = split(rank_of_code, "fn sees");
+            parts.push(own(&[inside, rank, locate, rank_of_code].join("\n"), i));
+            let surfaces = include_str!("../wgsl/volume_surfaces.wgsl");
+            parts.push(surfaces.replace("SURFACE_LIGHTu", &format!("{}u", light as u32)));
+        } else {
+            parts.push(include_str!("../wgsl/volume_surfaces_none.wgsl").to_string());
+        }
+        if is_layered {
+            let piece = match self.adds {
+                false => "color += way_#.color * share;\n    together.depth += way_#.depth * share;",
+                true => "glow += way_#.color * share;",
+            };
+            parts.push(include_str!("../wgsl/volume_piece.wgsl").replace("PIECE", piece));
+        }
+        parts.join("\n").replace('#', &i.to_string())
+    }
+
+    fn declarations(&self, i: usize, is_read: bool, is_layered: bool) -> String {
         let [low, width] = self.values.map(f32::from_bits);
         let read = format!(
-            "values[#] = {low:?}f + value * {width:?}f;\n            together.are_valid[#] = true;\n            \
+            "together.values[#] = {low:?}f + value * {width:?}f;\n            together.are_valid[#] = true;\n            \
              together.longest = max(together.longest, end - start);"
         );
         let put = match self.adds {
             _ if is_read => &read,
-            false => "color += color * amount;\n            together.depth += amount;",
-            true => "glow += color * amount;",
+            _ if is_layered => {
+                "way_#.part = vec2f(start, end);\n            way_#.color = color * amount;\n            way_#.depth = amount;"
+            }
+            false => "together.color += color * amount;\n            together.depth += amount;",
+            true => "together.glow += color * amount;",
         };
         let color = if self.is_lit() { "lit_#(t, value, medium)" } else { "medium.color" };
         let binding = FIRST_ATLAS as usize + i;
@@ -149,13 +196,26 @@ impl ExpressionShader {
     }
 }
 
+/// What sees a segment piece by piece, between the surfaces in it.
+fn see_pieces(volumes: &[VolumeShader]) -> String {
+    let all = volumes.iter().enumerate();
+    let layered = || all.clone().filter(|(_, volume)| volume.surfaces.is_some());
+    let next = layered().fold("1e30".to_string(), |next, (i, _)| format!("min({next}, way_{i}.crossing)"));
+    let pass: Vec<_> = layered().map(|(i, _)| format!("pixel = pass_{i}(pixel, next);")).collect();
+    let pieces: Vec<_> = all.map(|(i, _)| format!("piece = piece_{i}(piece, piece_start, piece_end);")).collect();
+    include_str!("../wgsl/see_pieces.wgsl")
+        .replace("NEXT", &next)
+        .replace("PASS", &pass.join("\n                "))
+        .replace("PIECES", &pieces.join("\n            "))
+}
+
 /// What is before a mark, and the rest. The mark is there: the test of every shader would fail.
 fn split<'a>(source: &'a str, mark: &str) -> (&'a str, &'a str) {
     source.split_at(source.find(mark).unwrap_or(source.len()))
 }
 
 /// The names of one volume's code that there is one of for each.
-const OWN: [&str; 15] = [
+const OWN: [&str; 19] = [
     "atlas",
     "frame",
     "sample_atlas",
@@ -167,6 +227,10 @@ const OWN: [&str; 15] = [
     "MARGIN",
     "field_about",
     "value_at",
+    "inside",
+    "rank_of",
+    "rank_of_code",
+    "locate",
     "neighbour",
     "differences",
     "gradients",
@@ -211,12 +275,16 @@ mod tests {
     fn every_number_and_kind_of_volumes_is_valid() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
         let all = [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone];
-        for (count, lights) in [(1, [Light::Unlit; 4]), (1, [Light::Phong; 4]), (2, all), (32, all)] {
+        let unlit = [Light::Unlit; 4];
+        let kinds =
+            [(1, unlit, false), (1, [Light::Phong; 4], false), (2, all, false), (2, unlit, true), (32, all, true)];
+        for (count, lights, has_surfaces) in kinds {
             let volume = |i: u32| VolumeShader {
                 has_invalid: i % 2 == 1,
                 is_cubic: i / 2 % 2 == 1,
                 adds: i / 4 % 2 == 1,
                 light: lights[i as usize % 4],
+                surfaces: (has_surfaces && i % 3 != 1).then_some(Light::BlinnPhong),
                 gradient: [Gradient::Central, Gradient::Sobel, Gradient::Stored][i as usize / 2 % 3],
                 first_node: 800 * i,
                 first_place: 65536 * i,

@@ -89,7 +89,8 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
 fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
     let is_flat = length(differences) * frame.last_code < FLAT_CODES;
     let gradient = differences * field.scale / frame.spacing;
-    return lit(lighting, color, is_flat, gradient, ray.direction * frame.spacing, (ray.origin + ray.direction * t) * frame.spacing);
+    let place = (ray.origin + ray.direction * t) * frame.spacing;
+    return lit(lighting, frame.lights, color, is_flat, gradient, ray.direction * frame.spacing, place);
 }
 
 // The running integral of one of four channels up to a code's entry, 64 bits as two words.

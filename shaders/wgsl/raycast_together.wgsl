@@ -1,6 +1,7 @@
 // Several volumes: one ray per pixel, front to back along the lattice. In each segment every volume puts in what it has (see
 // `volume.wgsl`), and all that is there is seen through together. Where none of them shows anything, the ray leaps to where the
-// first of them may again. The rule is written down beside its CPU twin, the volume crate's `look`.
+// first of them may again. Surfaces cut a segment, and it is seen through piece by piece. The rule is written down beside its CPU
+// twin, the volume crate's `look`.
 
 // A ray's way through one volume.
 struct Way {
@@ -14,6 +15,17 @@ struct Way {
     is_leaf_seen: bool,
     is_seen: bool,
     brick: RayBrick,
+    // Where there are surfaces (`IS_LAYERED`): its part of the segment, and what it has there, colour times depth or opacity, and depth.
+    part: vec2f,
+    color: vec3f,
+    depth: f32,
+    // Of its own surfaces, how many it is past, and how many at the part's end; negative where that is not known.
+    rank: i32,
+    last: i32,
+    // Where the next one is passed; far away if none is.
+    crossing: f32,
+    // Ticks of the segments for which macro-cells were looked at.
+    stride: u32,
 }
 
 // What a segment has.
@@ -55,7 +67,7 @@ fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
         together.empty_until = 1e30;
         LOOK
         COMBINE
-        pixel = see(pixel, together);
+        SEE
         if (together.empty_until > walk.end) {
             walk = walk_past(walk, together.empty_until, whole);
         } else {

@@ -15,7 +15,7 @@ fn toned(color: vec3f, cosine: f32) -> vec3f {
 }
 
 // A colour lit at a place, under a gradient of any length; all in the space of `light_places`. `view` is the ray's unit direction.
-fn lit(lighting: u32, color: vec3f, is_flat: bool, gradient: vec3f, view: vec3f, place: vec3f) -> vec3f {
+fn lit(lighting: u32, lights: u32, color: vec3f, is_flat: bool, gradient: vec3f, view: vec3f, place: vec3f) -> vec3f {
     if (is_flat) {
         if (lighting == TONE) {
             return toned(color, 1.0);
@@ -27,9 +27,9 @@ fn lit(lighting: u32, color: vec3f, is_flat: bool, gradient: vec3f, view: vec3f,
     var diffuse = 0.0;
     var specular = 0.0;
     var facing = -1.0;
-    for (var i = 0u; i < max(frame.lights, 1u); i++) {
+    for (var i = 0u; i < max(lights, 1u); i++) {
         var to_light = -view;
-        if (frame.lights > 0u) {
+        if (lights > 0u) {
             to_light = normalize(frame_settings.light_places[i].xyz - place);
         }
         let cosine = dot(normal, to_light);

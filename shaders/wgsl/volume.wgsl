@@ -10,7 +10,8 @@ var<private> way_#: Way;
 fn sees_#(range: u32) -> bool {
     let low = range & 0xffffu;
     let high = range >> 16u;
-    return low <= high && opaque_before[FIRST_COUNT_# + low] < opaque_before[FIRST_COUNT_# + high + 1u];
+    let is_foggy = opaque_before[FIRST_COUNT_# + low] < opaque_before[FIRST_COUNT_# + high + 1u];
+    return low <= high && (is_foggy || is_passed_#(low, high));
 }
 
 // Sets out along a pixel's ray.
@@ -25,10 +26,11 @@ fn begin_#(pixel: vec2f) {
     way_#.leave = -1.0;
     way_#.until = -1.0;
     way_#.is_seen = false;
+    way_#.rank = -1;
 }
 
 // Finds what is at distance `t`: the leaf, if it is not the last one's, and of its macro-cells the one.
-fn enter_#(t: f32, threshold: u32) {
+fn enter_#(t: f32, threshold: u32, stride: u32) {
     let ray = way_#.ray;
     let point = ray.origin + ray.direction * t;
     if (t >= way_#.leave) {
@@ -42,7 +44,8 @@ fn enter_#(t: f32, threshold: u32) {
     }
     way_#.until = way_#.leave;
     way_#.is_seen = way_#.is_leaf_seen;
-    if (way_#.is_seen && way_#.brick.first_range != NO_RANGES) {
+    way_#.stride = stride;
+    if (way_#.is_seen && way_#.brick.first_range != NO_RANGES && is_covered_#()) {
         let size = CELL_EDGE / way_#.brick.texel_scale;
         let along = f32(frame_#.macro_cells);
         let at = clamp(floor((point - way_#.brick.low) / size), vec3f(0.0), vec3f(along - 1.0));
@@ -59,10 +62,16 @@ fn look_#(before: Together, walk: Walk, threshold: u32) -> Together {
     let end = min(walk.end, way_#.stretch.y);
     let t = 0.5 * (start + end);
     let is_inside = start < end;
-    if (is_inside && t >= way_#.until) {
-        enter_#(t, threshold);
+    if (is_inside && (t >= way_#.until || (HAS_SURFACES_# && walk.stride != way_#.stride))) {
+        enter_#(t, threshold, walk.stride);
     }
     let is_seen = is_inside && way_#.is_seen;
+    if (IS_LAYERED) {
+        way_#.part = vec2f(0.0, 1.0);
+        way_#.color = vec3f(0.0);
+        way_#.depth = 0.0;
+    }
+    start_surfaces_#(is_inside && !is_seen);
     if (is_seen) {
         let point = way_#.ray.origin + way_#.ray.direction * t;
         let value = sample_atlas_#(point * way_#.brick.texel_scale + way_#.brick.texel_offset);
@@ -71,8 +80,9 @@ fn look_#(before: Together, walk: Walk, threshold: u32) -> Together {
             let medium = medium_at(FIRST_PLACE_# + place);
             let color = COLOR;
             let amount = medium.depth * (end - start) * frame_#.per_unit_distance;
-            together.PUT
+            PUT
         }
+        find_surfaces_#(start, end);
     }
     // Ahead of it, nothing up to the segment that it begins in; behind it, nothing at all.
     let ahead = way_#.stretch.x - 0.5 * f32(walk.stride) * frame.step;

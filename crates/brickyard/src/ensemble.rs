@@ -125,14 +125,17 @@ fn expression(members: &[Member], looks: &[VolumeLook], scene: &Scene) -> Result
     let of_expression = |problem: String| SessionError::Scene(format!("expression: {problem}"));
     let expression = Expression::parse(text, members.len()).map_err(|error| of_expression(error.to_string()))?;
     let read = expression.volumes();
-    let has_own_look = |look: &VolumeLook| look.transfer.is_some() || look.opacity != 1.0 || look.blend != Blend::Mix;
+    let has_own_look = |look: &VolumeLook| {
+        let is_own = look.transfer.is_some() || look.opacity != 1.0 || look.blend != Blend::Mix;
+        is_own || !look.isosurfaces.is_empty()
+    };
     let problem = if read.is_empty() {
         format!("'{text}' reads no volume: there is nothing to show")
     } else if let Some(i) = read.iter().find(|i| !looks[**i].visible) {
         format!("it reads volume {i}, which is not visible: leave one of both out")
     } else if let Some(i) = looks.iter().position(has_own_look) {
         let problem = "has a look of its own, and the expression's value has the scene's";
-        format!("volume {i} {problem}: leave its transfer, opacity and blend out")
+        format!("volume {i} {problem}: leave its transfer, opacity, blend and isosurfaces out")
     } else {
         return Ok(Some(expression));
     };
@@ -158,6 +161,11 @@ pub fn expression_window(expression: &Expression, windows: impl Iterator<Item = 
     }
 }
 
+/// Whether any volume has surfaces.
+fn has_surfaces(scene: &Scene) -> bool {
+    scene.volumes.iter().any(|look| !look.isosurfaces.is_empty())
+}
+
 /// What a volume would be shown by, alone.
 fn own_scene(member: &Member, look: &VolumeLook, scene: &Scene, camera: Camera) -> Scene {
     let (pyramid, geometry) = (member.source.pyramid(), member.source.geometry());
@@ -169,9 +177,16 @@ fn own_scene(member: &Member, look: &VolumeLook, scene: &Scene, camera: Camera) 
         LevelPolicy::Locked(level) => LevelPolicy::Locked(level.min(pyramid.coarsest().0)),
         LevelPolicy::Auto => LevelPolicy::Auto,
     };
+    let mut lighting = scene.lighting.clone();
+    if lighting.model == LightingModel::None && look.isosurfaces.is_empty() && has_surfaces(scene) {
+        // They are for the surfaces of others.
+        lighting.lights.clear();
+    }
     Scene {
         camera: Some(camera),
         transfer: Some(transfer.scaled(look.opacity)),
+        isosurfaces: look.isosurfaces.clone(),
+        lighting,
         channel: look.channel.unwrap_or(scene.channel),
         level,
         volumes: Vec::new(),
@@ -246,7 +261,7 @@ fn check(members: &[Member], scene: &Scene) -> Result<(), SessionError> {
     } else if !scene.meshes.is_empty() {
         "meshes stand in one volume: leave --mesh out, or give one store".into()
     } else if !scene.isosurfaces.is_empty() {
-        "isosurfaces are of one volume: leave --isovalue out, or give one store".into()
+        "an isosurface is of one of several volumes: say which, as in --volume 0:isovalue=300".into()
     } else if let LevelPolicy::Locked(level) = scene.level
         && level as usize >= most_levels
     {

@@ -1,12 +1,13 @@
 //! Several volumes in one picture, as [`brickyard_volume::look`] says.
 
 use crate::medium::Field;
+use crate::surface::Crossings;
 use crate::{Path, ReferenceVolume};
 use brickyard_volume::look::Together;
-use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, VolumeFrame};
+use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, Surface, VolumeFrame, surface};
 use glam::DVec3;
 
-/// Renders the whole picture of volumes, each with its frame; plainly sampled; or that of an expression over them.
+/// Renders the whole picture of volumes, each with its frame; plainly sampled, with surfaces or without; or that of an expression over them.
 ///
 /// # Panics
 /// If there is no frame, or not one for each volume.
@@ -42,27 +43,44 @@ pub fn pixel_together(
     let ways: Vec<_> = ways.filter_map(|(i, (frame, volume))| Way::new(i, frame, volume, x, y)).collect();
     let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
     let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
+    let mut crossings: Vec<_> = ways.iter().map(|way| Crossings::new(&way.frame.settings)).collect();
     let (mut color, mut light) = (DVec3::ZERO, 1.0);
-    for segment in frames[0].settings.lattice.segments(t_in, t_out) {
-        let mut together = Together::default();
-        let read = || ways.iter().filter_map(|way| Some((way, way.read(segment)?)));
-        match combination {
-            None => read().for_each(|(way, read)| way.put(&read, &mut together)),
-            Some(combination) => put_combined(combination, read().map(|(way, read)| (way.index, read)), &mut together),
-        }
-        let (seen, left) = together.seen();
+    let mut see = |(seen, left): (DVec3, f64)| {
         color += seen * light;
         light *= left;
+    };
+    for segment in frames[0].settings.lattice.segments(t_in, t_out) {
+        let read: Vec<_> = ways.iter().filter_map(|way| Some((way, way.read(segment)?))).collect();
+        if let Some(combination) = combination {
+            see(combined(combination, &read).seen());
+            continue;
+        }
+        let between = |start: f64, end: f64| {
+            let mut together = Together::default();
+            read.iter().for_each(|(way, read)| way.put(read, [start, end], &mut together));
+            together.seen()
+        };
+        let of_way = |(way, crossings)| Way::surfaces(way, segment, crossings);
+        let mut surfaces: Vec<Met> = ways.iter().zip(&mut crossings).flat_map(of_way).collect();
+        surfaces.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let mut start = segment.start;
+        for Met { t, color, opacity } in surfaces {
+            see(between(start, t));
+            see((color * opacity, 1.0 - opacity));
+            start = t;
+        }
+        see(between(start, segment.end));
     }
     let background = DVec3::from_array(frames[0].settings.background.map(f64::from));
     (color + background * light).to_array()
 }
 
-/// Puts in the medium of an expression's value, given what is read of volumes.
-fn put_combined<'a>(combination: &Combination, read: impl Iterator<Item = (usize, Read<'a>)>, together: &mut Together) {
-    let (mut values, mut longest) = ([f64::NAN; MAX_VOLUMES], 0.0f64);
-    for (index, Read { value, part, .. }) in read {
-        values[index] = value;
+/// The medium of an expression's value, given what is read of volumes.
+fn combined(combination: &Combination, read: &[(&Way<'_>, Read<'_>)]) -> Together {
+    let (mut together, mut longest) = (Together::default(), 0.0f64);
+    let mut values = [f64::NAN; MAX_VOLUMES];
+    for (way, Read { value, part, .. }) in read {
+        values[way.index] = *value;
         longest = longest.max(part.length());
     }
     let (value, transfer) = (combination.expression.value(&values), &combination.transfer);
@@ -70,6 +88,7 @@ fn put_combined<'a>(combination: &Combination, read: impl Iterator<Item = (usize
         let length = longest / transfer.unit_distance;
         together.put(Blend::Mix, transfer.rgb(value), transfer.alpha(value), length);
     }
+    together
 }
 
 /// A ray's way through one volume.
@@ -79,6 +98,13 @@ struct Way<'a> {
     volume: &'a ReferenceVolume<'a>,
     path: Path,
     stretch: (f64, f64),
+}
+
+/// A surface that a ray meets: where, and what it shows.
+struct Met {
+    t: f64,
+    color: DVec3,
+    opacity: f64,
 }
 
 /// A volume's part of a segment, and the value in the middle of it.
@@ -96,26 +122,47 @@ impl<'a> Way<'a> {
         Some(Self { index, frame, volume, path, stretch })
     }
 
-    /// What is read of a segment.
-    fn read(&self, segment: Segment) -> Option<Read<'_>> {
+    /// Its part of a segment, and the field there.
+    fn part(&self, segment: Segment) -> Option<(Segment, Field<'_>)> {
         let part = Segment { start: segment.start.max(self.stretch.0), end: segment.end.min(self.stretch.1) };
-        if part.length() <= 0.0 {
-            return None;
-        }
-        let (frame, middle) = (&self.frame.settings, part.middle());
-        let level = &self.volume.levels[(self.volume.level_at)(self.path.at(middle))];
-        let field = Field { frame, level, path: &self.path, lighting: &frame.lighting };
-        Some(Read { field, part, value: field.value(middle)? })
+        let frame = &self.frame.settings;
+        (part.length() > 0.0).then(|| {
+            let level = &self.volume.levels[(self.volume.level_at)(self.path.at(part.middle()))];
+            (part, Field { frame, level, path: &self.path, lighting: &frame.lighting })
+        })
     }
 
-    /// Puts in the medium of what was read.
-    fn put(&self, &Read { field, part, value }: &Read<'_>, together: &mut Together) {
+    /// What is read of a segment.
+    fn read(&self, segment: Segment) -> Option<Read<'_>> {
+        let (part, field) = self.part(segment)?;
+        Some(Read { field, part, value: field.value(part.middle())? })
+    }
+
+    /// The surfaces in a segment, lit.
+    fn surfaces(&self, segment: Segment, crossings: &mut Crossings<'_>) -> Vec<Met> {
+        let Some((part, field)) = self.part(segment) else { return Vec::new() };
+        let lighting = surface::lighting(field.lighting);
+        let field = Field { lighting: &lighting, ..field };
+        let met = |(t, surface): (f64, &Surface)| {
+            let color = DVec3::from_array(surface.color.map(f64::from));
+            let color = field.shade(color, field.differences(t, surface.threshold), t);
+            Met { t, color, opacity: surface.opacity as f64 }
+        };
+        crossings.within(part, |t| field.value(t)).into_iter().map(met).collect()
+    }
+
+    /// Puts in the medium of what was read, as much of it as is in a piece of the segment.
+    fn put(&self, &Read { field, part, value }: &Read<'_>, [start, end]: [f64; 2], together: &mut Together) {
+        let length = part.end.min(end) - part.start.max(start);
+        if length <= 0.0 {
+            return;
+        }
         let (transfer, middle) = (self.volume.transfer, part.middle());
         let mut rgb = transfer.rgb(value);
         if self.frame.is_lit() {
             rgb = field.shade(DVec3::from_array(rgb), field.differences(middle, value), middle).to_array();
         }
-        together.put(self.frame.blend, rgb, transfer.alpha(value), part.length() / transfer.unit_distance);
+        together.put(self.frame.blend, rgb, transfer.alpha(value), length / transfer.unit_distance);
     }
 }
 
@@ -283,6 +330,87 @@ mod tests {
                 // Lights a billion away are not quite in one direction.
                 assert!(off < 1e-6, "{model:?} {step} {blend:?}: {found:?} {expected}");
             }
+        }
+    }
+
+    /// Planes of two ramps on unlike grids, one of them turned, leaning and stretched, both in fog: they are where their values say, in the
+    /// order of their distances, several of them in one segment where steps are long, and each stretch between them is two fogs.
+    #[test]
+    fn surfaces_of_all_volumes_stand_in_the_fog_of_all() {
+        let slope = DVec3::new(3.0, 1.0, 2.0);
+        let levels =
+            [[cube(24, |v| slope.dot(DVec3::from_array(v.map(f64::from))))], [cube(24, |[x, ..]| 5.0 * x as f64)]];
+        let level_at = one_level(0);
+        let transfers = [fog([1.0, 0.5, 0.0], 0.1, 4.0), fog([0.0, 0.25, 1.0], 0.15, 2.0)];
+        let placements = ["1 0 0 0 0 1 0 0 0 0 1 0", "0.8 -1.2 0.3 12.7  0.6 0.9 -0.5 -0.5  0.1 0.7 2.5 -28.1"];
+        let placements = placements.map(|text| Placement::from_text(text).unwrap());
+        let volumes =
+            [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfers[i] });
+        let target = DVec3::splat(11.5);
+        let view = Camera {
+            projection: Projection::Orthographic { height: 2.0 },
+            ..camera(DVec3::new(-40.0, 3.0, 25.0), target)
+        };
+        let surface = |threshold: f64, color: [f32; 3], opacity: f32| Surface { threshold, color, opacity };
+        let surfaces = [
+            vec![surface(66.0, [1.0, 0.0, 0.0], 0.5), surface(69.5, [0.0, 1.0, 0.0], 0.25)],
+            vec![surface(54.0, [0.0, 0.0, 1.0], 0.5), surface(60.0, [1.0, 1.0, 0.0], 0.75)],
+        ];
+        for (step, blend) in [(0.31, Blend::Mix), (1.0, Blend::Mix), (2.7, Blend::Mix), (1.0, Blend::Add)] {
+            let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
+            let frame = |i: usize| {
+                let placement = placements[i];
+                let plain = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
+                let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
+                let settings = FrameSettings { placement, clip, surfaces: surfaces[i].clone(), ..plain };
+                VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix } }
+            };
+            let frames = [frame(0), frame(1)];
+            let found = pixel_together(&frames, &volumes, None, 16, 16);
+            let ray = frames[0].settings.rays.ray(16.5, 16.5);
+            let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
+            // Voxel centres of the default geometry are at whole numbers of the world.
+            let gradient = |i: usize| {
+                let value = |place: DVec3| [slope, DVec3::X * 5.0][i].dot(placements[i].volume_from_world(place));
+                let at = value(ray.origin);
+                let along = DVec3::from_array(DVec3::AXES.map(|axis| value(ray.origin + axis) - at));
+                (at, along)
+            };
+            let mut met = Vec::new();
+            for (i, surfaces) in surfaces.iter().enumerate() {
+                let (at, along) = gradient(i);
+                for surface in surfaces {
+                    let t = (surface.threshold - at) / along.dot(ray.direction);
+                    assert!(from < t && t < to, "{t} of {from} to {to}");
+                    let lighting = surface::lighting(&frames[i].settings.lighting);
+                    let color = DVec3::from_array(surface.color.map(f64::from));
+                    let color = lighting.shade(color, Some(along.normalize()), ray.direction, ray.origin);
+                    met.push((t, color, surface.opacity as f64));
+                }
+            }
+            met.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (mut color, mut light) = (DVec3::ZERO, 1.0);
+            let mut see = |(seen, left): (DVec3, f64)| {
+                color += seen * light;
+                light *= left;
+            };
+            let fogs = |length: f64| {
+                let mut together = Together::default();
+                for (transfer, frame) in transfers.iter().zip(&frames) {
+                    together.put(frame.blend, transfer.rgb(0.0), transfer.alpha(0.0), length / transfer.unit_distance);
+                }
+                together.seen()
+            };
+            let mut start = from;
+            for (t, surface, opacity) in met {
+                see(fogs(t - start));
+                see((surface * opacity, 1.0 - opacity));
+                start = t;
+            }
+            see(fogs(to - start));
+            let expected = color + DVec3::new(0.25, 0.0, 1.0) * light;
+            let off = (DVec3::from_array(found) - expected).abs().max_element();
+            assert!(off < 1e-6, "step {step} {blend:?}: {found:?} {expected}");
         }
     }
 

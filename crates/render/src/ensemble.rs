@@ -27,7 +27,7 @@ use brickyard_shaders::{
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{
     Blend, Combination, Filter, Jitter, MacroCells, Method, Mode, OpaqueCodes, Picture, SlotEncoding, SlotFormat,
-    TransferTable,
+    TransferTable, surface,
 };
 use std::collections::HashMap;
 use wgpu::{BindingResource, BufferUsages};
@@ -242,7 +242,7 @@ impl GpuEnsemble {
     ///
     /// # Errors
     /// If the picture is too large, layers do not fit the volumes or ask for what several volumes do not have (another mode, another
-    /// method, an expression that is lit), or the device fails.
+    /// method, an expression that is lit or has surfaces), or the device fails.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
         self.gpu.check()?;
         if layers.len() != self.volumes.len() {
@@ -348,7 +348,6 @@ impl Volume {
     fn check(&self, layer: &Layer<'_>, is_combined: bool) -> Result<(), GpuError> {
         let settings = &layer.frame.settings;
         let is_plain = settings.mode == Mode::Dvr
-            && settings.surfaces.is_empty()
             && settings.meshes.is_empty()
             && settings.sampling.method == Method::Udvr
             && settings.sampling.jitter == Jitter::None
@@ -360,7 +359,7 @@ impl Volume {
         let slots = self.atlas.plan.slots();
         let problem = if !is_plain {
             "several volumes are sampled plainly, and classified by value alone"
-        } else if is_combined && layer.frame.is_lit() {
+        } else if is_combined && (layer.frame.is_lit() || !settings.surfaces.is_empty()) {
             "what an expression makes has no gradient"
         } else if !fits {
             "a frame of another volume than the renderer was made for"
@@ -373,13 +372,15 @@ impl Volume {
     }
 
     fn shader(&self, layer: &Layer<'_>) -> VolumeShader {
-        let (lighting, is_lit) = (&layer.frame.settings.lighting, layer.frame.is_lit());
+        let (settings, is_lit) = (&layer.frame.settings, layer.frame.is_lit());
+        let (lighting, has_surfaces) = (&settings.lighting, !settings.surfaces.is_empty());
         VolumeShader {
             has_invalid: self.needs.encoding.has_invalid,
             is_cubic: layer.frame.settings.sampling.filter == Filter::Tricubic,
             adds: layer.frame.blend == Blend::Add,
             light: if is_lit { light_of(lighting) } else { Light::Unlit },
-            gradient: gradient_of(lighting, is_lit),
+            gradient: gradient_of(lighting, is_lit || has_surfaces),
+            surfaces: has_surfaces.then(|| light_of(&surface::lighting(lighting))),
             first_node: self.first.node,
             first_place: self.first.place,
             first_count: self.first.count,

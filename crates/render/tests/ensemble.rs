@@ -23,6 +23,8 @@ struct Member {
     transfer: TransferFunction,
     blend: Blend,
     crop: Option<[DVec3; 2]>,
+    /// Its isosurfaces, where pictures have some.
+    surfaces: Vec<Isosurface>,
 }
 
 fn wave(v: [u32; 3], scale: f64) -> f64 {
@@ -56,6 +58,7 @@ fn members() -> Vec<Member> {
             transfer: ramp((0.0, 255.0), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4),
             blend: Blend::Mix,
             crop: Some([DVec3::new(4.2, -9.0, 3.0), DVec3::new(99.0, 33.3, 31.5)]),
+            surfaces: vec![surface(160.0, 0.4), surface(90.0, 0.2)],
         },
         Member {
             bricks: Bricks::new([50, 30, 27], 12, geometry([0.5, 0.8, 1.0], [-3.0, 2.0, 1.0]), u16_codes, |v| {
@@ -65,6 +68,7 @@ fn members() -> Vec<Member> {
             transfer: ramp((0.0, 65535.0), [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6),
             blend: Blend::Mix,
             crop: None,
+            surfaces: Vec::new(),
         },
         Member {
             bricks: Bricks::new([24; 3], 16, geometry([1.7; 3], [2.0; 3]), f32_codes, holes),
@@ -72,6 +76,7 @@ fn members() -> Vec<Member> {
             transfer: ramp((-1.0, 1.0), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2),
             blend: Blend::Add,
             crop: None,
+            surfaces: vec![surface(0.1, 0.7)],
         },
     ]
 }
@@ -137,21 +142,39 @@ fn camera(orthographic: bool, eye: [f64; 3]) -> Camera {
     Camera { eye: eye.into(), target: DVec3::new(18.0, 17.0, 16.0), up: DVec3::new(0.1, 0.2, 1.0), projection }
 }
 
-/// Unlit, lit from the eye, and by lights that stand somewhere, by gradients of every kind.
-fn lightings() -> [Lighting; 5] {
+fn surface(value: f64, opacity: f64) -> Isosurface {
+    Isosurface { value, color: Some([0.9, 0.8, 0.3]), opacity }
+}
+
+/// What of a scene is the same for all volumes.
+#[derive(Clone, Debug)]
+struct Look {
+    lighting: Lighting,
+    has_surfaces: bool,
+}
+
+const PLAIN: Look = Look {
+    lighting: Lighting { model: LightingModel::None, gradient: Gradient::Central, lights: Vec::new() },
+    has_surfaces: false,
+};
+
+/// Unlit, lit from the eye, and by lights that stand somewhere, by gradients of every kind; without surfaces and with them.
+fn looks() -> Vec<Look> {
     let lit = |model, gradient, lights: &[[f64; 3]]| Lighting {
         model,
         gradient,
         lights: lights.iter().map(|&light| light.into()).collect(),
     };
     let (left, above) = ([-30.0, 20.0, 10.0], [20.0, 15.0, 70.0]);
-    [
+    let lightings = [
         Lighting::default(),
         lit(LightingModel::BlinnPhong, Gradient::Central, &[]),
         lit(LightingModel::Phong, Gradient::Sobel, &[left, above]),
         lit(LightingModel::Tone, Gradient::Central, &[above]),
         lit(LightingModel::BlinnPhong, Gradient::Stored, &[above]),
-    ]
+    ];
+    let look = |has_surfaces| move |lighting: &Lighting| Look { lighting: lighting.clone(), has_surfaces };
+    lightings.iter().map(look(false)).chain(lightings.iter().map(look(true))).collect()
 }
 
 /// The frames of the members; `clip` is the scene's, zones begin where pixels are `pixel_error` voxels.
@@ -161,11 +184,12 @@ fn frames(
     (step, pixel_error): (f64, f64),
     filter: Filter,
     clip: Option<&Clip>,
-    lighting: &Lighting,
+    look: &Look,
 ) -> Vec<VolumeFrame> {
     let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
     let frame = |member: &Member| {
-        let Member { bricks, placement, transfer, blend, crop } = member;
+        let Member { bricks, placement, transfer, blend, crop, surfaces } = member;
+        let shown = if look.has_surfaces { &surfaces[..] } else { &[] };
         let settings = FrameSettings {
             rays,
             lattice: Lattice::for_view(step, 1.0, &rays, pixel_error, 3),
@@ -174,10 +198,10 @@ fn frames(
             encoding: bricks.encoding,
             table: TransferTable::new(transfer, &bricks.encoding),
             mode: Mode::Dvr,
-            surfaces: Vec::new(),
+            surfaces: Surface::all(shown, transfer, &bricks.encoding),
             meshes: Vec::new(),
             sampling: Sampling { filter, ..Sampling::default() },
-            lighting: lighting.clone(),
+            lighting: look.lighting.clone(),
             background: [0.1, 0.2, 0.35],
             clip: Clip::in_volume(clip, placement, *crop).expect("a crop"),
         };
@@ -239,20 +263,21 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         (camera(true, [70.0, 35.0, 20.0]), (1.0, 0.01), Filter::Trilinear, Some(&clip)),
         (camera(false, [60.0, 50.0, -20.0]), (0.9, 1.0), Filter::Tricubic, Some(&clip)),
     ] {
-        let mut unlit = None;
-        for lighting in lightings() {
-            let frames = frames(&members, &camera, steps, filter, clip, &lighting);
+        let mut plain = None;
+        for look in looks() {
+            let frames = frames(&members, &camera, steps, filter, clip, &look);
             let found = ensemble.render(&layers(&members, &frames, &draws), None).expect("a picture");
             let expected = oracle(&members, &frames, None);
-            let difference = found.difference(&expected);
-            assert!(difference.max <= TOLERANCE, "{camera:?} {steps:?} {lighting:?}: {difference:?}");
+            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
+            let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+            // Rays that graze a surface pass it or do not as is rounded.
+            let grazing = if look.has_surfaces { 2 } else { 0 };
+            assert!(off <= grazing, "{look:?} {camera:?}: {off} pixels, {:?}", found.difference(&expected));
             let background = Picture::quantise(frames[0].settings.background);
             assert!(found.rgb.iter().filter(|&&p| p != background).count() > 200, "nothing in view proves nothing");
-            let unlit = unlit.get_or_insert(found.clone());
-            assert!(
-                lighting.model == LightingModel::None || found.difference(unlit).max > 20,
-                "{lighting:?} does not show"
-            );
+            let plain = plain.get_or_insert(found.clone());
+            let is_plain = look.lighting.model == LightingModel::None && !look.has_surfaces;
+            assert!(is_plain || found.difference(plain).max > 20, "{look:?} does not show");
         }
     }
 }
@@ -273,17 +298,11 @@ fn budgets_and_layers_are_checked() {
     let Some(mut ensemble) = ensemble(&members, MEMORY_BYTES) else { return };
     assert!(ensemble.gpu_bytes() <= MEMORY_BYTES);
     let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
-    let mut frames = frames(
-        &members,
-        &camera(false, [-40.0, -25.0, 60.0]),
-        (0.7, 0.01),
-        Filter::Trilinear,
-        None,
-        &Lighting::default(),
-    );
+    let mut frames =
+        frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
     assert!(matches!(ensemble.render(&layers(&members, &frames, &draws)[..2], None), Err(GpuError::Mismatch(_))));
     let mut lit = frames.clone();
-    lit[0].settings.lighting = lightings()[1].clone();
+    lit[0].settings.lighting = looks()[1].lighting.clone();
     let combination = Combination::new(Expression::parse("a", 3).expect("an expression"), members[0].transfer.clone());
     let refused = ensemble.render(&layers(&members, &lit, &draws), Some(&combination));
     assert!(matches!(refused, Err(GpuError::Mismatch(problem)) if problem.contains("gradient")));
@@ -306,14 +325,8 @@ fn expressions_match_the_oracle() {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
         members.iter_mut().for_each(|member| member.transfer = combination.of_each());
-        let frames = frames(
-            &members,
-            &camera(false, [-40.0, -25.0, 60.0]),
-            (0.7, 0.01),
-            Filter::Trilinear,
-            None,
-            &Lighting::default(),
-        );
+        let frames =
+            frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
         let found = ensemble.render(&layers(&members, &frames, &draws), Some(&combination)).expect("a picture");
         let expected = oracle(&members, &frames, Some(&combination));
         let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);

@@ -51,10 +51,7 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
         if !ENDS {
             return path.take::<C, U, INVALID>(ray, segments);
         }
-        if INVALID && ray.reached != stretch.start + ((segments.start as u32) << stretch.zone) {
-            ray.rank = NO_RANK;
-        }
-        ray.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+        stretch.reach::<INVALID>(ray, &segments);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let mut pieces = Pieces::new(march, stretch, path, segments);
         while !Self::is_final::<C>(ray.sum)
@@ -370,12 +367,24 @@ impl<'a> Path<'a> {
 
     #[inline(always)]
     fn add_surface<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray, surface: usize, along: f32) {
+        let shown = self.surface::<C, U, INVALID>(surface, along);
+        let light = ray.sum.w;
+        ray.sum = (ray.sum.truncate() + shown.truncate() * (light * shown.w)).extend(light * (1.0 - shown.w));
+    }
+
+    /// The straight colour of a surface at a place, lit, and its opacity.
+    #[inline(always)]
+    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
         let frame = self.march.frame;
         let look = &frame.settings.surfaces[surface];
         let differences = self.differences::<C, U, INVALID>(along, frame.thresholds[surface]);
-        let color = self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences);
-        let light = ray.sum.w;
-        ray.sum = (ray.sum.truncate() + color * (light * look.opacity)).extend(light * (1.0 - look.opacity));
+        self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences).extend(look.opacity)
+    }
+
+    /// The distance of a place.
+    #[inline(always)]
+    pub(crate) fn distance(&self, along: f32) -> f64 {
+        self.stretch.middle + along as f64 * self.stretch.length
     }
 
     /// The colour of a code, lit at its place.
@@ -393,7 +402,7 @@ impl<'a> Path<'a> {
         let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
         let placement = &self.march.frame.settings.placement;
         let normal = (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel).normalize());
-        let place = self.eye + self.direction * (self.stretch.middle + along as f64 * self.stretch.length);
+        let place = self.eye + self.direction * self.distance(along);
         lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
     }
 

@@ -2,6 +2,7 @@
 
 use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum, over_background};
 use crate::frame::{Cell, Frame, PixelRect};
+use crate::layers::NO_RANK;
 use crate::macrocells::{Blocks, Coverage, Reach, block_length};
 use crate::medium::Medium;
 use crate::meshes::Layers;
@@ -352,6 +353,15 @@ impl Stretch {
         let (end, count) = if count <= most { (end, count) } else { (start + ((most as u32) << zone), most) };
         let blocks = Blocks::new(origin, step, block, reach, frame.edge, frame.apron);
         Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step, blocks }
+    }
+
+    /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was leapt over may have had none.
+    #[inline(always)]
+    pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
+        if INVALID && ray.reached != self.start + ((segments.start as u32) << self.zone) {
+            ray.rank = NO_RANK;
+        }
+        ray.reached = self.start + ((segments.end as u32) << self.zone);
     }
 
     /// A distance, in segments from the middle of the first.

@@ -8,12 +8,18 @@
 //!
 //! Where the scene is lit, the colour of a volume that mixes is lit before it is mixed, by the gradient of its own field at its sample,
 //! in the scene's world: its placement is affine, so gradients go by the inverse transpose. What adds glows, and is not lit.
+//!
+//! Volumes may have surfaces, too, each its own. A volume's are found in its part of a segment as those of one volume are (see
+//! [`surface`](crate::surface)); those of all volumes cut the segment, in the order of their distances. Between two cuts media mix as they do
+//! in a whole segment. A volume's sample stands for all its part, and each piece has of that part what lies in it: so nothing is sampled
+//! anew, and media that do not change are exact.
 
 use crate::every::every;
 use crate::integrals;
 use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
 use crate::placement::Placement;
+use crate::surface::Isosurface;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -43,6 +49,8 @@ pub struct VolumeLook {
     pub opacity: f64,
     /// What it does to others.
     pub blend: Blend,
+    /// Its surfaces, which stand among the fog and the surfaces of all; at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES).
+    pub isosurfaces: Vec<Isosurface>,
     /// Two corners of a box of its own world, the lesser first: nothing outside of it is shown, or read.
     pub crop: Option<[DVec3; 2]>,
     /// Its channel; `None` is the scene's.
@@ -58,6 +66,7 @@ impl Default for VolumeLook {
             transfer: None,
             opacity: 1.0,
             blend: Blend::Mix,
+            isosurfaces: Vec::new(),
             crop: None,
             channel: None,
             visible: true,

@@ -62,7 +62,8 @@ pub struct Scene {
     pub transfer: Option<TransferFunction>,
     /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise.
+    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Of several volumes each by its
+    /// own gradients, but for the fog of those that [add](crate::Blend::Add).
     pub lighting: Lighting,
     /// Sampling step in units of the finest voxel size.
     pub step: f64,
@@ -166,7 +167,8 @@ impl Scene {
     pub fn needs(&self) -> Needs {
         let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
         let has_grid = self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
-        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, !self.isosurfaces.is_empty(), has_grid) }
+        let has_surfaces = !self.isosurfaces.is_empty() || self.volumes.iter().any(|look| !look.isosurfaces.is_empty());
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
     }
 
     /// The meshes as renderers take them; those that are not to be seen are left out.
@@ -240,6 +242,7 @@ mod tests {
                     transfer: Some(TransferFunction::preset("gray", (0.0, 9.0), 2.0).unwrap()),
                     opacity: 0.5,
                     blend: Blend::Add,
+                    isosurfaces: vec![Isosurface { value: 3.0, color: None, opacity: 0.5 }],
                     crop: Some([DVec3::ZERO, DVec3::ONE]),
                     channel: Some(1),
                     visible: false,

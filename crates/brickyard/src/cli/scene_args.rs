@@ -62,6 +62,7 @@ pub(crate) struct SceneArguments {
     gradient_opacity: Option<GradientOpacity>,
     /// Of several stores, how store N looks, counted from 0; again and again. KEY=VALUE is one of: transfer=FILE|PRESET;
     /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's; blend=mix|add; opacity=0..1;
+    /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
     #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
@@ -228,6 +229,12 @@ impl SceneArguments {
             )));
         }
         scene.volumes.resize(stores.len(), VolumeLook::default());
+        // Flags take a file's surfaces away, volume by volume.
+        for setting in self.volume.iter().filter(|setting| setting.key == VolumeKey::Isovalue) {
+            if let Some(look) = scene.volumes.get_mut(setting.volume) {
+                look.isosurfaces.clear();
+            }
+        }
         let mut transfers = vec![None; stores.len()];
         for VolumeSetting { volume, key, value } in &self.volume {
             let count = stores.len();

@@ -18,16 +18,18 @@ pub(crate) enum VolumeKey {
     Matrix,
     Blend,
     Opacity,
+    Isovalue,
     Crop,
     Channel,
     Visible,
 }
 
-const KEYS: [(&str, VolumeKey); 7] = [
+const KEYS: [(&str, VolumeKey); 8] = [
     ("transfer", VolumeKey::Transfer),
     ("matrix", VolumeKey::Matrix),
     ("blend", VolumeKey::Blend),
     ("opacity", VolumeKey::Opacity),
+    ("isovalue", VolumeKey::Isovalue),
     ("crop", VolumeKey::Crop),
     ("channel", VolumeKey::Channel),
     ("visible", VolumeKey::Visible),
@@ -48,7 +50,7 @@ pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
 }
 
 impl VolumeKey {
-    /// Sets it; a transfer function and a matrix, which need more than the words, are left to others.
+    /// Sets it, or adds an isosurface; a transfer function and a matrix, which need more than the words, are left to others.
     pub(crate) fn set(self, look: &mut VolumeLook, value: &str) -> Result<(), String> {
         match self {
             Self::Transfer | Self::Matrix => {}
@@ -63,6 +65,7 @@ impl VolumeKey {
                 let opacity = value.parse::<f64>().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
                 look.opacity = opacity.ok_or_else(|| format!("opacity '{value}': expected a number from 0 to 1"))?;
             }
+            Self::Isovalue => look.isosurfaces.push(values::isosurface(value)?),
             Self::Crop => look.crop = Some(values::world_box(value)?),
             Self::Channel => {
                 let channel = value.parse().map_err(|_| format!("channel '{value}': expected a number from 0"))?;
@@ -86,12 +89,24 @@ mod tests {
         let matrix = volume_setting("1:matrix=1 0 0 0, 0 1 0 0, 0 0 1 0").unwrap();
         assert_eq!((matrix.volume, matrix.key), (1, VolumeKey::Matrix));
         let mut look = VolumeLook::default();
-        for text in ["0:blend=add", "0:opacity=0.25", "0:crop=-1:2,0:3,4:5", "0:channel=2", "0:visible=false"] {
+        for text in [
+            "0:isovalue=-300,opacity=0.3",
+            "0:isovalue=350,color=1:0:0",
+            "0:blend=add",
+            "0:opacity=0.25",
+            "0:crop=-1:2,0:3,4:5",
+            "0:channel=2",
+            "0:visible=false",
+        ] {
             let VolumeSetting { key, value, .. } = volume_setting(text).unwrap();
             key.set(&mut look, &value).unwrap();
         }
         assert_eq!((look.blend, look.opacity, look.channel, look.visible), (Blend::Add, 0.25, Some(2), false));
         assert!(look.crop.is_some());
+        assert_eq!(
+            look.isosurfaces.iter().map(|s| (s.value, s.opacity)).collect::<Vec<_>>(),
+            [(-300.0, 0.3), (350.0, 1.0)]
+        );
         for (bad, word) in [
             ("blend=add", "N:KEY=VALUE"),
             ("x:blend=add", "N:KEY=VALUE"),
@@ -100,6 +115,8 @@ mod tests {
             ("0:blend=over", "mix or add"),
             ("0:opacity=2", "0 to 1"),
             ("0:opacity=nan", "0 to 1"),
+            ("0:isovalue=300,opacity=x", "0..1"),
+            ("0:isovalue=bone", "VALUE"),
             ("0:crop=3:1,0:1,0:1", "empty"),
             ("0:channel=-1", "from 0"),
             ("0:visible=maybe", "true or false"),
