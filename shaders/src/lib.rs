@@ -1,7 +1,7 @@
 //! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
-//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, from 16 on the atlases of
-//! several volumes. 10 is the texture of stored gradients; those of several volumes follow their atlases. Where there are meshes, group 1 has what cuts the picture into slabs.
+//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, 10 stored gradients, from 16 on the
+//! atlases of several volumes, and behind those their gradients. Where there are meshes, group 1 has what cuts the picture into slabs.
 
 mod layout;
 mod together;

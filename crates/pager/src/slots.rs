@@ -1,8 +1,9 @@
 //! The slot table: which brick is in which slot, who may not be evicted, and who goes next.
 //!
-//! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted for
-//! earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so that the
-//! first brick met from the old end that may not go ends the search, and equal histories give equal tables.
+//! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted
+//! for earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers
+//! are claimed first, so that the first brick met from the old end that may not go ends the search, and equal histories give
+//! equal tables.
 
 use crate::draw_list::Slot;
 use crate::plan::Tier;
