@@ -16,7 +16,7 @@ use crate::tile::{March, Stretch};
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{Gradient, Lighting, LightingModel, Medium as Mean, Mode};
+use brickyard_volume::{Gradient, Lighting, LightingModel, Medium as Mean, Mode, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
@@ -339,7 +339,16 @@ impl<'a> Path<'a> {
     /// What is seen of what may be, at a code and a gradient.
     #[inline(always)]
     fn by_gradient(&self, shown: Shown, code: f32, differences: Vec3) -> Option<Shown> {
-        let Some(grid) = self.march.frame.grid else { return Some(shown) };
+        match self.march.frame.grid {
+            Some(grid) => self.in_grid(grid, code, differences),
+            None => Some(shown),
+        }
+    }
+
+    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were grids, now 1.05 (medians of
+    /// three, 256^3).
+    #[inline(never)]
+    fn in_grid(&self, grid: &TransferGrid, code: f32, differences: Vec3) -> Option<Shown> {
         let gradient = (differences.as_dvec3() / self.voxel).length() * self.half_code;
         Shown::of(grid.lookup(code, gradient as f32).into())
     }
@@ -413,11 +422,7 @@ impl<'a> Path<'a> {
             // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
             Gradient::Central => (false, 6),
             Gradient::Sobel => (true, 27),
-            Gradient::Stored => {
-                let March { frame, cell, .. } = self.march;
-                let gradients = Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron);
-                return gradients.at(self.slot_place(along)) * C::MAX as f32;
-            }
+            Gradient::Stored => return self.stored_differences(along) * C::MAX as f32,
         };
         let centre = self.slot_place(along);
         let mut differences = Vec3::ZERO;
@@ -432,6 +437,13 @@ impl<'a> Path<'a> {
             }
         }
         differences
+    }
+
+    /// Those that are stored, as shares of the greatest code. Out of line for the same reason.
+    #[inline(never)]
+    fn stored_differences(&self, along: f32) -> Vec3 {
+        let March { frame, cell, .. } = self.march;
+        Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron).at(self.slot_place(along))
     }
 
     /// Where a place, or the nearest one that can be sampled, is in its slot.
