@@ -11,8 +11,9 @@ import argparse
 import json
 import os
 import statistics
-import subprocess
 import sys
+
+from measuring import run
 
 FOLDER = "target/frame-rates"
 PLAIN = ["--transfer", "tools/synthetic-ct.json"]
@@ -31,13 +32,6 @@ COLUMNS = {
     "sorted": ("GPU, `sorted`", ["--backend", "gpu", "--compositor", "sorted"]),
     "raycast": ("GPU, `raycast`", ["--backend", "gpu", "--compositor", "raycast"]),
 }
-
-
-def run(command):
-    process = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    if process.returncode:
-        sys.exit(f"{' '.join(command)}: exit code {process.returncode}: {process.stderr}")
-    return process.stdout
 
 
 def store(a, extent):

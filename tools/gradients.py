@@ -9,10 +9,11 @@ repetition takes all rows in turn; medians. Run it on a quiet machine.
 import argparse
 import json
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from measuring import arguments, run
 
 ROWS = ["none", "central", "sobel", "stored"]
 
@@ -22,10 +23,7 @@ def brickyard(a, command, backend, gradient):
     lighting = [] if gradient == "none" else ["--lighting", "blinn-phong", "--gradient", gradient]
     command = [a.brickyard, *command, "--size", a.size, "--level", "0", "--backend", backend, "--gpu-memory", a.gpu_memory,
                *a.scene, *lighting]
-    process = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    if process.returncode:
-        sys.exit(f"{' '.join(command)}: exit code {process.returncode}: {process.stderr}")
-    return process.stdout
+    return run(command)
 
 
 def measure(a, backend, gradient):
@@ -49,12 +47,7 @@ def main():
     ap.add_argument("--repetitions", type=int, default=3)
     ap.add_argument("--pictures", help="a folder for the pictures")
     ap.add_argument("--brickyard", default="target/release/brickyard")
-    own, scene = sys.argv[1:], []
-    if "--" in own:
-        at = own.index("--")
-        own, scene = own[:at], own[at + 1 :]
-    a = ap.parse_args(own)
-    a.scene = scene
+    a = arguments(ap)
     rounds = []
     for _ in range(a.repetitions):
         rounds.append({})

@@ -9,8 +9,9 @@ taken by the clock; run it on a quiet machine. Each repetition flies all rows in
 import argparse
 import json
 import statistics
-import subprocess
 import sys
+
+from measuring import arguments, run
 
 ROWS = [
     ("udvr", []),
@@ -29,10 +30,7 @@ def flight(a, backend, flags):
     """Median frame, milliseconds."""
     command = [a.brickyard, "bench", a.store, "--scenario", "orbit", "--frames", str(a.frames), "--size", a.size, "--level", "0",
                "--backend", backend, "--json", *a.scene, *flags]
-    process = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    if process.returncode:
-        sys.exit(f"{' '.join(command)}: exit code {process.returncode}: {process.stderr}")
-    return json.loads(process.stdout)[0]["frame_ms"]["p50"]
+    return json.loads(run(command))[0]["frame_ms"]["p50"]
 
 
 def main():
@@ -43,12 +41,7 @@ def main():
     ap.add_argument("--size", default="512x512")
     ap.add_argument("--repetitions", type=int, default=3)
     ap.add_argument("--brickyard", default="target/release/brickyard")
-    own, scene = sys.argv[1:], []
-    if "--" in own:
-        at = own.index("--")
-        own, scene = own[:at], own[at + 1 :]
-    a = ap.parse_args(own)
-    a.scene = scene
+    a = arguments(ap)
     rounds = []
     for _ in range(a.repetitions):
         rounds.append({})
