@@ -12,7 +12,7 @@ use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_pager::Slot;
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{Filter, MeshRoom, Needs, SlotEncoding, VoxelType};
+use brickyard_volume::{Needs, SlotEncoding, VoxelType};
 use clap::Parser;
 use std::sync::Arc;
 
@@ -27,14 +27,6 @@ struct Arguments {
 }
 
 const EDGE: u32 = 64;
-const NEEDS: Needs = Needs {
-    apron: 1,
-    gradient_layers: 0,
-    filter: Filter::Trilinear,
-    is_pre_integrated: false,
-    has_grid: false,
-    meshes: MeshRoom::NONE,
-};
 const PICTURE_PX: (u32, u32) = (512, 512);
 const MEMORY_BYTES: u64 = 256 << 20;
 
@@ -50,7 +42,7 @@ impl Slots {
         let cpu = SoftwareRenderer::new(SoftwareOptions {
             encoding,
             edge: EDGE,
-            needs: NEEDS,
+            needs: Needs::PLAIN,
             memory_bytes: MEMORY_BYTES,
             max_picture_px: PICTURE_PX.into(),
             threads: 1,
@@ -59,7 +51,7 @@ impl Slots {
         let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
-            match GpuRenderer::new(&options, encoding, EDGE, NEEDS, MEMORY_BYTES, PICTURE_PX) {
+            match GpuRenderer::new(&options, encoding, EDGE, Needs::PLAIN, MEMORY_BYTES, PICTURE_PX) {
                 Ok(gpu) => all.push((format!("gpu, {}", compositor.name()), Self::Gpu(Box::new(gpu)))),
                 Err(GpuError::NoAdapter { .. }) => eprintln!("no graphics adapter: the GPU backend is left out"),
                 Err(error) => return Err(error.to_string()),
@@ -91,7 +83,7 @@ fn noise(code_bytes: usize) -> Vec<Arc<[u8]>> {
         state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 56) as u8
     };
-    let bytes = ((EDGE + 2 * NEEDS.apron) as usize).pow(3) * code_bytes;
+    let bytes = ((EDGE + 2 * Needs::PLAIN.apron) as usize).pow(3) * code_bytes;
     (0..8).map(|_| (0..bytes).map(|_| next()).collect()).collect()
 }
 

@@ -287,9 +287,8 @@ impl GpuEnsemble {
 
     fn write_frame(&self, volume: usize, layer: &Layer<'_>) {
         let Volume { atlas, needs, .. } = &self.volumes[volume];
-        let mut uniform = frame_uniform(&layer.frame.settings, layer.pyramid, &atlas.plan, TableInUse::default());
-        uniform.gradient_edge = atlas.nodes.along() as f32;
-        uniform.first_gradient = needs.bricks.apron as f32 + atlas.nodes.first();
+        let bricks = (atlas, needs.bricks.apron);
+        let uniform = frame_uniform(&layer.frame.settings, layer.pyramid, bricks, TableInUse::default());
         let at = volume * size_of::<FrameUniform>();
         self.gpu.queue.write_buffer(&self.shared.frame, at as u64, bytemuck::bytes_of(&uniform));
     }

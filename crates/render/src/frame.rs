@@ -1,6 +1,6 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
-use crate::atlas::AtlasPlan;
+use crate::atlas::{Atlas, AtlasPlan};
 use crate::table::last_place;
 use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
@@ -22,11 +22,11 @@ pub(crate) struct TableInUse {
     pub(crate) grid_at: u32,
 }
 
-/// The uniform of a frame of a volume in this atlas.
+/// The uniform of a frame of a volume in this atlas, whose bricks have so wide an apron.
 pub(crate) fn frame_uniform(
     frame: &FrameSettings,
     pyramid: &Pyramid,
-    atlas: &AtlasPlan,
+    (atlas, apron): (&Atlas, u32),
     table: TableInUse,
 ) -> FrameUniform {
     let rays = &frame.rays;
@@ -68,7 +68,7 @@ pub(crate) fn frame_uniform(
         last_code: frame.encoding.format.max_code() as f32,
         spacing: single(spacing),
         orthographic: rays.orthographic as u32,
-        texel: atlas.size().map(|n| (1.0 / n as f64) as f32),
+        texel: atlas.plan.size().map(|n| (1.0 / n as f64) as f32),
         invert: (frame.mode == Mode::MinIp) as u32 as f32,
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
@@ -78,7 +78,7 @@ pub(crate) fn frame_uniform(
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
         shown_low: single(shown_low),
-        slot_edge: atlas.slot_edge as f32,
+        slot_edge: atlas.plan.slot_edge as f32,
         shown_high: single(shown_high),
         lights: frame.lighting.lights.len() as u32,
         surface_color: [0, 1, 2].map(|channel| surfaces[0][channel]),
@@ -90,8 +90,8 @@ pub(crate) fn frame_uniform(
         thresholds,
         surfaces,
         mesh_far: 0.0,
-        gradient_edge: 0.0,
-        first_gradient: 0.0,
+        gradient_edge: atlas.nodes.along() as f32,
+        first_gradient: apron as f32 + atlas.nodes.first(),
         grid_at: table.grid_at,
         grid: grid(frame),
         light_places: light_places(frame),

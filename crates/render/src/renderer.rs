@@ -323,10 +323,7 @@ impl GpuRenderer {
         self.prepare(&variant, frame)?;
         let room = self.recipe.tables();
         let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
-        let mut uniform = frame_uniform(frame, pyramid, &self.atlas.plan, table);
-        let gradients = self.atlas.nodes;
-        uniform.gradient_edge = gradients.along() as f32;
-        uniform.first_gradient = self.recipe.needs.apron as f32 + gradients.first();
+        let mut uniform = frame_uniform(frame, pyramid, (&self.atlas, self.recipe.needs.apron), table);
         if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
             uniform.mesh_far = meshes.far(frame) as f32;
         }

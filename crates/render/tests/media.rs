@@ -110,14 +110,8 @@ fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
 
 /// The bricks that these frames need at most, with the frames.
 fn all_frames(filter: Filter, make: impl Fn(Needs) -> Bricks, lightings: &[Lighting]) -> (Bricks, Vec<FrameSettings>) {
-    let bricks = make(Needs {
-        apron: 4,
-        gradient_layers: 2,
-        filter,
-        is_pre_integrated: true,
-        has_grid: true,
-        meshes: MeshRoom::NONE,
-    });
+    let bricks =
+        make(Needs { apron: 4, gradient_layers: 2, filter, is_pre_integrated: true, has_grid: true, ..Needs::PLAIN });
     let methods = Method::ALL.iter().map(|&method| Sampling { method, filter, ..Sampling::default() });
     let looks = methods.flat_map(|sampling| lightings.iter().map(move |lighting| (sampling, lighting.clone())));
     let frames = looks.map(|(sampling, lighting)| frame(&bricks, sampling, lighting)).collect();
@@ -196,14 +190,8 @@ fn surfaces_in_fog_and_alone_match_the_oracle() {
         [(whole, Filter::Trilinear, &[16, 64][..]), (wide, Filter::Trilinear, &[16]), (whole, Filter::Tricubic, &[16])]
     {
         for &edge in edges {
-            let needs = Needs {
-                apron: 4,
-                gradient_layers: 1,
-                filter,
-                is_pre_integrated: true,
-                has_grid: true,
-                meshes: MeshRoom::NONE,
-            };
+            let needs =
+                Needs { apron: 4, gradient_layers: 1, filter, is_pre_integrated: true, has_grid: true, ..Needs::PLAIN };
             let value = |voxel: [u32; 3]| if encoding.has_invalid { hole(voxel) } else { waves(voxel) };
             let bricks = bricks([35, 29, 37], edge, encoding, needs, value);
             let at = |code: f64| encoding.low + code / 255.0 * (encoding.high - encoding.low);
@@ -247,14 +235,7 @@ fn surface_of(mode: Mode) -> Vec<Surface> {
 #[test]
 fn jittered_pictures_match_the_oracle() {
     let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
-    let needs = Needs {
-        apron: 4,
-        gradient_layers: 0,
-        filter: Filter::Trilinear,
-        is_pre_integrated: true,
-        has_grid: true,
-        meshes: MeshRoom::NONE,
-    };
+    let needs = Needs { apron: 4, is_pre_integrated: true, has_grid: true, ..Needs::PLAIN };
     for needs in [needs, Needs { is_pre_integrated: false, ..needs }] {
         let bricks = bricks([35, 29, 37], 16, encoding, needs, waves);
         let mut frames = Vec::new();

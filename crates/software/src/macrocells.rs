@@ -193,7 +193,7 @@ impl Blocks {
 mod tests {
     use super::*;
     use brickyard_volume::macrocells::NONE;
-    use brickyard_volume::{Filter, MeshRoom, Needs, SlotFormat};
+    use brickyard_volume::{Needs, SlotFormat};
     use proptest::prelude::*;
 
     proptest! {
@@ -207,7 +207,7 @@ mod tests {
             let reach = if by_ends { Reach::Ends } else { Reach::Middles };
             let (edge, apron, padded) = (17, 1, 19);
             let codes = &codes[..padded * padded * padded];
-            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, Needs { apron, gradient_layers: 0, filter: Filter::Trilinear, is_pre_integrated: false, has_grid: false, meshes: MeshRoom::NONE });
+            let cells = MacroCells::new(codes, SlotFormat::U8, has_invalid, edge, Needs { apron, ..Needs::PLAIN });
             let join = |[a, b]: [u16; 2], [c, d]: [u16; 2]| [a.min(c), b.max(d)];
             let ranges = over_boxes(cells.ranges().iter().copied(), edge, join);
             let mut step: [f32; 3] = std::array::from_fn(|a| (far[a] - origin[a]) / count as f32);
@@ -267,22 +267,7 @@ mod tests {
     #[test]
     fn masks_tell_all_and_none_apart() {
         let mut codes = vec![0; 10 * 10 * 10 * 2];
-        let cells = |codes: &[u8]| {
-            MacroCells::new(
-                codes,
-                SlotFormat::U16,
-                true,
-                8,
-                Needs {
-                    apron: 1,
-                    gradient_layers: 0,
-                    filter: Filter::Trilinear,
-                    is_pre_integrated: false,
-                    has_grid: false,
-                    meshes: MeshRoom::NONE,
-                },
-            )
-        };
+        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, Needs::PLAIN);
         assert!(matches!(Mask::new(&cells(&codes), 8, |range| range != NONE), Mask::None));
         codes[777 * 2 + 1] = 3;
         assert!(matches!(Mask::new(&cells(&codes), 8, |[low, _]| low == 768), Mask::All));

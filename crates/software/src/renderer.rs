@@ -232,21 +232,14 @@ pub(crate) fn fixed_bytes(options: &SoftwareOptions) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{Filter, MeshRoom, VoxelType};
+    use brickyard_volume::VoxelType;
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
         let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
         SoftwareOptions {
             encoding,
             edge: 32,
-            needs: Needs {
-                apron: 1,
-                gradient_layers: 0,
-                filter: Filter::Trilinear,
-                is_pre_integrated: false,
-                has_grid: false,
-                meshes: MeshRoom::NONE,
-            },
+            needs: Needs::PLAIN,
             memory_bytes,
             max_picture_px: [640, 481],
             threads: 2,

@@ -268,14 +268,7 @@ fn budgets_are_shared_and_hard() {
             encoding: member.volume.encoding,
             edge: member.volume.pyramid.edge(),
             levels: member.volume.pyramid.levels().len() as u32,
-            bricks: Needs {
-                apron: 1,
-                gradient_layers: 0,
-                filter: Filter::Trilinear,
-                is_pre_integrated: false,
-                has_grid: false,
-                meshes: MeshRoom::NONE,
-            },
+            bricks: Needs::PLAIN,
             least_slots: 2,
             most_slots: member.volume.pyramid.brick_count() as u32,
         })

@@ -214,26 +214,15 @@ impl OpaqueCodes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::MeshRoom;
-    use crate::sampling::Filter;
-
-    const NEEDS: Needs = Needs {
-        apron: 1,
-        gradient_layers: 0,
-        filter: Filter::Trilinear,
-        is_pre_integrated: false,
-        has_grid: false,
-        meshes: MeshRoom::NONE,
-    };
 
     #[test]
     fn ranges_hold_the_valid_codes() {
         let mut codes = vec![0; 10 * 10 * 10 * 2];
-        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, NEEDS);
+        let cells = |codes: &[u8]| MacroCells::new(codes, SlotFormat::U16, true, 8, Needs::PLAIN);
         assert_eq!(cells(&codes).whole(), NONE);
         codes[777 * 2 + 1] = 3;
         assert_eq!(cells(&codes).whole(), [768, 768]);
-        assert_eq!(MacroCells::new(&codes, SlotFormat::U16, false, 8, NEEDS).ranges(), [[0, 768]]);
+        assert_eq!(MacroCells::new(&codes, SlotFormat::U16, false, 8, Needs::PLAIN).ranges(), [[0, 768]]);
     }
 
     #[test]

@@ -196,6 +196,16 @@ pub struct Needs {
 }
 
 impl Needs {
+    /// Of plain samples, and nothing else.
+    pub const PLAIN: Self = Self {
+        apron: 1,
+        gradient_layers: 0,
+        filter: Filter::Trilinear,
+        is_pre_integrated: false,
+        has_grid: false,
+        meshes: MeshRoom::NONE,
+    };
+
     /// Of a picture without meshes, with isosurfaces in it or not, through a transfer function of value and gradient or of value
     /// alone.
     pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool, has_grid: bool) -> Self {

@@ -7,14 +7,7 @@ use brickyard_volume::*;
 use std::collections::BTreeMap;
 
 /// Enough for every mode.
-pub(crate) const NEEDS: Needs = Needs {
-    apron: 2,
-    gradient_layers: 0,
-    filter: Filter::Trilinear,
-    is_pre_integrated: false,
-    has_grid: false,
-    meshes: MeshRoom::NONE,
-};
+pub(crate) const NEEDS: Needs = Needs { apron: 2, ..Needs::PLAIN };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
