@@ -29,7 +29,10 @@ fn backends(sandbox: &Sandbox) -> Vec<&'static str> {
         }
         code == 0
     };
-    ["cpu", "gpu --compositor sorted", "gpu --compositor raycast"].into_iter().filter(works).collect()
+    ["cpu", "gpu --compositor sorted", "gpu --compositor raycast", "gpu --compositor compute"]
+        .into_iter()
+        .filter(works)
+        .collect()
 }
 
 /// Renders within budgets: the picture's background mask, and the statistics.
@@ -44,7 +47,7 @@ fn render(sandbox: &Sandbox, backend: &str, gpu_bytes: u64, host_bytes: u64, fla
     assert!(stats["gpu_bytes_peak"].as_u64().expect("bytes") <= gpu_bytes, "{backend}: {stats}");
     assert!(stats["host_bytes_peak"].as_u64().expect("bytes") <= host_bytes, "{backend}: {stats}");
     assert_eq!(stats["bricks"]["failed"], 0);
-    assert_eq!(stats["compositor"], if backend.ends_with("sorted") { "sorted" } else { "raycast" });
+    assert_eq!(stats["compositor"], backend.rsplit_once(' ').map_or("raycast", |(_, compositor)| compositor));
     let picture = read_png(&sandbox.path("o.png"));
     (picture.rgb.iter().map(|p| *p == MAGENTA).collect(), stats)
 }

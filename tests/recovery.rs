@@ -20,7 +20,8 @@ fn turn() -> MutexGuard<'static, ()> {
     TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-const COMPOSITORS: [CompositorChoice; 2] = [CompositorChoice::Sorted, CompositorChoice::Raycast];
+const COMPOSITORS: [CompositorChoice; 3] =
+    [CompositorChoice::Sorted, CompositorChoice::Raycast, CompositorChoice::Compute];
 
 /// 64^3 voxels in bricks of 16^3, of which 3 MiB hold a part.
 fn waves() -> TestStore {

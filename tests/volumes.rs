@@ -279,6 +279,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --isovalue 7", 2, "isovalue=300"),
         ("render a.zarr b.zarr -o no.png --exact", 2, "one volume"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
+        ("render a.zarr b.zarr -o no.png --backend gpu --compositor compute", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),
         ("render a.zarr missing.zarr -o no.png", 3, "missing.zarr"),
         ("render a.zarr b.zarr -o no.png --expr max(a,*b)", 2, "\n  max(a,*b)\n        ^"),

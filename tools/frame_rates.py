@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The frame rates that two of the papers tabulate, on this machine: docs/papers/frame-rates.md.
 
-  frame_rates.py [--quick] [--frames 9] [--repetitions 3] [--columns cpu,sorted,raycast] [--brickyard target/release/brickyard]
+  frame_rates.py [--quick] [--frames 9] [--repetitions 3] [--columns cpu,sorted,raycast,compute] [--brickyard target/release/brickyard]
 
 Synthetic CTs of 8 bits are made under target/frame-rates where they are missing. Frames of an orbit, settled: everything at level 0,
 all bricks resident, one sample a voxel. A cell is the median of its flights' median frames, as frames a second; the columns of a row are
@@ -31,6 +31,7 @@ COLUMNS = {
     "cpu": ("CPU", ["--backend", "cpu"]),
     "sorted": ("GPU, `sorted`", ["--backend", "gpu", "--compositor", "sorted"]),
     "raycast": ("GPU, `raycast`", ["--backend", "gpu", "--compositor", "raycast"]),
+    "compute": ("GPU, `compute`", ["--backend", "gpu", "--compositor", "compute"]),
 }
 
 

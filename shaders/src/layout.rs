@@ -89,6 +89,12 @@ pub struct FrameUniform {
     pub first_gradient: f32,
     /// Where in the table's buffer the entries over values and gradients begin, if there are any.
     pub grid_at: u32,
+    /// The first of the picture's rows that a dispatch draws.
+    pub first_row: u32,
+    /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
+    pub adaptive_step: f32,
+    /// Padding.
+    pub spare: [u32; 2],
     /// Of those the first row's code, rows from one code to the next, columns from one gradient to the next where that is the
     /// differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
     pub grid: [f32; 4],

@@ -2,6 +2,7 @@
 //! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
 //! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, 10 stored gradients, from 16 on the
 //! atlases of several volumes, and behind those their gradients. Where there are meshes, group 1 has what cuts the picture into slabs.
+//! Group 2 has the texture that compute shaders write.
 
 mod layout;
 mod together;
@@ -185,9 +186,21 @@ pub fn sorted(variant: &Variant) -> String {
     [&marching(variant), include_str!("../wgsl/sorted.wgsl"), march].join("\n")
 }
 
-/// The raycast compositor's pass: entry points `fullscreen` and `raycast`. With `marks`, composites and surfaces say how bricks
-/// were entered (binding 9, a [`MARK_STEPS`]th a step).
-pub fn raycast(variant: &Variant, marks: bool) -> String {
+/// By what shader rays are cast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// A fragment shader: entry points `fullscreen` and `raycast`.
+    Fragment,
+    /// A compute shader, for texels of this format: entry point `raycast`, in workgroups of [`WORKGROUP_PX`] squared pixels.
+    Compute(&'static str),
+}
+
+/// Pixels along the edge of a compute shader's workgroup.
+pub const WORKGROUP_PX: u32 = 8;
+
+/// What casts a ray for each pixel. With `marks`, composites and surfaces say how bricks were entered (binding 9, a
+/// [`MARK_STEPS`]th a step).
+pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     let sees = match variant.gather {
         Gather::Composite if variant.medium.surfaces != Surfaces::None => include_str!("../wgsl/sees_surfaces.wgsl"),
         Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
@@ -205,17 +218,22 @@ pub fn raycast(variant: &Variant, marks: bool) -> String {
         Gather::Isosurface => include_str!("../wgsl/raycast_surface.wgsl"),
         _ => include_str!("../wgsl/raycast_medium.wgsl"),
     };
+    let stage = match stage {
+        Stage::Fragment => [FULLSCREEN, include_str!("../wgsl/raycast_fragment.wgsl")].join("\n"),
+        Stage::Compute(format) => include_str!("../wgsl/raycast_compute.wgsl").replace("TEXEL_FORMAT", format),
+    };
     let parts = [
+        &marching(variant),
         "const ROOT: u32 = 0u;",
         tree,
         macrocells,
         sees,
         mark,
-        FULLSCREEN,
         include_str!("../wgsl/raycast.wgsl"),
         raycast,
+        &stage,
     ];
-    [marching(variant), parts.join("\n")].join("\n")
+    parts.join("\n")
 }
 
 /// What all marches share: the ray, its pixel's threshold, its lattice, a sample's value, and what samples add up to.
@@ -305,6 +323,8 @@ mod tests {
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
+    const COMPUTE: Stage = Stage::Compute("rgba32float");
+
     /// Every way in which segments become media.
     fn media() -> Vec<Medium> {
         let mut all = Vec::new();
@@ -339,12 +359,13 @@ mod tests {
                 for (has_invalid, is_cubic) in [(false, false), (true, false), (false, true), (true, true)] {
                     let variant = Variant { gather, has_invalid, is_cubic, medium, has_meshes: is_cubic };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
-                    all.push((format!("raycast {variant:?}"), raycast(&variant, true)));
+                    all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
+                    all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
                 }
             }
             let medium = Medium::PLAIN;
             let plain = Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false };
-            all.push((format!("raycast {gather:?} without marks"), raycast(&plain, false)));
+            all.push((format!("raycast {gather:?} without marks"), raycast(&plain, Stage::Fragment, false)));
             for has_meshes in [false, true] {
                 all.push((format!("resolve {gather:?}, {has_meshes}"), resolve(gather, has_meshes)));
             }
@@ -365,7 +386,11 @@ mod tests {
             let module = parse(&name, &source);
             let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
             assert!(checked.is_ok(), "{name}: {:?}", checked.err());
-            assert_eq!(module.entry_points.len(), 2, "{name}");
+            let entries = if name.starts_with("raycast compute") { 1 } else { 2 };
+            assert_eq!(module.entry_points.len(), entries, "{name}");
+            if let [entry] = &module.entry_points[..] {
+                assert_eq!(entry.workgroup_size, [WORKGROUP_PX * WORKGROUP_PX, 1, 1], "{name}");
+            }
         }
     }
 
@@ -406,7 +431,7 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at grid thresholds
+                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step spare grid thresholds
                 surfaces light_places axes slopes zone_starts planes);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             if name.starts_with("sorted") {
@@ -450,21 +475,20 @@ mod tests {
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),
             ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
         ];
-        let surface = parse("a surface", &raycast(&surface, true));
+        let surface = parse("a surface", &raycast(&surface, COMPUTE, true));
         let expected = expected.map(|(name, value)| (&surface, name, value));
-        let lit = parse("a lit composite", &raycast(&lit, true));
+        let lit = parse("a lit composite", &raycast(&lit, COMPUTE, true));
         let stored = Medium { light: Light::Phong, gradient: Gradient::Stored, ..Medium::PLAIN };
-        let stored = parse("stored gradients", &raycast(&variant(Gather::Composite, stored), true));
+        let stored = parse("stored gradients", &raycast(&variant(Gather::Composite, stored), COMPUTE, true));
         let of_gradients = [("GRADIENT_SCALE", single(gradients::SCALE as f64))];
         let of_media = [
             ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
-            ("ADAPTIVE_SHARE", single(sampling::ADAPTIVE_SHARE)),
             ("CLOSE_CODES", single(integrals::CLOSE_CODES)),
             ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
             ("GRID_COLUMNS", naga::Literal::U32(TransferGrid::COLUMNS as u32)),
         ];
         let of_media = of_media.map(|(name, value)| (&lit, name, value));
-        let foggy = parse("surfaces in fog", &raycast(&foggy, true));
+        let foggy = parse("surfaces in fog", &raycast(&foggy, COMPUTE, true));
         let of_surfaces = [
             (&foggy, "SEARCH_PARTS", naga::Literal::U32(surface::PARTS as u32)),
             (&foggy, "ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),

@@ -41,6 +41,9 @@ struct Frame {
     gradient_edge: f32,
     first_gradient: f32,
     grid_at: u32,
+    first_row: u32,
+    adaptive_step: f32,
+    spare: vec2u,
     grid: vec4f,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,

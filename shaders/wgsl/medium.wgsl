@@ -10,7 +10,6 @@ const CUBIC: u32 = 2u;
 const FIELD: u32 = 3u;
 
 const MOST_PARTS: u32 = 8u;
-const ADAPTIVE_SHARE: f32 = 0.015625;
 const CLOSE_CODES: f32 = 0.015625;
 const MAX_DEPTH: f32 = 4096.0;
 
@@ -216,7 +215,7 @@ fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, en
         }
     }
     if (CURVE == FIELD) {
-        let parts = clamp(u32(ceil(abs(values.z - values.y) / ADAPTIVE_SHARE)), 1u, MOST_PARTS);
+        let parts = clamp(u32(ceil(abs(values.z - values.y) / frame.adaptive_step)), 1u, MOST_PARTS);
         let part = length / f32(parts);
         for (var k = 0u; k < parts; k++) {
             pixel = add_sampled(pixel, field, ray, start + (f32(k) + 0.5) * part, part);

@@ -1,11 +1,9 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, each in the brick that owns it,
 // and what is known of the field goes with a ray from one segment of a brick to the next.
-@fragment
-fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    frame = frame_settings;
-    let seen = sight(position.xy);
+fn cast_ray(position: vec2f) -> vec4f {
+    let seen = sight(position);
     let ray = seen.ray;
-    let threshold = dither(position.xy);
+    let threshold = dither(position);
     let stretch = seen.stretch;
     var pixel = pixel_start();
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);

@@ -1,12 +1,10 @@
 // Leaves; in a leaf, runs of macro-cells that are seen; in a run, samples. Runs are as long as they can be, and looked for in a
 // loop without samples: rays side by side wait for each other, and leave a loop when the last of them does. Conditions stand at
 // the heads of loops, or one `if` deep: a `break` two deep made all of this three times slower on lavapipe (Mesa 22.3).
-@fragment
-fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    frame = frame_settings;
-    let seen = sight(position.xy);
+fn cast_ray(position: vec2f) -> vec4f {
+    let seen = sight(position);
     let ray = seen.ray;
-    let threshold = dither(position.xy);
+    let threshold = dither(position);
     let whole = seen.stretch;
     let t_in = whole.x;
     var pixel = pixel_start();

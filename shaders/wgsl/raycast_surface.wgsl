@@ -1,11 +1,9 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, and the side that the ray is
 // on goes with it from brick to brick, also over what is leapt over.
-@fragment
-fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    frame = frame_settings;
-    let seen = sight(position.xy);
+fn cast_ray(position: vec2f) -> vec4f {
+    let seen = sight(position);
     let ray = seen.ray;
-    let threshold = dither(position.xy);
+    let threshold = dither(position);
     let stretch = seen.stretch;
     var pixel = pixel_start();
     var field: Field;

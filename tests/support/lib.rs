@@ -103,9 +103,10 @@ impl TestStore {
 pub type Way = (BackendChoice, CompositorChoice);
 
 /// Every way there is to draw.
-pub const WAYS: [Way; 3] = [
+pub const WAYS: [Way; 4] = [
     (BackendChoice::Gpu, CompositorChoice::Sorted),
     (BackendChoice::Gpu, CompositorChoice::Raycast),
+    (BackendChoice::Gpu, CompositorChoice::Compute),
     (BackendChoice::Cpu, CompositorChoice::Raycast),
 ];
 

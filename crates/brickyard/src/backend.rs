@@ -28,6 +28,8 @@ pub enum CompositorChoice {
     Sorted,
     /// A ray per pixel, front to back.
     Raycast,
+    /// The same rays by compute shaders; GPU only.
+    Compute,
 }
 
 /// What a backend is built for.
@@ -86,8 +88,8 @@ pub enum BackendError {
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
     /// The CPU backend knows one compositor.
-    #[error("the CPU backend has no `sorted` compositor, only `raycast`: use --compositor raycast, or --backend gpu")]
-    CpuSorted,
+    #[error("the CPU backend has no `{0}` compositor, only `raycast`: use --compositor raycast, or --backend gpu")]
+    CpuCompositor(&'static str),
 }
 
 impl BackendError {
@@ -113,8 +115,10 @@ impl Backend {
     /// picture and one brick.
     pub fn new(choice: BackendChoice, needs: &BackendNeeds) -> Result<(Self, String), BackendError> {
         let cpu = |why: &str| -> Result<(Self, String), BackendError> {
-            if needs.compositor == CompositorChoice::Sorted {
-                return Err(BackendError::CpuSorted);
+            match needs.compositor {
+                CompositorChoice::Auto | CompositorChoice::Raycast => {}
+                CompositorChoice::Sorted => return Err(BackendError::CpuCompositor("sorted")),
+                CompositorChoice::Compute => return Err(BackendError::CpuCompositor("compute")),
             }
             let renderer = SoftwareRenderer::new(SoftwareOptions {
                 encoding: needs.encoding,
@@ -132,6 +136,7 @@ impl Backend {
                 CompositorChoice::Auto => Compositor::default(),
                 CompositorChoice::Sorted => Compositor::Sorted,
                 CompositorChoice::Raycast => Compositor::Raycast,
+                CompositorChoice::Compute => Compositor::Compute,
             };
             let (levels, max_slots) = (needs.levels, needs.max_slots);
             let options =
@@ -177,7 +182,7 @@ impl Backend {
         }
     }
 
-    /// `sorted` or `raycast`.
+    /// `sorted`, `raycast` or `compute`.
     pub fn compositor(&self) -> &'static str {
         match self {
             Self::Gpu(r) => r.compositor().name(),

@@ -347,10 +347,13 @@ impl Ensemble {
     /// If no backend can be made, it has no compositor for several volumes, or a budget is too small; the message says the least that
     /// works.
     pub fn new(members: &[Member], scene: &ResolvedEnsemble, options: &SessionOptions) -> Result<Self, SessionError> {
-        if options.compositor == CompositorChoice::Sorted {
-            let problem =
-                "the sorted compositor draws one volume: several are not in one order; use --compositor raycast";
-            return Err(SessionError::Scene(problem.into()));
+        let problem = match options.compositor {
+            CompositorChoice::Auto | CompositorChoice::Raycast => None,
+            CompositorChoice::Sorted => Some("the sorted compositor draws one volume: several are not in one order"),
+            CompositorChoice::Compute => Some("the compute compositor draws one volume"),
+        };
+        if let Some(problem) = problem {
+            return Err(SessionError::Scene(format!("{problem}; use --compositor raycast")));
         }
         let sources: Vec<Arc<dyn BrickSource>> =
             scene.volumes.iter().map(|(i, _)| members[*i].source.clone()).collect();

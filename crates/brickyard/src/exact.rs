@@ -66,7 +66,8 @@ impl ExactRenderer {
     /// # Errors
     /// If the options ask for another way, there is no GPU, or a budget is too small.
     pub fn new(source: Arc<dyn BrickSource>, options: &SessionOptions) -> Result<Self, ExactPictureError> {
-        if options.backend == BackendChoice::Cpu || options.compositor == CompositorChoice::Raycast {
+        let casts_rays = matches!(options.compositor, CompositorChoice::Raycast | CompositorChoice::Compute);
+        if options.backend == BackendChoice::Cpu || casts_rays {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };

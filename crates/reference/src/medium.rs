@@ -117,8 +117,8 @@ impl Field<'_> {
         // Where only one end has a value, it stands for the other.
         let ends = [self.value(a), self.value(segment.end)];
         let [Some(from), Some(to)] = [ends[0].or(ends[1]), ends[1].or(ends[0])] else { return Vec::new() };
-        let difference = (self.code(to) - self.code(from)).abs() / self.frame.encoding.format.max_code() as f64;
-        let count = self.frame.sampling.parts(difference);
+        let difference = (self.frame.encoding.unorm(to) - self.frame.encoding.unorm(from)).abs();
+        let count = self.frame.sampling.parts(difference / self.frame.table.adaptive_step());
         let part = |i: usize| Segment {
             start: a + length * i as f64 / count as f64,
             end: a + length * (i + 1) as f64 / count as f64,

@@ -13,8 +13,7 @@ use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
 use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
 use crate::pipelines::{Layouts, Pipelines, gradient_of, light_of};
-use crate::raycast::PIXELS_PER_SUBMISSION;
-use crate::renderer::check_size;
+use crate::renderer::{Compositor, check_size};
 use crate::table::{self, Room};
 use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
@@ -186,7 +185,7 @@ impl GpuEnsemble {
         entries.extend(textures.map(|(at, view)| entry(at, BindingResource::TextureView(view))));
         let descriptor = wgpu::BindGroupDescriptor { label: Some("march"), layout: &layouts.march, entries: &entries };
         let bindings = gpu.device.create_bind_group(&descriptor);
-        let targets = Targets::new(&gpu, Gather::Composite, max_size_px, 0)?;
+        let targets = Targets::new(&gpu, Gather::Composite, Compositor::Raycast, max_size_px, 0)?;
         gpu.check()?;
         Ok(Self {
             volumes,
@@ -261,7 +260,7 @@ impl GpuEnsemble {
         check_size(size, self.max_size_px)?;
         let Self { gpu, volumes, shared, layouts, bindings, pipelines, targets, .. } = self;
         if (targets.width_px, targets.height_px) != size {
-            *targets = Targets::new(gpu, Gather::Composite, size, 0)?;
+            *targets = Targets::new(gpu, Gather::Composite, Compositor::Raycast, size, 0)?;
         }
         let shaders: Vec<VolumeShader> =
             layers.iter().zip(&*volumes).map(|(layer, volume)| volume.shader(layer)).collect();
@@ -270,16 +269,8 @@ impl GpuEnsemble {
         };
         let pipelines = pipelines.entry((shaders, expression)).or_insert_with_key(make);
         gpu.check()?;
-        let target = &targets.gathered;
-        let gathering =
-            Gathering { shared, target, pipeline: &pipelines.march, size_px: size, limits: None, is_begin: true };
-        let rows = (PIXELS_PER_SUBMISSION / volumes.len() as u32 / size.0).max(1);
-        for top in (0..size.1).step_by(rows as usize) {
-            gathering.submit(gpu, bindings, top == 0, |pass| {
-                pass.set_scissor_rect(0, top, size.0, rows.min(size.1 - top));
-                pass.draw(0..3, 0..1);
-            });
-        }
+        let gathering = Gathering { shared, target: &targets.gathered, size_px: size, limits: None, is_begin: true };
+        gathering.cast_rays(gpu, &pipelines.march, bindings, volumes.len() as u32);
         let bindings = shared.resolve_bindings(gpu, &layouts.resolve, targets);
         let copied = shared.resolve(gpu, targets, |pass| draw_over_all(pass, &pipelines.resolve, &bindings), |_| {});
         Ok(targets.read(gpu, copied, 0)?.picture)

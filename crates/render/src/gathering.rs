@@ -4,8 +4,9 @@ use crate::adapter::Gpu;
 use crate::atlas::Atlas;
 use crate::error::GpuError;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::pipelines::{MarchPipeline, TEXELS_GROUP};
 use crate::targets::Targets;
-use brickyard_shaders::FrameUniform;
+use brickyard_shaders::{FrameUniform, WORKGROUP_PX};
 use wgpu::{BindingResource, BufferUsages};
 
 /// Frame, transfer table and timestamps.
@@ -135,11 +136,13 @@ pub(crate) fn sampler(gpu: &Gpu) -> wgpu::Sampler {
     })
 }
 
-/// What one frame's march draws into, and with what.
+/// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
+const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
+
+/// What one frame's march draws into.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
-    pub(crate) pipeline: &'a wgpu::RenderPipeline,
     pub(crate) size_px: (u32, u32),
     /// What cuts it to a slab, where there are meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
@@ -148,10 +151,64 @@ pub(crate) struct Gathering<'a> {
 }
 
 impl Gathering<'_> {
-    /// One submission of the march; the first clears the target.
-    pub(crate) fn submit(
+    /// A ray for each pixel, through so many volumes, some rows of the picture per submission.
+    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &MarchPipeline, bindings: &wgpu::BindGroup, volumes: u32) {
+        let (width, height) = self.size_px;
+        let rows = (PIXELS_PER_SUBMISSION / volumes / width).max(1).next_multiple_of(WORKGROUP_PX);
+        for top in (0..height).step_by(rows as usize) {
+            let rows = rows.min(height - top);
+            match pipeline {
+                MarchPipeline::Fragment(pipeline) => self.draw(gpu, pipeline, bindings, top == 0, |pass| {
+                    pass.set_scissor_rect(0, top, width, rows);
+                    pass.draw(0..3, 0..1);
+                }),
+                MarchPipeline::Compute(pipeline) => self.dispatch(gpu, pipeline, bindings, (top, rows)),
+            }
+        }
+    }
+
+    /// One submission of a compute shader, for some rows from the first on.
+    fn dispatch(
         &self,
         gpu: &Gpu,
+        pipeline: &wgpu::ComputePipeline,
+        bindings: &wgpu::BindGroup,
+        (top, rows): (u32, u32),
+    ) {
+        let at = std::mem::offset_of!(FrameUniform, first_row) as u64;
+        gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&top));
+        let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("texels"),
+            layout: &pipeline.get_bind_group_layout(TEXELS_GROUP),
+            entries: &[entry(0, BindingResource::TextureView(self.target))],
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let writes = self.shared.timestamp_writes((top == 0 && self.is_begin).then_some(0), None);
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("march"),
+                timestamp_writes: writes.map(|w| wgpu::ComputePassTimestampWrites {
+                    query_set: w.query_set,
+                    beginning_of_pass_write_index: w.beginning_of_pass_write_index,
+                    end_of_pass_write_index: w.end_of_pass_write_index,
+                }),
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, bindings, &[]);
+            if let Some(limits) = self.limits {
+                pass.set_bind_group(1, limits, &[]);
+            }
+            pass.set_bind_group(TEXELS_GROUP, &texels, &[]);
+            pass.dispatch_workgroups(self.size_px.0.div_ceil(WORKGROUP_PX), rows.div_ceil(WORKGROUP_PX), 1);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// One submission of a fragment shader; the first clears the target.
+    pub(crate) fn draw(
+        &self,
+        gpu: &Gpu,
+        pipeline: &wgpu::RenderPipeline,
         bindings: &wgpu::BindGroup,
         is_first: bool,
         draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
@@ -165,7 +222,7 @@ impl Gathering<'_> {
                 timestamp_writes: self.shared.timestamp_writes((is_first && self.is_begin).then_some(0), None),
                 ..Default::default()
             });
-            pass.set_pipeline(self.pipeline);
+            pass.set_pipeline(pipeline);
             pass.set_bind_group(0, bindings, &[]);
             if let Some(limits) = self.limits {
                 pass.set_bind_group(1, limits, &[]);

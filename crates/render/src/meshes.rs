@@ -104,8 +104,9 @@ impl Meshes {
         let flat = texture(wgpu::TextureViewDimension::D2, false);
         let before =
             bind_group_layout(gpu, "before", &[(0, fragment, depth), (1, fragment, number), (2, fragment, flat)]);
+        let marching = fragment | ShaderStages::COMPUTE;
         let limits =
-            bind_group_layout(gpu, "limits", &[(0, fragment, depth), (1, fragment, depth), (2, fragment, flat)]);
+            bind_group_layout(gpu, "limits", &[(0, marching, depth), (1, marching, depth), (2, marching, flat)]);
         let layer = bind_group_layout(gpu, "layer", &[(0, fragment, flat)]);
         let gathered = bind_group_layout(gpu, "slabs", &[(0, fragment, storage()), (5, fragment, flat)]);
         let [vertices_bytes, corners_bytes, looks_bytes] = geometry_bytes(room);

@@ -4,7 +4,7 @@
 use crate::error::GpuError;
 use crate::gathering::{Gathering, draw_over_all};
 use crate::meshes::Layers;
-use crate::pipelines::Pipelines;
+use crate::pipelines::{MarchPipeline, Pipelines};
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March};
 use crate::targets::{Found, Targets};
@@ -66,21 +66,20 @@ impl Passes<'_> {
         let gathering = Gathering {
             shared: &renderer.shared,
             target: &targets.gathered,
-            pipeline: &pipelines.march,
             size_px: (targets.width_px, targets.height_px),
             limits: renderer.layers.as_ref().filter(|_| self.variant.has_meshes).map(Layers::limits),
             is_begin: self.slabs == 0,
         };
         let is_first = self.lists == 0;
         let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.needs.apron));
-        match &renderer.march {
-            March::Sorted(sorted) => sorted.draw(gpu, &gathering, self.pyramid, draw, bricks, is_first),
-            March::Raycast(raycast) if is_first => {
-                raycast.draw(gpu, &gathering, self.frame, self.pyramid, draw, bricks)?;
+        match (&renderer.march, &pipelines.march) {
+            (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
+                sorted.draw(gpu, (&gathering, pipeline), self.pyramid, draw, bricks, is_first);
             }
-            March::Raycast(_) => {
-                return Err(GpuError::Mismatch("the raycast compositor draws a picture from a single list".into()));
+            (March::Raycast(raycast), pipeline) if is_first => {
+                raycast.draw(gpu, (&gathering, pipeline), self.frame, self.pyramid, draw, bricks)?;
             }
+            _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
         }
         self.lists += 1;
         self.cells = draw.cells.len();

@@ -5,8 +5,8 @@ use crate::adapter::{Gpu, GpuFormats};
 use crate::meshes::MeshLayouts;
 use crate::renderer::Compositor;
 use brickyard_shaders::{
-    Curve, ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, Gather, Light, Medium, Surfaces, Variant, VolumeShader,
-    raycast, raycast_together, resolve, sorted,
+    Curve, ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, Gather, Light, Medium, Stage, Surfaces, Variant,
+    VolumeShader, raycast, raycast_together, resolve, sorted,
 };
 use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
 use wgpu::{
@@ -85,11 +85,32 @@ pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
 }
 
 /// The format that a gathering needs.
-pub(crate) fn gather_format(gather: Gather, formats: &GpuFormats) -> TextureFormat {
-    match gather {
-        Gather::Composite | Gather::Isosurface => formats.composite,
-        Gather::Project | Gather::Average => formats.project,
+pub(crate) fn gather_format(gather: Gather, compositor: Compositor, formats: &GpuFormats) -> TextureFormat {
+    match (gather, compositor) {
+        (Gather::Composite | Gather::Isosurface, _) => formats.composite,
+        // What no compute shader need be able to write.
+        (_, Compositor::Compute) if formats.project == TextureFormat::Rg16Float => TextureFormat::Rgba16Float,
+        (Gather::Project | Gather::Average, _) => formats.project,
     }
+}
+
+/// What WGSL calls a format that is gathered into.
+fn texel_format(format: TextureFormat) -> &'static str {
+    match format {
+        TextureFormat::Rgba32Float => "rgba32float",
+        TextureFormat::Rg32Float => "rg32float",
+        _ => "rgba16float",
+    }
+}
+
+/// Where compute shaders find the texture that they write.
+pub(crate) const TEXELS_GROUP: u32 = 2;
+
+/// The pipeline of a march.
+#[derive(Debug)]
+pub(crate) enum MarchPipeline {
+    Fragment(wgpu::RenderPipeline),
+    Compute(wgpu::ComputePipeline),
 }
 
 /// The bind group layouts that all variants share.
@@ -102,7 +123,7 @@ pub(crate) struct Layouts {
 /// The two pipelines of one way to gather.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
-    pub(crate) march: wgpu::RenderPipeline,
+    pub(crate) march: MarchPipeline,
     pub(crate) resolve: wgpu::RenderPipeline,
 }
 
@@ -144,20 +165,23 @@ pub(crate) fn bind_group_layout(
 impl Layouts {
     /// Those of one volume, with stored gradients or without.
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor, has_gradients: bool) -> Self {
-        let fragment = ShaderStages::FRAGMENT;
+        let stage = match compositor {
+            Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
+            Compositor::Compute => ShaderStages::COMPUTE,
+        };
         let mut march = vec![
-            (0, ShaderStages::VERTEX_FRAGMENT, storage()),
-            (2, fragment, texture(TextureViewDimension::D3, true)),
-            (3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            (4, fragment, storage()),
+            (0, ShaderStages::VERTEX | stage, storage()),
+            (2, stage, texture(TextureViewDimension::D3, true)),
+            (3, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            (4, stage, storage()),
         ];
-        march.extend(has_gradients.then_some((10, fragment, texture(TextureViewDimension::D3, true))));
+        march.extend(has_gradients.then_some((10, stage, texture(TextureViewDimension::D3, true))));
         match compositor {
             Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage())),
-            Compositor::Raycast => {
-                march.extend([1, 6, 7, 8].map(|binding| (binding, fragment, storage())));
+            Compositor::Raycast | Compositor::Compute => {
+                march.extend([1, 6, 7, 8].map(|binding| (binding, stage, storage())));
                 let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
-                march.extend(gpu.report.feedback.then_some((9, fragment, written)));
+                march.extend(gpu.report.feedback.then_some((9, stage, written)));
             }
         }
         Self::of(gpu, &march)
@@ -220,7 +244,7 @@ impl Pipelines {
         variant: &Variant,
     ) -> Self {
         let gather = variant.gather;
-        let format = gather_format(gather, &gpu.report.formats);
+        let format = gather_format(gather, compositor, &gpu.report.formats);
         let boxes = wgpu::PrimitiveState {
             topology: wgpu::PrimitiveTopology::TriangleStrip,
             cull_mode: Some(wgpu::Face::Front),
@@ -233,12 +257,18 @@ impl Pipelines {
         let march = match compositor {
             Compositor::Sorted => {
                 let target = write(format, Some(blend(gather)));
-                pipeline(gpu, &sorted(variant), &bindings, ["proxy", "march"], boxes, &[target])
+                let entries = ["proxy", "march"];
+                MarchPipeline::Fragment(pipeline(gpu, &sorted(variant), &bindings, entries, boxes, &[target]))
             }
             Compositor::Raycast => {
-                let source = raycast(variant, gpu.report.feedback);
-                let entries = ["fullscreen", "raycast"];
-                pipeline(gpu, &source, &bindings, entries, Shape::default(), &[format.into()])
+                let source = raycast(variant, Stage::Fragment, gpu.report.feedback);
+                let (entries, shape) = (["fullscreen", "raycast"], Shape::default());
+                MarchPipeline::Fragment(pipeline(gpu, &source, &bindings, entries, shape, &[format.into()]))
+            }
+            Compositor::Compute => {
+                let source = raycast(variant, Stage::Compute(texel_format(format)), gpu.report.feedback);
+                let limits = meshes.map(|meshes| meshes.limits);
+                MarchPipeline::Compute(compute_pipeline(gpu, &source, &layouts.march, limits, format))
             }
         };
         let target = match meshes {
@@ -257,15 +287,54 @@ impl Pipelines {
         volumes: &[VolumeShader],
         expression: Option<&ExpressionShader>,
     ) -> Self {
-        let format = gather_format(Gather::Composite, &gpu.report.formats);
+        let format = gather_format(Gather::Composite, Compositor::Raycast, &gpu.report.formats);
         let make = |source: &str, bindings: &wgpu::BindGroupLayout, fragment: &'static str, target: TextureFormat| {
             pipeline(gpu, source, &[bindings], ["fullscreen", fragment], Shape::default(), &[target.into()])
         };
         Self {
-            march: make(&raycast_together(volumes, expression), &layouts.march, "raycast", format),
+            march: MarchPipeline::Fragment(make(
+                &raycast_together(volumes, expression),
+                &layouts.march,
+                "raycast",
+                format,
+            )),
             resolve: make(&resolve(Gather::Composite, false), &layouts.resolve, "resolve", DISPLAY_FORMAT),
         }
     }
+}
+
+/// A compute shader that writes texels of a format; with what limits it, where there are meshes.
+fn compute_pipeline(
+    gpu: &Gpu,
+    source: &str,
+    march: &wgpu::BindGroupLayout,
+    limits: Option<&wgpu::BindGroupLayout>,
+    format: TextureFormat,
+) -> wgpu::ComputePipeline {
+    let access = wgpu::StorageTextureAccess::WriteOnly;
+    let written = BindingType::StorageTexture { access, format, view_dimension: TextureViewDimension::D2 };
+    let texels = bind_group_layout(gpu, "texels", &[(0, ShaderStages::COMPUTE, written)]);
+    let (module, layout) = shader(&gpu.device, "raycast", source, &[Some(march), limits, Some(&texels)]);
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("raycast"),
+        layout: Some(&layout),
+        module: &module,
+        entry_point: Some("raycast"),
+        compilation_options: Default::default(),
+        cache: None,
+    })
+}
+
+fn shader(
+    device: &wgpu::Device,
+    label: &str,
+    source: &str,
+    bindings: &[Option<&wgpu::BindGroupLayout>],
+) -> (wgpu::ShaderModule, wgpu::PipelineLayout) {
+    let source = wgpu::ShaderSource::Wgsl(source.into());
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
+    let layout = wgpu::PipelineLayoutDescriptor { label: Some(label), bind_group_layouts: bindings, immediate_size: 0 };
+    (module, device.create_pipeline_layout(&layout))
 }
 
 pub(crate) fn pipeline(
@@ -277,15 +346,8 @@ pub(crate) fn pipeline(
     targets: &[wgpu::ColorTargetState],
 ) -> wgpu::RenderPipeline {
     let device = &gpu.device;
-    let descriptor =
-        wgpu::ShaderModuleDescriptor { label: Some(fragment), source: wgpu::ShaderSource::Wgsl(source.into()) };
-    let module = device.create_shader_module(descriptor);
-    let bind_group_layouts: Vec<_> = bindings.iter().map(|&layout| Some(layout)).collect();
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(fragment),
-        bind_group_layouts: &bind_group_layouts,
-        immediate_size: 0,
-    });
+    let bindings: Vec<_> = bindings.iter().map(|&layout| Some(layout)).collect();
+    let (module, layout) = shader(device, fragment, source, &bindings);
     let targets: Vec<_> = targets.iter().cloned().map(Some).collect();
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(fragment),

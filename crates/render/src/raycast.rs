@@ -1,4 +1,4 @@
-//! The `raycast` compositor: one ray per pixel, front to back through an octree over the draw list, ending where nothing
+//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over the draw list, ending where nothing
 //! behind can be seen and leaping over what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
 //!
 //! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
@@ -12,6 +12,7 @@ use crate::atlas::{Atlas, AtlasPlan};
 use crate::error::GpuError;
 use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
 use crate::memory::RaycastPlan;
+use crate::pipelines::MarchPipeline;
 use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
 use brickyard_pager::{DrawList, Slot};
@@ -19,9 +20,6 @@ use brickyard_shaders::RayBrick;
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{FrameSettings, MacroCells, Needs, OpaqueCodes, Pyramid, SlotEncoding, TransferTable};
 use wgpu::BufferUsages;
-
-/// Pixels drawn per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
-pub(crate) const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
 /// Its buffers and bindings, and the range of codes of each slot's brick.
 #[derive(Debug)]
@@ -100,7 +98,7 @@ impl Raycast {
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
-        gathering: &Gathering<'_>,
+        (gathering, pipeline): (&Gathering<'_>, &MarchPipeline),
         frame: &FrameSettings,
         pyramid: &Pyramid,
         draw: &DrawList,
@@ -123,14 +121,7 @@ impl Raycast {
         }
         gpu.queue.write_buffer(&self.nodes, 0, nodes);
         gpu.queue.write_buffer(&self.bricks, 0, bricks);
-        let (width, height) = gathering.size_px;
-        let rows = (PIXELS_PER_SUBMISSION / width).max(1);
-        for top in (0..height).step_by(rows as usize) {
-            gathering.submit(gpu, &self.bindings, top == 0, |pass| {
-                pass.set_scissor_rect(0, top, width, rows.min(height - top));
-                pass.draw(0..3, 0..1);
-            });
-        }
+        gathering.cast_rays(gpu, pipeline, &self.bindings, 1);
         Ok(())
     }
 }

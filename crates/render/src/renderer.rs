@@ -24,7 +24,7 @@ use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, Tra
 use std::collections::HashMap;
 use std::time::Instant;
 
-/// How the samples of a frame are gathered. Both take the same samples and make the same picture.
+/// How the samples of a frame are gathered. All take the same samples and make the same picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compositor {
     /// Cells as boxes, back to front, blended.
@@ -32,14 +32,17 @@ pub enum Compositor {
     /// A ray per pixel, front to back, with early termination and leaps over what shows nothing.
     #[default]
     Raycast,
+    /// The same rays, cast by a compute shader instead of a fragment shader.
+    Compute,
 }
 
 impl Compositor {
-    /// `sorted` or `raycast`.
+    /// `sorted`, `raycast` or `compute`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sorted => "sorted",
             Self::Raycast => "raycast",
+            Self::Compute => "compute",
         }
     }
 }
@@ -112,7 +115,7 @@ pub(crate) struct Recipe {
 impl Recipe {
     fn raycast(&self) -> Option<RaycastPlan> {
         let levels = self.options.levels;
-        (self.options.compositor == Compositor::Raycast)
+        (self.options.compositor != Compositor::Sorted)
             .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format, self.options.leaps))
     }
 
@@ -198,7 +201,8 @@ impl GpuRenderer {
         };
         // The largest there will be: a frame is no time to find out that there is no room for them.
         let marks_bytes = recipe.raycast().map_or(0, |plan| plan.marks_bytes(atlas.plan.slots()));
-        let targets = Some(Targets::new(&gpu, Gather::Composite, recipe.max_size_px, marks_bytes)?);
+        let compositor = recipe.options.compositor;
+        let targets = Some(Targets::new(&gpu, Gather::Composite, compositor, recipe.max_size_px, marks_bytes)?);
         let room = recipe.needs.meshes;
         let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, room)).transpose()?;
         let layers =
@@ -271,10 +275,7 @@ impl GpuRenderer {
 
     /// How it gathers.
     pub fn compositor(&self) -> Compositor {
-        match self.march {
-            March::Sorted(_) => Compositor::Sorted,
-            March::Raycast(_) => Compositor::Raycast,
-        }
+        self.recipe.options.compositor
     }
 
     /// The adapter in use.
@@ -397,7 +398,7 @@ impl GpuRenderer {
         if !matches!(&self.targets, Some(t) if (t.gather, t.width_px, t.height_px) == (gather, width, height)) {
             // The old ones go first: both together would pass the budget.
             self.targets = None;
-            self.targets = Some(Targets::new(gpu, gather, (width, height), self.marks_bytes)?);
+            self.targets = Some(Targets::new(gpu, gather, compositor, (width, height), self.marks_bytes)?);
         }
         if self.table.as_ref() != Some(&frame.table) {
             let words = table::words(&frame.table, self.recipe.tables());

@@ -38,7 +38,7 @@ impl Sorted {
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
-        gathering: &Gathering<'_>,
+        (gathering, pipeline): (&Gathering<'_>, &wgpu::RenderPipeline),
         pyramid: &Pyramid,
         draw: &DrawList,
         (plan, apron): (&AtlasPlan, u32),
@@ -49,7 +49,7 @@ impl Sorted {
             let cells = draw.cells.chunks(CELLS_PER_SUBMISSION).nth(chunk).unwrap_or(&[]);
             let instances: Vec<_> = cells.iter().map(|c| cell_instance(c, pyramid, plan, apron)).collect();
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(&instances));
-            gathering.submit(gpu, &self.bindings, is_first && chunk == 0, |pass| {
+            gathering.draw(gpu, pipeline, &self.bindings, is_first && chunk == 0, |pass| {
                 pass.draw(0..14, 0..instances.len() as u32)
             });
         }

@@ -4,6 +4,7 @@ use crate::adapter::Gpu;
 use crate::error::GpuError;
 use crate::memory::{TIMESTAMP_BYTES, read_back_row_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
+use crate::renderer::Compositor;
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
@@ -34,6 +35,7 @@ impl Targets {
     pub(crate) fn new(
         gpu: &Gpu,
         gather: Gather,
+        compositor: Compositor,
         (width_px, height_px): (u32, u32),
         marks_bytes: u64,
     ) -> Result<Self, GpuError> {
@@ -46,16 +48,21 @@ impl Targets {
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format,
-                usage: TextureUsages::RENDER_ATTACHMENT | usage,
+                usage,
                 view_formats: &[],
             })
         };
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
         gpu.allocate("the picture's targets", pixels * 20 + rows_bytes + marks_bytes, |device| {
-            let format = gather_format(gather, &gpu.report.formats);
-            let gathered = texture(device, format, TextureUsages::TEXTURE_BINDING).create_view(&Default::default());
-            let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC);
+            let format = gather_format(gather, compositor, &gpu.report.formats);
+            let written = match compositor {
+                Compositor::Sorted | Compositor::Raycast => TextureUsages::RENDER_ATTACHMENT,
+                Compositor::Compute => TextureUsages::STORAGE_BINDING,
+            };
+            let gathered = texture(device, format, TextureUsages::TEXTURE_BINDING | written);
+            let gathered = gathered.create_view(&Default::default());
+            let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT);
             let display_view = display.create_view(&Default::default());
             let read_back = device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("read-back"),

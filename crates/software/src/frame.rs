@@ -41,6 +41,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) positions_per_code: f32,
     /// Unit distances of a world unit.
     pub(crate) per_unit: f64,
+    /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
+    pub(crate) adaptive_step: f64,
     /// The transfer function's running integrals, if the method wants them.
     pub(crate) integrals: Option<Integrals>,
     /// What fog is classified by, if that is value and gradient.
@@ -152,6 +154,7 @@ impl<'a> Frame<'a> {
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
+            adaptive_step: settings.table.adaptive_step(),
             grid: settings.grid(),
             integrals: settings.sampling.method.is_pre_integrated().then(|| Integrals::new(&settings.table)),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),

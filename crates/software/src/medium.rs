@@ -234,7 +234,7 @@ impl<'a> Path<'a> {
                 continue;
             };
             let difference = (to - from).abs() as f64 / C::MAX as f64;
-            let parts = self.march.frame.settings.sampling.parts(difference);
+            let parts = self.march.frame.settings.sampling.parts(difference / self.march.frame.adaptive_step);
             let [a, b] = self.ends(segments.start + i as i32);
             let part = (b - a) / parts as f32;
             let mut along = [a; LANES];

@@ -29,7 +29,7 @@ pub const MOST_VIRTUAL_SAMPLES: u8 = 16;
 /// Parts of a segment that [`Method::Asm`] takes, at most.
 pub const MOST_PARTS: usize = 8;
 
-/// Of the codes' whole range, the share by which the ends of a part of [`Method::Asm`] may differ.
+/// Of the codes over which a transfer function changes, the share by which the ends of a part of [`Method::Asm`] may differ.
 pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
 
 /// How a segment becomes a medium.
@@ -168,12 +168,12 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// Parts of a segment whose ends differ by this share of the codes' range.
-    pub fn parts(&self, difference: f64) -> usize {
+    /// Parts of a segment whose ends differ by so many of the transfer function's [steps](crate::TransferTable::adaptive_step).
+    pub fn parts(&self, steps: f64) -> usize {
         match self.method {
             Method::Udvr | Method::Pdvr => 1,
             Method::Lvs | Method::Cvs | Method::Plvs | Method::Pcvs => self.virtual_samples.into(),
-            Method::Asm => ((difference / ADAPTIVE_SHARE).ceil() as usize).clamp(1, MOST_PARTS),
+            Method::Asm => (steps.ceil() as usize).clamp(1, MOST_PARTS),
         }
     }
 }
@@ -314,6 +314,6 @@ mod tests {
     #[test]
     fn adaptive_steps_follow_the_difference() {
         let adaptive = Sampling { method: Method::Asm, ..Sampling::default() };
-        assert_eq!([0.0, 0.01, 0.02, 0.9].map(|d| adaptive.parts(d)), [1, 1, 2, MOST_PARTS]);
+        assert_eq!([0.0, 0.6, 1.0, 1.2, 60.0].map(|steps| adaptive.parts(steps)), [1, 1, 1, 2, MOST_PARTS]);
     }
 }

@@ -71,6 +71,7 @@ enum CompositorArgument {
     Auto,
     Sorted,
     Raycast,
+    Compute,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -134,6 +135,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
             CompositorArgument::Auto => CompositorChoice::Auto,
             CompositorArgument::Sorted => CompositorChoice::Sorted,
             CompositorArgument::Raycast => CompositorChoice::Raycast,
+            CompositorArgument::Compute => CompositorChoice::Compute,
         },
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,

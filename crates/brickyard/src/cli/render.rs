@@ -49,8 +49,8 @@ pub(crate) struct RenderArguments {
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
-    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back; auto is
-    /// raycast; reference holds whole levels in memory, in f64
+    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back, compute does so by
+    /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
     #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
     /// Draw every brick that the view wants, however few fit at once: in passes, on a GPU (a software one will do)
@@ -81,6 +81,7 @@ enum CompositorArgument {
     Auto,
     Sorted,
     Raycast,
+    Compute,
     Reference,
 }
 
@@ -195,6 +196,7 @@ impl RenderArguments {
             CompositorArgument::Auto => Some(CompositorChoice::Auto),
             CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
             CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
+            CompositorArgument::Compute => Some(CompositorChoice::Compute),
             CompositorArgument::Reference => None,
         }
     }
@@ -345,7 +347,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
                 | GpuError::Textures { .. },
             )
             | BackendError::Cpu(SoftwareError::Budget { .. })
-            | BackendError::CpuSorted,
+            | BackendError::CpuCompositor(_),
         ) => Failure::usage(error),
         SessionError::Pager(_) | SessionError::Backend(_) | SessionError::LostAgain { .. } => Failure::failed(error),
     }

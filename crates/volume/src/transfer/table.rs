@@ -2,6 +2,7 @@
 
 use super::{TransferFunction, TransferGrid};
 use crate::code::SlotEncoding;
+use crate::sampling::ADAPTIVE_SHARE;
 use std::sync::Arc;
 
 /// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
@@ -40,6 +41,18 @@ impl TransferTable {
         self.grid.as_ref().map_or(1.0, |grid| 1.0 / grid.rows_per_code as f64)
     }
 
+    /// By how much of the codes' range the ends of a part of [`Method::Asm`](crate::Method::Asm) may differ: [`ADAPTIVE_SHARE`] of
+    /// the codes from the first to the last at which what is seen changes.
+    pub fn adaptive_step(&self) -> f64 {
+        // What colour is clear does not matter.
+        let same = |[a, b]: [&[f32; 4]; 2]| a[3] == b[3] && (a[3] == 0.0 || a == b);
+        let pairs = || self.entries.windows(2).map(|pair| same([&pair[0], &pair[1]]));
+        let (before, behind) =
+            (pairs().take_while(|&same| same).count(), pairs().rev().take_while(|&same| same).count());
+        let codes = self.entries.len() - 1;
+        ADAPTIVE_SHARE * codes.saturating_sub(before + behind).max(1) as f64 / codes as f64
+    }
+
     /// The entry at a normalised code, interpolated.
     #[inline]
     pub fn lookup(&self, unorm: f32) -> [f32; 4] {
@@ -56,6 +69,19 @@ impl TransferTable {
 mod tests {
     use super::*;
     use crate::voxel_type::VoxelType;
+
+    #[test]
+    fn adaptive_steps_are_of_what_changes() {
+        let step = |entry: &dyn Fn(usize) -> [f32; 4]| {
+            let entries = (0..256).map(entry).collect();
+            (TransferTable { entries, unit_distance: 1.0, grid: None }.adaptive_step() * 255.0 / ADAPTIVE_SHARE).round()
+        };
+        assert_eq!(step(&|code| [0.0, 0.0, 0.0, code as f32]), 255.0);
+        assert_eq!(step(&|code| [0.0, 0.0, 0.0, code.clamp(100, 130) as f32]), 30.0);
+        let shown = |code: usize| [code as f32, 0.0, 0.0, (100..130).contains(&code) as u8 as f32];
+        assert_eq!(step(&shown), 31.0, "from the last that is clear to the first");
+        assert_eq!(step(&|_| [0.5; 4]), 1.0, "what is the same everywhere");
+    }
 
     #[test]
     fn every_code_has_its_own_entry() {
