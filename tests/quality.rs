@@ -52,6 +52,20 @@ fn more_samples_are_better_and_everything_is_written() {
 }
 
 #[test]
+fn functions_of_value_and_gradient_are_measured_by_what_can_show_them() {
+    let sandbox = with_store();
+    let flags = "--size 24x24 --filters trilinear --lightings none --frames 3 --samples-per-voxel 1,2 --gradient-opacity 1:0,9:1";
+    sandbox.run_ok(&format!("quality ml.zarr -o q {flags}"));
+    let rows = rows(&sandbox, "q");
+    let names: Vec<_> = rows.iter().step_by(2).map(|row| row["method"].clone()).collect();
+    assert_eq!(names, ["udvr", "lvs", "cvs", "asm"]);
+    for of_method in rows.chunks(2) {
+        let [once, twice] = [0, 1].map(|i| number(&of_method[i], "truth_db"));
+        assert!(once > 15.0 && twice > once, "{} and {}", of_method[0], of_method[1]);
+    }
+}
+
+#[test]
 fn the_distance_of_the_camera_hardly_matters() {
     let sandbox = with_store();
     let mut found = Vec::new();
@@ -82,6 +96,7 @@ fn what_cannot_be_measured_is_refused() {
         ("-o q --samples-per-voxel=-1", "positive"),
         ("-o q --samples-per-voxel 2,1", "rising"),
         ("-o q --methods best", "best"),
+        ("-o q --methods udvr,plvs --gradient-opacity 1:0,9:1", "plvs is pre-integrated"),
         ("-o q --mode mip", "direct volume rendering"),
         ("-o q --stereo anaglyph", "--stereo"),
         // A survey's own, which a flag would seem to change.

@@ -484,7 +484,6 @@ fn check_surfaces(scene: &Scene) -> Result<(), SessionError> {
 fn check_look(scene: &Scene) -> Result<(), SessionError> {
     let Lighting { model, lights, .. } = &scene.lighting;
     let is_dvr = scene.mode == Mode::Dvr;
-    let is_by_gradient = scene.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
     let problem = if scene.sampling.method != Method::Udvr && !is_dvr {
         format!(
             "the sampling method {:?} is for direct volume rendering: leave it out, or use --mode dvr",
@@ -496,7 +495,7 @@ fn check_look(scene: &Scene) -> Result<(), SessionError> {
         )
     } else if !(1..=MOST_VIRTUAL_SAMPLES).contains(&scene.sampling.virtual_samples) {
         format!("{} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}", scene.sampling.virtual_samples)
-    } else if scene.sampling.method.is_pre_integrated() && is_dvr && is_by_gradient {
+    } else if scene.sampling.method.is_pre_integrated() && is_dvr && scene.is_by_gradient() {
         format!(
             "the sampling method {:?} integrates over values, and the transfer function is one of value and gradient: use --method \
              udvr, lvs, cvs or asm",

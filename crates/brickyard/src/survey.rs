@@ -3,7 +3,7 @@
 //!
 //! Each way to sample draws one view some times over, each time with other [jitter](brickyard_volume::jitter); [`noise`] makes
 //! an error of that. A second figure is the distance from what is taken for the truth: the mean of a series that is
-//! pre-integrated at twice the highest rate. The volume is drawn from level 0, on the CPU, and is wholly resident while frames
+//! pre-integrated at twice the highest rate, or where there is no pre-integration plain at eight times that. The volume is drawn from level 0, on the CPU, and is wholly resident while frames
 //! are timed. [`findings`] holds the figures against what the paper found, and [`plot`] draws them as curves.
 
 pub mod findings;
@@ -21,8 +21,10 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Times the highest rate at which the truth is sampled.
-const TRUTH_RATE: f64 = 2.0;
+/// How the truth is sampled, and at how many times the highest rate: by what integrates over values, unless the transfer function is
+/// one of value and gradient.
+const TRUTH: (Method, f64) = (Method::Pdvr, 2.0);
+const TRUTH_BY_GRADIENT: (Method, f64) = (Method::Udvr, 8.0);
 
 /// What is measured.
 pub struct SurveyPlan<'a> {
@@ -121,11 +123,12 @@ pub fn survey<E: From<SurveyError>>(
     mut found: impl FnMut(Row, &Series) -> Result<(), E>,
 ) -> Result<(), E> {
     let highest = plan.samples_per_voxel.iter().copied().fold(0.0, f64::max);
+    let (method, times) = if plan.scene.is_by_gradient() { TRUTH_BY_GRADIENT } else { TRUTH };
     for &lighting in &plan.lightings {
         for &filter in &plan.filters {
             let stage = |sampling| Stage::new(source, default_window, plan, options, sampling, lighting);
-            let truth = Sampling { method: Method::Pdvr, filter, ..Sampling::default() };
-            let truth = stage(truth)?.shoot(highest * TRUTH_RATE)?.series.mean();
+            let truth = Sampling { method, filter, ..Sampling::default() };
+            let truth = stage(truth)?.shoot(highest * times)?.series.mean();
             for sampling in plan.samplings(filter) {
                 let mut stage = stage(sampling)?;
                 for &rate in &plan.samples_per_voxel {

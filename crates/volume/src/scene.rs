@@ -166,9 +166,14 @@ impl Scene {
     /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
     pub fn needs(&self) -> Needs {
         let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
-        let has_grid = self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
+        let has_grid = self.is_by_gradient();
         let has_surfaces = !self.isosurfaces.is_empty() || self.volumes.iter().any(|look| !look.isosurfaces.is_empty());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
+    }
+
+    /// Whether what is shown depends on the gradient.
+    pub fn is_by_gradient(&self) -> bool {
+        self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient)
     }
 
     /// The meshes as renderers take them; those that are not to be seen are left out.

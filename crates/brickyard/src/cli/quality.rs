@@ -38,7 +38,7 @@ pub(crate) struct QualityArguments {
     /// Sampling rates: segments along a voxel
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
     samples_per_voxel: Vec<f64>,
-    /// Sampling methods [default: all]
+    /// Sampling methods [default: all; where the transfer function is one of value and gradient, those that are not pre-integrated]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
     methods: Vec<MethodArgument>,
     /// Virtual samples of a segment, of methods that have some
@@ -129,6 +129,11 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
     if scene.stereo.is_some() {
         return Err(Failure::usage("a survey is about one eye: leave --stereo out"));
     }
+    let mut methods = arguments.methods.iter().map(|&method| Method::from(method));
+    if let Some(method) = methods.find(|method| scene.is_by_gradient() && method.is_pre_integrated()) {
+        let problem = "is pre-integrated over values, and the transfer function is one of value and gradient";
+        return Err(Failure::usage(format!("--methods: {} {problem}", findings::name(method))));
+    }
     if arguments.samples_per_voxel.windows(2).any(|pair| pair[0] >= pair[1]) {
         return Err(Failure::usage("--samples-per-voxel: expected rising numbers, as in 1,2,4,8"));
     }
@@ -146,10 +151,12 @@ impl QualityArguments {
             }
             if list.is_empty() { all.to_vec() } else { list }
         }
+        let is_possible = |method: &Method| !(scene.is_by_gradient() && method.is_pre_integrated());
+        let possible: Vec<Method> = Method::ALL.into_iter().filter(is_possible).collect();
         SurveyPlan {
             scene,
             size_px: self.size,
-            methods: listed(&self.methods, &Method::ALL),
+            methods: listed(&self.methods, &possible),
             virtual_samples: self.virtual_samples.clone(),
             filters: listed(&self.filters, &Filter::ALL),
             lightings: listed::<_, LightingModel>(&self.lightings, &[]),
