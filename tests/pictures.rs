@@ -1,4 +1,5 @@
-//! Pictures end to end: pack, page, render on both backends with every compositor, and compare with the oracle, with formulas and with symmetry.
+//! Pictures end to end: pack, page, render on both backends with every compositor, and compare with the oracle, with formulas
+//! and with symmetry.
 
 use brickyard::store::Store;
 use brickyard::volume::{

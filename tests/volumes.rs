@@ -3,7 +3,7 @@
 
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::ensemble::{Ensemble, Member, ResolvedEnsemble};
-use brickyard::offline::render_settled;
+use brickyard::offline::{Streamed, render_settled};
 use brickyard::oracle::{render_reference, render_reference_together};
 use brickyard::render::GpuError;
 use brickyard::session::{SessionError, SessionOptions, resolve};
@@ -13,7 +13,7 @@ use brickyard::volume::{
     Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
     Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, options};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, options};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -86,6 +86,37 @@ fn draw(members: &[Member], resolved: &ResolvedEnsemble, options: &SessionOption
     let wait = Duration::from_secs(120);
     let picture = render_settled(&mut ensemble, resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
     Some((picture.expect("the picture settles"), stats))
+}
+
+#[test]
+fn a_lost_device_is_started_anew_with_the_same_picture() {
+    let (stores, scene) = (two(), scene());
+    let members = members(&stores);
+    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("the scene is possible");
+    let options = options((BackendChoice::Gpu, CompositorChoice::Raycast), SIZE, 64 << 20, 64 << 20);
+    let Some((before, _)) = draw(&members, &resolved, &options) else { return };
+    let mut ensemble = Ensemble::new(&members, &resolved, &options).expect("there is a GPU");
+    let settle = |ensemble: &mut Ensemble| {
+        let mut stats = RenderStats::default();
+        let wait = Duration::from_secs(120);
+        let picture = render_settled(ensemble, &resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
+        (picture.expect("the picture settles"), stats.device_losses)
+    };
+    // Found out by uploading, and by drawing what was settled.
+    ensemble.destroy_device();
+    let (picture, losses) = settle(&mut ensemble);
+    assert_same(&picture, &before, "lost before it was filled");
+    assert_eq!(losses, 1);
+    ensemble.destroy_device();
+    assert_same(&ensemble.draw(&resolved).expect("drawn anew"), &before, "lost when it was settled");
+    let mut ensemble = Ensemble::new(&members, &resolved, &options).expect("there is a GPU");
+    // Uploads go out in batches, so not every step finds the device gone.
+    let always_lost = (0..1000).find_map(|_| {
+        ensemble.destroy_device();
+        ensemble.wait(Duration::from_millis(5));
+        ensemble.step(&resolved).err()
+    });
+    assert!(matches!(always_lost, Some(SessionError::LostAgain { times: 4, .. })), "{always_lost:?}");
 }
 
 #[test]

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """What docs/papers/quality.md shows: how good and how fast the ways to sample are, on two scans and two formulas.
 
-  quality.py [NAME...] [--size 64x64] [--frames 3] [--brickyard target/release/brickyard]
+  quality.py [NAME...] [--size 128x128] [--frames 4] [--brickyard target/release/brickyard]
 
 Of the data sets head-ct, mr-brain (both made by tools/demo), marschner-lobb and turbulence (made here): those named, else all. Each gets a
 folder in target/quality with what `brickyard quality` writes and `printed.md`, what it prints; one that has been measured is not measured
 again. `tables.md` holds all their findings side by side, and what each method takes for 40 dB; `maps.png` has a row for each data set, its
-picture and maps of some ways to sample it. Minutes each. Takes Pillow (`tools/setup python`, then target/python/bin/python).
+picture and maps of some ways to sample it. Some minutes each. Takes Pillow (`tools/setup python`, then target/python/bin/python).
 """
 import argparse
 import json
@@ -126,8 +126,8 @@ def maps(names, measured):
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("names", nargs="*", metavar="NAME", help=", ".join(DATA))
-    ap.add_argument("--size", default="64x64")
-    ap.add_argument("--frames", type=int, default=3)
+    ap.add_argument("--size", default="128x128")
+    ap.add_argument("--frames", type=int, default=4)
     ap.add_argument("--brickyard", default="target/release/brickyard")
     a = ap.parse_args()
     unknown = [name for name in a.names if name not in DATA]

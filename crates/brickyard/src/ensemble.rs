@@ -1,9 +1,10 @@
 //! An ensemble: several paged volumes in one picture, each with its pager, all through one backend and under one budget.
 //!
 //! Slots and host memory are shared out once, by what each volume could use ([`share`]). Pictures are
-//! waited for: there is no live ensemble.
+//! waited for: there is no live ensemble. A GPU that is lost is started anew and filled again, as one volume's is.
 
 use crate::backend::{BackendChoice, BackendError, BackendNeeds, CompositorChoice};
+use crate::losses::Losses;
 use crate::offline::Streamed;
 use crate::session::{ResolvedScene, SessionError, SessionOptions, default_transfer, resolve};
 use brickyard_pager::{
@@ -301,6 +302,15 @@ impl EnsembleBackend {
         }
     }
 
+    /// Starts a lost GPU anew, with empty slots.
+    fn renew(&mut self) -> Result<(), BackendError> {
+        match self {
+            Self::Gpu(renderer) => renderer.renew()?,
+            Self::Cpu(_) => {}
+        }
+        Ok(())
+    }
+
     fn slots(&self, volume: usize) -> u32 {
         match self {
             Self::Gpu(renderer) => renderer.slots(volume),
@@ -338,6 +348,7 @@ pub struct Ensemble {
     volumes: Vec<Shown>,
     backend: EnsembleBackend,
     backend_line: String,
+    losses: Losses,
 }
 
 impl Ensemble {
@@ -381,7 +392,7 @@ impl Ensemble {
             let pager = Pager::new(source.clone(), PagerConfig { host_bytes, ..config })?;
             volumes.push(Shown { source, pager, draws: Vec::new(), is_settled: false });
         }
-        Ok(Self { volumes, backend, backend_line })
+        Ok(Self { volumes, backend, backend_line, losses: Losses::default() })
     }
 
     /// The backend, in words.
@@ -401,6 +412,64 @@ impl Ensemble {
     pub fn slots(&self) -> u64 {
         (0..self.volumes.len()).map(|i| self.backend.slots(i) as u64).sum()
     }
+
+    /// Loses the device as a driver does: for tests.
+    #[doc(hidden)]
+    pub fn destroy_device(&self) {
+        if let EnsembleBackend::Gpu(renderer) = &self.backend {
+            renderer.destroy_device();
+        }
+    }
+
+    /// Uploads what a step wants, and takes its draw lists.
+    fn try_step(&mut self, scene: &ResolvedEnsemble) -> Result<Option<Status>, BackendError> {
+        let mut whole: Option<Status> = None;
+        for (i, (shown, (_, resolved))) in self.volumes.iter_mut().zip(&scene.volumes).enumerate() {
+            let frame = shown.pager.frame(&resolved.view, Duration::ZERO);
+            frame.uploads.iter().try_for_each(|upload| self.backend.upload(i, upload))?;
+            shown.draws = std::iter::once(frame.draw).chain(frame.draw_other_eye).collect();
+            shown.is_settled = frame.status.settled;
+            whole = Some(match whole {
+                None => frame.status,
+                Some(before) => before.and(&frame.status),
+            });
+        }
+        Ok(whole)
+    }
+
+    fn try_draw(&mut self, scene: &ResolvedEnsemble) -> Result<Picture, BackendError> {
+        let nothing = DrawList::default();
+        let Self { volumes, backend, .. } = self;
+        scene.picture(|eye, frames| {
+            let layer = |(shown, frame): (_, _)| {
+                let shown: &Shown = shown;
+                Layer { frame, pyramid: shown.source.pyramid(), draw: shown.draws.get(eye).unwrap_or(&nothing) }
+            };
+            backend.render(&volumes.iter().zip(frames).map(layer).collect::<Vec<_>>(), scene.combination.as_ref())
+        })
+    }
+
+    /// Makes a lost device anew; its slots are empty. Other errors are the caller's.
+    fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
+        self.losses.record(error)?;
+        self.backend.renew()?;
+        for (i, shown) in self.volumes.iter_mut().enumerate() {
+            shown.pager.forget_slots(self.backend.slots(i))?;
+            shown.draws.clear();
+        }
+        Ok(())
+    }
+
+    /// Streams a scene again, until it is settled if it was, else until something is drawn everywhere.
+    fn refill(&mut self, scene: &ResolvedEnsemble, was_settled: bool) -> Result<(), SessionError> {
+        loop {
+            let status = self.step(scene)?;
+            if status.settled || status.covered && !was_settled {
+                return Ok(());
+            }
+            self.wait(Duration::from_millis(50));
+        }
+    }
 }
 
 fn volume_needs(source: &dyn BrickSource, options: &SessionOptions) -> VolumeNeeds {
@@ -416,21 +485,17 @@ impl Streamed for Ensemble {
     type Scene = ResolvedEnsemble;
 
     fn step(&mut self, scene: &ResolvedEnsemble) -> Result<Status, SessionError> {
-        let mut whole: Option<Status> = None;
-        for (i, (shown, (_, resolved))) in self.volumes.iter_mut().zip(&scene.volumes).enumerate() {
-            let frame = shown.pager.frame(&resolved.view, Duration::ZERO);
-            frame.uploads.iter().try_for_each(|upload| self.backend.upload(i, upload))?;
-            shown.draws = std::iter::once(frame.draw).chain(frame.draw_other_eye).collect();
-            shown.is_settled = frame.status.settled;
-            if let Some(error) = frame.status.error {
-                return Err(SessionError::Unreadable(error));
+        let status = loop {
+            match self.try_step(scene) {
+                Ok(status) => break status,
+                Err(error) => self.recover(error)?,
             }
-            whole = Some(match whole {
-                None => frame.status,
-                Some(before) => before.and(&frame.status),
-            });
+        };
+        let status = status.ok_or_else(|| SessionError::Scene("no volume is visible".into()))?;
+        match status.error {
+            Some(error) => Err(SessionError::Unreadable(error)),
+            None => Ok(status),
         }
-        whole.ok_or_else(|| SessionError::Scene("no volume is visible".into()))
     }
 
     fn wait(&mut self, timeout: Duration) {
@@ -444,16 +509,19 @@ impl Streamed for Ensemble {
     }
 
     fn draw(&mut self, scene: &ResolvedEnsemble) -> Result<Picture, SessionError> {
-        let nothing = DrawList::default();
-        let Self { volumes, backend, .. } = self;
-        let picture = scene.picture(|eye, frames| {
-            let layer = |(shown, frame): (_, _)| {
-                let shown: &Shown = shown;
-                Layer { frame, pyramid: shown.source.pyramid(), draw: shown.draws.get(eye).unwrap_or(&nothing) }
-            };
-            backend.render(&volumes.iter().zip(frames).map(layer).collect::<Vec<_>>(), scene.combination.as_ref())
-        })?;
-        Ok(picture)
+        loop {
+            match self.try_draw(scene) {
+                Ok(picture) => {
+                    self.losses.picture();
+                    return Ok(picture);
+                }
+                Err(error) => {
+                    let was_settled = self.volumes.iter().all(|shown| shown.is_settled);
+                    self.recover(error)?;
+                    self.refill(scene, was_settled)?;
+                }
+            }
+        }
     }
 
     fn backend_bytes(&self) -> u64 {
@@ -464,6 +532,6 @@ impl Streamed for Ensemble {
     }
 
     fn device_losses(&self) -> u32 {
-        0
+        self.losses.total()
     }
 }

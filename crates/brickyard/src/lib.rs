@@ -10,6 +10,7 @@ pub mod backend;
 pub mod ensemble;
 pub mod exact;
 pub mod flight;
+mod losses;
 pub mod memory;
 pub mod offline;
 pub mod oracle;

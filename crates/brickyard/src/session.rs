@@ -2,6 +2,7 @@
 //! renderer; every step moves bricks towards what the view wants; a picture can be drawn at any moment.
 
 use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
+use crate::losses::Losses;
 use brickyard_pager::{
     BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
 };
@@ -128,16 +129,10 @@ pub struct Session {
     draw_other_eye: Option<DrawList>,
     /// The view of the last step, and whether it had settled.
     shown: Option<(View, bool)>,
-    /// Losses of the device since the last picture.
-    losses_in_a_row: u32,
-    /// In all.
-    losses: u32,
+    losses: Losses,
     /// When it began, if it is live.
     clock: Option<Instant>,
 }
-
-/// Losses without a picture between them after which making the device anew is given up.
-const MAX_LOSSES_IN_A_ROW: u32 = 3;
 
 impl Session {
     /// Joins a source, a pager and a backend. `default_window` is the value range of the default transfer function.
@@ -164,7 +159,7 @@ impl Session {
         };
         let pager = Pager::new(source.clone(), config)?;
         let clock = options.live.then(Instant::now);
-        let (draw, draw_other_eye, shown, losses_in_a_row, losses) = Default::default();
+        let (draw, draw_other_eye, shown, losses) = Default::default();
         let bricks = needs.bricks;
         Ok(Self {
             source,
@@ -177,7 +172,6 @@ impl Session {
             draw,
             draw_other_eye,
             shown,
-            losses_in_a_row,
             losses,
             clock,
         })
@@ -238,7 +232,7 @@ impl Session {
         loop {
             match self.try_draw(scene) {
                 Ok(picture) => {
-                    self.losses_in_a_row = 0;
+                    self.losses.picture();
                     return Ok(picture);
                 }
                 Err(error) => self.recover(error)?,
@@ -270,15 +264,7 @@ impl Session {
 
     /// Makes a lost device anew; its slots are empty. Other errors are the caller's.
     fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
-        if !error.is_loss() {
-            return Err(error.into());
-        }
-        self.losses += 1;
-        self.losses_in_a_row += 1;
-        if self.losses_in_a_row > MAX_LOSSES_IN_A_ROW {
-            return Err(SessionError::LostAgain { times: self.losses_in_a_row, last: error });
-        }
-        tracing::warn!("{error}; it is started anew");
+        self.losses.record(error)?;
         self.backend.renew()?;
         self.pager.forget_slots(self.backend.slots())?;
         (self.draw, self.draw_other_eye) = Default::default();
@@ -299,7 +285,7 @@ impl Session {
 
     /// How many times the GPU's device was lost and made anew.
     pub fn device_losses(&self) -> u32 {
-        self.losses
+        self.losses.total()
     }
 
     /// The backend, in words: `gpu, llvmpipe (...)` or `cpu, 2 threads`.

@@ -3,8 +3,9 @@
 //!
 //! Each way to sample draws one view some times over, each time with other [jitter](brickyard_volume::jitter); [`noise`] makes
 //! an error of that. A second figure is the distance from what is taken for the truth: the mean of a series that is
-//! pre-integrated at twice the highest rate, or where there is no pre-integration plain at eight times that. The volume is drawn from level 0, on the CPU, and is wholly resident while frames
-//! are timed. [`findings`] holds the figures against what the paper found, and [`plot`] draws them as curves.
+//! pre-integrated at twice the highest rate, or where there is no pre-integration plain at eight times that. The volume is
+//! drawn from level 0, on the CPU, and is wholly resident while frames are timed. [`findings`] holds the figures against what
+//! the paper found, and [`plot`] draws them as curves.
 
 pub mod findings;
 pub mod noise;

@@ -1,8 +1,9 @@
 //! The cut: an octree cut of the whole volume, disjoint and covering, as fine as a view wants it.
 //!
 //! What is in the frustum, not empty under the transfer function and not known to be hidden is split until its screen-space
-//! error is below the target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for what another camera
-//! sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see [`Sight`](crate::sight::Sight)).
+//! error is below the target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for
+//! what another camera sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see
+//! [`Sight`](crate::sight::Sight)).
 //!
 //! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
 //! it in linear passes. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.

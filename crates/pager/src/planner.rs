@@ -4,9 +4,10 @@
 //! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cut of the foreseen camera
 //! that this cut lacks, and the face neighbours of its cells just outside of the frustum.
 //!
-//! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is
-//! newer replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
-//! draws the newest finished one, whichever view that was made for. At once, the cut is always the view's own, and the same views give the same cuts.
+//! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
+//! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
+//! draws the newest finished one, whichever view that was made for. At once, the cut is always the view's own, and the same
+//! views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
 use crate::plan::{self, Tier};

@@ -2,7 +2,8 @@
 //!
 //! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
 //! there is to draw. Two eyes see the same cells, each in an order of its own: so all that is decided of cells, what is wanted,
-//! resident, drawn with what, is decided once for both. Cost: one pass over the part of the tree in the frustum; nothing while neither view nor cut change.
+//! resident, drawn with what, is decided once for both. Cost: one pass over the part of the tree in the frustum; nothing while
+//! neither view nor cut change.
 
 use crate::cut::{Cut, Node, View};
 use crate::order;

@@ -7,7 +7,8 @@ use brickyard_volume::look::Together;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, Surface, VolumeFrame, surface};
 use glam::DVec3;
 
-/// Renders the whole picture of volumes, each with its frame; plainly sampled, with surfaces or without; or that of an expression over them.
+/// Renders the whole picture of volumes, each with its frame; plainly sampled, with surfaces or without; or that of an
+/// expression over them.
 ///
 /// # Panics
 /// If there is no frame, or not one for each volume.

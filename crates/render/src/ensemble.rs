@@ -3,8 +3,6 @@
 //! Every volume has an atlas of its own, for bricks of one volume need not be as large as those of another; all else lies in buffers
 //! that volumes share, one after the other. Where each begins is fixed with the budget, and part of the shader, which is made for
 //! just these volumes: it holds each volume's code with each volume's numbers, and no loop over volumes.
-//!
-//! A device that is lost stays lost: the picture fails.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::{Atlas, AtlasPlan, slot_bytes};
@@ -49,8 +47,16 @@ pub struct GpuEnsemble {
     combined_place: u32,
     combined: Option<TransferTable>,
     targets: Targets,
-    max_size_px: (u32, u32),
+    recipe: Recipe,
     bytes: u64,
+}
+
+/// What it is made from, besides what the volumes need.
+#[derive(Clone, Copy, Debug)]
+struct Recipe {
+    preference: GpuPreference,
+    budget_bytes: u64,
+    max_size_px: (u32, u32),
 }
 
 #[derive(Debug)]
@@ -110,7 +116,11 @@ impl GpuEnsemble {
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
-        let mut budget_bytes = gpu_memory_bytes;
+        Self::make(Recipe { preference, budget_bytes: gpu_memory_bytes, max_size_px }, volumes)
+    }
+
+    fn make(recipe: Recipe, volumes: &[VolumeNeeds]) -> Result<Self, GpuError> {
+        let Recipe { preference, mut budget_bytes, max_size_px } = recipe;
         loop {
             let gpu = Gpu::open(preference, u64::MAX)?;
             let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
@@ -120,7 +130,7 @@ impl GpuEnsemble {
             }
             check_size(max_size_px, (gpu.report.max_texture_2d, gpu.report.max_texture_2d))?;
             let plan = Plan::new(&gpu, volumes, budget_bytes, max_size_px)?;
-            match Self::allocate(gpu, volumes, plan, max_size_px) {
+            match Self::allocate(gpu, volumes, plan, recipe) {
                 Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) => {
                     budget_bytes /= 2;
                     tracing::warn!("{error}: trying with {budget_bytes} bytes");
@@ -130,7 +140,7 @@ impl GpuEnsemble {
         }
     }
 
-    fn allocate(gpu: Gpu, needs: &[VolumeNeeds], plan: Plan, max_size_px: (u32, u32)) -> Result<Self, GpuError> {
+    fn allocate(gpu: Gpu, needs: &[VolumeNeeds], plan: Plan, recipe: Recipe) -> Result<Self, GpuError> {
         let (mut end, mut volumes, mut table_bytes) = (Firsts::default(), Vec::new(), 0);
         for ((needs, atlas), raycast) in needs.iter().zip(plan.atlases).zip(plan.raycasts) {
             let (codes, slots) = (needs.encoding.format, atlas.slots());
@@ -185,7 +195,7 @@ impl GpuEnsemble {
         entries.extend(textures.map(|(at, view)| entry(at, BindingResource::TextureView(view))));
         let descriptor = wgpu::BindGroupDescriptor { label: Some("march"), layout: &layouts.march, entries: &entries };
         let bindings = gpu.device.create_bind_group(&descriptor);
-        let targets = Targets::new(&gpu, Gather::Composite, Compositor::Raycast, max_size_px, 0)?;
+        let targets = Targets::new(&gpu, Gather::Composite, Compositor::Raycast, recipe.max_size_px, 0)?;
         gpu.check()?;
         Ok(Self {
             volumes,
@@ -200,10 +210,28 @@ impl GpuEnsemble {
             combined_place: end.place,
             combined: None,
             targets,
-            max_size_px,
+            recipe,
             bytes: plan.bytes,
             gpu,
         })
+    }
+
+    /// Starts anew with empty slots, as [`crate::GpuRenderer::renew`].
+    ///
+    /// # Errors
+    /// As [`GpuEnsemble::new`]; the renderer stays lost then.
+    pub fn renew(&mut self) -> Result<(), GpuError> {
+        // What the old device still holds must not stand beside the new one's.
+        self.gpu.destroy();
+        let needs: Vec<VolumeNeeds> = self.volumes.iter().map(|volume| volume.needs).collect();
+        *self = Self::make(self.recipe, &needs)?;
+        Ok(())
+    }
+
+    /// Loses the device as a driver does, at a moment of its own choice: for tests.
+    #[doc(hidden)]
+    pub fn destroy_device(&self) {
+        self.gpu.device.destroy();
     }
 
     /// How many bricks of a volume fit.
@@ -257,7 +285,7 @@ impl GpuEnsemble {
         let expression = combination.map(|combination| self.write_combination(combination));
         let rays = &layers[0].frame.settings.rays;
         let size = (rays.width, rays.height);
-        check_size(size, self.max_size_px)?;
+        check_size(size, self.recipe.max_size_px)?;
         let Self { gpu, volumes, shared, layouts, bindings, pipelines, targets, .. } = self;
         if (targets.width_px, targets.height_px) != size {
             *targets = Targets::new(gpu, Gather::Composite, Compositor::Raycast, size, 0)?;

@@ -345,8 +345,8 @@ impl<'a> Path<'a> {
         }
     }
 
-    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were grids, now 1.05 (medians of
-    /// three, 256^3).
+    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were grids, now
+    /// 1.05 (medians of three, 256^3).
     #[inline(never)]
     fn in_grid(&self, grid: &TransferGrid, code: f32, differences: Vec3) -> Option<Shown> {
         let gradient = (differences.as_dvec3() / self.voxel).length() * self.half_code;

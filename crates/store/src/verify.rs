@@ -1,13 +1,13 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
-//! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children,
-//! that each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
-//! document; for both pyramids, if there are two, in one pass over level 0. It goes on after a problem and reports them all; a brick that cannot be read is reported
-//! once, not again by what depends on it.
+//! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children, that
+//! each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
+//! document; for both pyramids, if there are two, in one pass over level 0. It goes on after a problem and reports them all; a
+//! brick that cannot be read is reported once, not again by what depends on it.
 //!
-//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is decoded about 3.4
-//! times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing is stored
-//! are not looked at voxel by voxel.
+//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is
+//! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing
+//! is stored are not looked at voxel by voxel.
 
 use crate::chunks::Chunks;
 use crate::error::{OpenError, ReadError};

@@ -1,6 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
-//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, gradients, surfaces, meshes, expressions, several
-//! volumes and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
+//! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, gradients, surfaces, meshes,
+//! expressions, several volumes and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.

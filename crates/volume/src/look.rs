@@ -10,9 +10,9 @@
 //! in the scene's world: its placement is affine, so gradients go by the inverse transpose. What adds glows, and is not lit.
 //!
 //! Volumes may have surfaces, too, each its own. A volume's are found in its part of a segment as those of one volume are (see
-//! [`surface`](crate::surface)); those of all volumes cut the segment, in the order of their distances. Between two cuts media mix as they do
-//! in a whole segment. A volume's sample stands for all its part, and each piece has of that part what lies in it: so nothing is sampled
-//! anew, and media that do not change are exact.
+//! [`surface`](crate::surface)); those of all volumes cut the segment, in the order of their distances. Between two cuts media
+//! mix as they do in a whole segment. A volume's sample stands for all its part, and each piece has of that part what lies in
+//! it: so nothing is sampled anew, and media that do not change are exact.
 
 use crate::every::every;
 use crate::integrals;

@@ -62,8 +62,8 @@ pub struct Scene {
     pub transfer: Option<TransferFunction>,
     /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Of several volumes each by its
-    /// own gradients, but for the fog of those that [add](crate::Blend::Add).
+    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Of several
+    /// volumes each by its own gradients, but for the fog of those that [add](crate::Blend::Add).
     pub lighting: Lighting,
     /// Sampling step in units of the finest voxel size.
     pub step: f64,

@@ -17,8 +17,8 @@
 //!        + a shard's layer of encoded aprons + shells (at least those of a shard's layer and its neighbours) + 24 MiB
 //! ```
 //!
-//! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are rings of the same size
-//! in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
+//! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
+//! rings of the same size in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
 
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};

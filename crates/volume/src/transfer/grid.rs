@@ -1,12 +1,12 @@
 //! The table of a transfer function of value and gradient magnitude: entries over the plane of both, looked up bilinearly after
 //! interpolation.
 //!
-//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a voxel can
-//! have has its own; where those are more than [`TransferGrid::MOST_ROWS`], so many at equal distances. Its columns are gradient
-//! magnitudes, at equal distances from 0 to the greatest that the function speaks of; beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield
-//! units are 3 units apart, a tenth of such data's noise; 256 columns are 1/255 of the steepest boundary apart, and gradients
-//! of 8-bit data have a resolution of half a code per voxel, coarser than that. What is narrower than an entry is drawn as wide
-//! as one, and a jump from one entry to the next is a ramp between them.
+//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a
+//! voxel can have has its own; where those are more than [`TransferGrid::MOST_ROWS`], so many at equal distances. Its columns
+//! are gradient magnitudes, at equal distances from 0 to the greatest that the function speaks of; beyond, the last column
+//! holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a tenth of such data's noise; 256 columns are 1/255
+//! of the steepest boundary apart, and gradients of 8-bit data have a resolution of half a code per voxel, coarser than that.
+//! What is narrower than an entry is drawn as wide as one, and a jump from one entry to the next is a ramp between them.
 //!
 //! Opacities are interpolated as they are, and colours by opacity, so that a region does not take on colours that are not shown.
 //! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.

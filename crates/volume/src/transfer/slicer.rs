@@ -4,11 +4,12 @@
 //! matter of a transfer function. Opacity is collected over the file's distance, in the text form over 1 (VTK's default, which
 //! Slicer leaves alone).
 //!
-//! Gradient opacity becomes the function's, but where it is 1 everywhere: then there is none. VTK's mappers measure gradients in units
-//! of the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`: central differences
-//! by `2 * spacing / mean`), so magnitudes are divided by that mean here. Two things of VTK's are not its function's: all magnitudes
-//! beyond a quarter of the data's range count as that, and the factor applies to the opacity of one of its steps, so that pictures change with
-//! the step. Here it applies to the opacity over the unit distance, which is the same where VTK's steps are as long as that.
+//! Gradient opacity becomes the function's, but where it is 1 everywhere: then there is none. VTK's mappers measure gradients
+//! in units of the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`:
+//! central differences by `2 * spacing / mean`), so magnitudes are divided by that mean here. Two things of VTK's are not its
+//! function's: all magnitudes beyond a quarter of the data's range count as that, and the factor applies to the opacity of one
+//! of its steps, so that pictures change with the step. Here it applies to the opacity over the unit distance, which is the
+//! same where VTK's steps are as long as that.
 //!
 //! The text has nine lines: interpolation, shade, diffuse, ambient, specular, specular power, then scalar opacity, gradient
 //! opacity and colours, each as how many numbers follow and those numbers (`value alpha` or `value r g b` after one another).

@@ -1,0 +1,302 @@
+//! The pager through its frames, with sources made for it: what is loaded, drawn and let go, and what fails.
+
+use super::*;
+use crate::draw_list::{DrawCell, Pixels};
+use crate::governor::UploadLimits;
+use crate::planner::Planning;
+use crate::test_source::{TestSource, box_view};
+use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, ViewRays, VoxelType};
+use std::collections::HashMap;
+
+fn config(slots: u32, host_bytes: u64) -> PagerConfig {
+    PagerConfig {
+        slots,
+        apron: 1,
+        gradient_layers: 0,
+        host_bytes,
+        workers: 3,
+        planning: Planning::Inline,
+        prefetch: false,
+        uploads: None,
+        fade: None,
+    }
+}
+
+fn brick(level: u8, index: [u32; 3]) -> BrickId {
+    BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
+}
+
+/// Frames until settled, uploads applied to `atlas`.
+fn settle(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
+    let deadline = std::time::Instant::now() + Duration::from_secs(20);
+    loop {
+        let frame = pager.frame(view, Duration::ZERO);
+        for upload in &frame.uploads {
+            atlas.insert(upload.slot.0, upload.codes.to_vec());
+        }
+        assert!(frame.status.host_bytes_peak <= pager.config().host_bytes);
+        if frame.status.settled {
+            return frame;
+        }
+        assert!(std::time::Instant::now() < deadline, "not settled: {:?}", frame.status);
+        drop(frame);
+        pager.wait(Duration::from_secs(1));
+    }
+}
+
+/// The first own voxel of the brick drawn for each cell is the source's.
+fn check_atlas(pager: &Pager, frame: &Frame, atlas: &HashMap<u32, Vec<u8>>) {
+    let (edge, side) = (pager.source().pyramid().edge(), pager.slot_edge() as usize);
+    for cell in &frame.draw.cells {
+        let mut core = vec![0; (edge as usize).pow(3) * pager.source().voxel_type().bytes()];
+        pager.source().read_core(cell.brick, &mut core).unwrap();
+        let bytes = pager.encoding().format.bytes();
+        let mut codes = vec![0; (edge as usize).pow(3) * bytes];
+        pager.encoding().encode(&core, &mut codes);
+        let first = (side * side + side + 1) * bytes;
+        assert_eq!(atlas[&cell.slot.0][first..first + bytes], codes[..bytes], "{}", cell.brick);
+    }
+}
+
+#[test]
+fn a_threaded_pager_settles_around_failures_within_its_budget() {
+    let pyramid = Pyramid::new(Extent::new(64, 50, 33), [1.0; 3], 8);
+    let mut source = TestSource::new(pyramid, [1.0; 3], VoxelType::F32);
+    // A cell, a cell with its parent, a panicking cell, and a brick that only matters as a neighbour.
+    source.failing = [brick(0, [1, 1, 1]), brick(0, [4, 4, 2]), brick(1, [2, 2, 1])].into();
+    source.panicking = [brick(0, [7, 0, 0])].into();
+    let source = Arc::new(source);
+    // About 40 of the 280 cores fit.
+    let mut pager = Pager::new(source.clone(), config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024)).unwrap();
+    let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    view.level = LevelPolicy::Locked(0);
+    let mut atlas = HashMap::new();
+    let frame = settle(&mut pager, &view, &mut atlas);
+    let status = &frame.status;
+    assert_eq!((status.wanted, status.resident, status.failed), (280, 277, 3));
+    assert!(status.covered && status.error.is_none() && !status.memory_bound);
+    assert!(status.completeness > 0.9 && status.completeness < 1.0);
+    // The damaged parent is met when it is asked to stand in.
+    assert_eq!(status.counters.failed, 4);
+    let drawn = |cell| frame.draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
+    assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
+    assert_eq!(drawn(brick(0, [4, 4, 2])), Some(brick(2, [1, 1, 0])));
+    // The same view again uploads and reads nothing.
+    let again = pager.frame(&view, Duration::ZERO);
+    assert!(again.uploads.is_empty() && again.status.settled && again.status.counters == status.counters);
+    assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+    check_atlas(&pager, &frame, &atlas);
+}
+
+#[test]
+fn one_slot_shows_the_root_of_each_channel() {
+    let source = Arc::new(TestSource::cube(40));
+    let mut pager = Pager::new(source.clone(), config(1, 8192)).unwrap();
+    let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    let mut atlas = HashMap::new();
+    for channel in [0, 1, 0] {
+        let frame = settle(&mut pager, &View { channel, ..view.clone() }, &mut atlas);
+        assert_eq!(frame.draw.cells.len(), 1);
+        assert_eq!(frame.draw.cells[0].brick.channel, channel);
+        check_atlas(&pager, &frame, &atlas);
+    }
+    assert_eq!(pager.frame(&view, Duration::ZERO).status.counters.reuploaded, 1);
+}
+
+#[test]
+fn slots_that_lost_their_bricks_are_filled_again() {
+    let source = Arc::new(TestSource::cube(40));
+    let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();
+    let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    let before = settle(&mut pager, &view, &mut HashMap::new());
+    let decoded = before.status.counters.decoded;
+    // Fewer slots make a coarser cut; more than at the start were not accounted for.
+    for (slots, used) in [(200, 200), (20, 20), (500, 20)] {
+        pager.forget_slots(slots).unwrap();
+        assert_eq!(pager.config().slots, used);
+        let mut atlas = HashMap::new();
+        let frame = settle(&mut pager, &view, &mut atlas);
+        check_atlas(&pager, &frame, &atlas);
+        assert_eq!(frame.draw.cells.len() == before.draw.cells.len(), used == 200);
+        let counters = frame.status.counters;
+        assert_eq!(counters.reuploaded, 0, "this is no thrash");
+        assert!(used != 200 || counters.decoded == decoded, "decoded bricks are kept");
+    }
+    assert!(matches!(pager.forget_slots(0), Err(PagerError::Slots { given: 0, least: 1, .. })));
+}
+
+#[test]
+fn frames_upload_no_more_than_asked_but_always_something() {
+    let source = Arc::new(TestSource::cube(64));
+    source.read_core(brick(0, [0, 0, 0]), &mut [0; 512]).unwrap();
+    let limited = PagerConfig {
+        uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
+        ..config(300, 1 << 20)
+    };
+    let mut pager = Pager::new(source.clone(), limited).unwrap();
+    let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
+    let mut frame = pager.frame(&view, Duration::ZERO);
+    let (mut frames, mut without) = (0, 0);
+    while !frame.status.settled {
+        assert!(pager.wait(Duration::from_secs(9)));
+        frame = pager.frame(&view, Duration::ZERO);
+        // 1,000 bytes a brick.
+        assert!(frame.uploads.len() <= 2, "{}", frame.uploads.len());
+        (frames, without) = (frames + 1, without + frame.uploads.is_empty() as u32);
+    }
+    // Once in a while all that comes is a stand-in for what came before it.
+    assert!(without * 10 <= frames, "{without} of {frames} frames without an upload");
+    let counters = frame.status.counters;
+    assert_eq!(counters.bytes_uploaded, counters.uploaded * 1000);
+    assert_eq!(counters.bytes_read, counters.decoded * 512, "of this pager alone");
+}
+
+#[test]
+fn a_renderer_may_keep_the_codes() {
+    let source = Arc::new(TestSource::cube(64));
+    let mut pager = Pager::new(source.clone(), config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024)).unwrap();
+    let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
+    let mut kept = Vec::new();
+    loop {
+        let frame = pager.frame(&view, Duration::ZERO);
+        kept.extend(frame.uploads.into_iter().map(|upload| (upload.brick, upload.codes.to_vec(), upload.codes)));
+        if frame.status.settled {
+            break;
+        }
+        assert!(pager.wait(Duration::from_secs(9)));
+    }
+    assert!(kept.len() >= 512);
+    for (brick, then, now) in &kept {
+        assert!(then[..] == now[..], "{brick} was written over");
+    }
+}
+
+#[test]
+fn a_volume_without_a_readable_brick_is_an_error() {
+    let mut source = TestSource::cube(8);
+    source.failing = [brick(0, [0, 0, 0])].into();
+    let source = Arc::new(source);
+    let mut pager = Pager::new(source.clone(), config(4, 1 << 16)).unwrap();
+    let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    let status = settle(&mut pager, &view, &mut HashMap::new()).status;
+    assert!(!status.covered);
+    assert_eq!(status.error.map(|err| err.id), Some(brick(0, [0, 0, 0])));
+}
+
+#[test]
+fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
+    let source = Arc::new(TestSource::cube(64));
+    let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 1 << 20) };
+    let mut pager = Pager::new(source.clone(), live).unwrap();
+    let projection = Projection::Perspective { fov_y_deg: 60.0 };
+    let mut view = View { pixel_error: 5.0, ..box_view(&source, projection) };
+    let (mut atlas, eye) = (HashMap::new(), view.rays.eye);
+    for i in 0..30u32 {
+        // In, and about the volume.
+        view.rays.eye = eye * (1.0 - 0.02 * i as f64);
+        let frame = pager.frame(&view, Duration::from_millis(20) * i);
+        for upload in &frame.uploads {
+            atlas.insert(upload.slot.0, upload.codes.to_vec());
+        }
+        check_atlas(&pager, &frame, &atlas);
+        drop(frame);
+        pager.wait(Duration::from_millis(20));
+    }
+    let frame = settle(&mut pager, &view, &mut atlas);
+    check_atlas(&pager, &frame, &atlas);
+    let cold = Cut::new(&*source, &view, crate::cut::cut_capacity(900, 1));
+    let wanted: HashMap<BrickId, BrickId> = frame.draw.cells.iter().map(|c| (c.cell, c.brick)).collect();
+    assert!(wanted.iter().all(|(cell, brick)| cell == brick) && !frame.status.memory_bound);
+    assert!(frame.status.effective_error_px <= 5.0 && wanted.len() >= cold.wanted());
+}
+
+#[test]
+fn what_is_foreseen_is_there_when_it_is_wanted() {
+    let source = Arc::new(TestSource::cube(64));
+    let ahead = PagerConfig { prefetch: true, ..config(1200, 2 << 20) };
+    let mut pager = Pager::new(source.clone(), ahead).unwrap();
+    let whole = box_view(&source, Projection::Orthographic { height: 30.0 });
+    let view = |aside: f64| {
+        let eye = whole.rays.eye + whole.rays.right.normalize() * aside;
+        View { rays: ViewRays { eye, ..whole.rays }, level: LevelPolicy::Locked(0), ..whole.clone() }
+    };
+    pager.frame(&view(0.0), Duration::ZERO);
+    let (view_now, now) = (view(1.0), Duration::from_millis(50));
+    let mut frame = pager.frame(&view_now, now);
+    while pager.wait(Duration::from_secs(9)) {
+        frame = pager.frame(&view_now, now);
+    }
+    assert!(frame.status.settled && frame.status.counters.uploaded_ahead > 0);
+    // Foreseen is the camera after 300 ms and a frame of 50: 7 farther.
+    let then = pager.frame(&view(7.5), Duration::from_millis(375)).status;
+    assert!(then.settled && then.wanted > 0 && then.completeness == 1.0, "{then:?}");
+    let behind = pager.frame(&view(-12.0), Duration::from_millis(400)).status;
+    assert!(behind.completeness < 1.0, "nothing was to be foreseen there");
+}
+
+#[test]
+fn what_is_hidden_is_not_read() {
+    let source = Arc::new(TestSource::cube(64));
+    let view = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };
+    let mut uploaded = Vec::new();
+    for shows in [1.0, 0.0] {
+        let mut pager = Pager::new(source.clone(), config(600, 1 << 20)).unwrap();
+        // The half of the volume that is farther away.
+        let hides = |cell: &DrawCell| cell.region.min.y >= 32;
+        loop {
+            let frame = pager.frame(&view, Duration::ZERO);
+            let told = |cell| if hides(cell) { shows } else { 1.0 };
+            let told: Vec<f32> = frame.draw.cells.iter().map(told).collect();
+            if frame.status.settled {
+                uploaded.push(frame.status.counters.uploaded);
+                assert!(frame.status.covered && frame.draw.cells.iter().any(hides));
+                break;
+            }
+            pager.feedback(&told);
+            if !frame.status.awaits_feedback {
+                pager.wait(Duration::from_secs(9));
+            }
+        }
+    }
+    // Before anything was told, some were on their way.
+    assert!(uploaded[1] < uploaded[0] * 3 / 4, "{uploaded:?}");
+}
+
+#[test]
+fn a_view_settles_when_all_has_faded_in() {
+    let source = Arc::new(TestSource::cube(16));
+    let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 40.0 }) };
+    for fade in [None, Some(Duration::from_millis(200))] {
+        // Whatever else is staged, one brick comes a frame, the root first.
+        let uploads = Some(UploadLimits { bytes: 0, time: Duration::from_secs(9) });
+        let config = PagerConfig { fade, uploads, workers: 1, ..config(40, 1 << 20) };
+        let mut pager = Pager::new(source.clone(), config).unwrap();
+        let (mut at, mut shares) = (Duration::ZERO, HashMap::<BrickId, Vec<u8>>::new());
+        let last = loop {
+            let frame = pager.frame(&view, at);
+            let fading = frame.draw.cells.iter().filter(|entry| entry.pixels.to < Pixels::THRESHOLDS);
+            fading.for_each(|entry| shares.entry(entry.brick).or_default().push(entry.pixels.to));
+            if frame.status.settled {
+                break frame;
+            }
+            assert!(frame.status.error.is_none(), "a cell with two entries is drawn");
+            pager.feedback(&vec![1.0; frame.draw.cells.len()]);
+            assert!(frame.status.awaits_feedback || pager.wait(Duration::from_secs(9)), "nothing goes on");
+            at += Duration::from_millis(50);
+        };
+        assert!(last.draw.cells.len() == 8 && !last.draw.is_fading() && last.status.covered);
+        assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+        assert_eq!(shares.len(), if fade.is_some() { 8 } else { 0 });
+        assert!(shares.values().all(|shares| *shares == [1, 16, 32, 48]), "{shares:?}");
+    }
+}
+
+#[test]
+fn budgets_that_hold_no_brick_are_refused_with_the_least_that_works() {
+    let source = Arc::new(TestSource::cube(64));
+    let new = |config| Pager::new(source.clone(), config).map(drop);
+    assert!(matches!(new(config(0, 1 << 20)), Err(PagerError::Slots { least: 1, least_bytes: 1000, .. })));
+    let Err(PagerError::HostMemory { least, .. }) = new(config(4, 100)) else { panic!("100 bytes are too few") };
+    assert!(new(config(4, least)).is_ok());
+    assert!(matches!(new(PagerConfig { apron: 5, ..config(4, 1 << 20) }), Err(PagerError::Apron { .. })));
+}
