@@ -8,6 +8,7 @@ use brickyard_tests::{
 };
 use glam::DVec3;
 use std::sync::Arc;
+use std::time::Duration;
 
 const SIZE: (u32, u32) = (97, 75);
 const EXTENT: Extent = Extent::new(90, 77, 83);
@@ -54,6 +55,11 @@ fn an_edit_of_the_transfer_function_uploads_nothing() {
         let (_, before) = settled(&mut session, &scene(transfer(0.9, 0.3), 20.0), SIZE);
         for (red, opacity) in [(0.2, 0.02), (0.7, 0.9)] {
             let edited = scene(transfer(red, opacity), 20.0);
+            // As somebody does who goes on drawing meanwhile; the next test's edits are not prepared.
+            session.prepare(&transfer(red, opacity));
+            while !session.is_prepared(&transfer(red, opacity)) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
             let (picture, after) = settled(&mut session, &edited, SIZE);
             assert_same(&picture, &oracle(&test.store, &edited, SIZE), &format!("{way:?} at {opacity}"));
             assert_eq!(after.bricks.uploaded, before.bricks.uploaded, "{way:?} at {opacity}");

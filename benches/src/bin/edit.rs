@@ -2,10 +2,9 @@
 //! with another one, in turn.
 //!
 //! ```text
-//! frame    resolve, step and draw with the function of the frame before
-//! resolve  the part of it that samples the table and looks for what is opaque: of every frame, edited or not
-//! edit     what resolve, step and draw take longer with another function: its table is found different, turned into what the
-//!          renderer looks up, and uploaded
+//! frame    resolve, step and draw with the function of the frame before, whose table is there
+//! table    resolving with another function: its table is made, and what is opaque looked for. What `Session::prepare` has a thread do
+//! edit     what step and draw take longer then: the table is turned into what the renderer looks up, and uploaded
 //! ```
 //!
 //! An edit is measured with a picture of 16 x 16 pixels, which takes so little itself that the difference is not lost in it.
@@ -81,15 +80,15 @@ fn main() -> Result<(), Box<dyn Error>> {
         let whole = measure(&mut session, &scenes, arguments.size, arguments.edits)?;
         let tiny = measure(&mut session, &scenes, TINY, 4 * arguments.edits)?;
         let frame = median(whole.iter().map(|turn| turn.frame.cpu_s * 1e3));
-        let resolve = median(whole.iter().map(|turn| turn.resolve.cpu_s * 1e3));
+        let table = median(whole.iter().map(|turn| turn.table.cpu_s * 1e3));
         let edit = median(tiny.iter().map(|turn| (turn.edit.cpu_s - turn.frame.cpu_s) * 1e3));
-        let share = edit / frame;
+        let share = (table + edit) / frame;
         let ms = |v: f64| format!("{v:.2}");
-        rows.push(vec![name.into(), ms(frame), ms(resolve), ms(edit), format!("{:.1} %", share * 100.0)]);
-        lines.push(json!({ "way": name, "frame_cpu_ms": frame, "resolve_cpu_ms": resolve, "edit_cpu_ms": edit,
+        rows.push(vec![name.into(), ms(frame), ms(table), ms(edit), format!("{:.1} %", share * 100.0)]);
+        lines.push(json!({ "way": name, "frame_cpu_ms": frame, "table_cpu_ms": table, "edit_cpu_ms": edit,
             "edit_over_frame": share }));
     }
-    println!("{}", markdown(&["", "frame, CPU ms", "of it resolve", "an edit adds", "of a frame"], &rows));
+    println!("{}", markdown(&["", "frame, CPU ms", "the table", "an edit adds", "both, of a frame"], &rows));
     println!("{}", json!(lines));
     Ok(())
 }
@@ -108,7 +107,7 @@ fn scenes(store: &Store, preset: &str) -> Result<[Scene; 2], Box<dyn Error>> {
 struct Turn {
     frame: Timing,
     edit: Timing,
-    resolve: Timing,
+    table: Timing,
 }
 
 fn measure(session: &mut Session, scenes: &[Scene; 2], size: u32, turns: usize) -> Result<Vec<Turn>, Box<dyn Error>> {
@@ -121,11 +120,11 @@ fn measure(session: &mut Session, scenes: &[Scene; 2], size: u32, turns: usize) 
         let (old, new) = (&scenes[i % 2], &scenes[(i + 1) % 2]);
         let (frame, drawn) = time(|| draw(session, old, size_px, &mut stats));
         drawn?;
-        let (resolve, resolved) = time(|| session.resolve(new, size_px));
+        let (table, resolved) = time(|| session.resolve(new, size_px));
         resolved?;
         let (edit, drawn) = time(|| draw(session, new, size_px, &mut stats));
         drawn?;
-        Ok(Turn { frame, edit, resolve })
+        Ok(Turn { frame, edit, table })
     };
     let turns = (0..turns).map(turn).collect::<Result<Vec<Turn>, Box<dyn Error>>>()?;
     if stats.bricks.uploaded != uploaded {

@@ -21,6 +21,7 @@ pub mod scenario;
 pub mod session;
 pub mod stats;
 pub mod survey;
+mod tables;
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;

@@ -191,7 +191,7 @@ mod tests {
             geometry: Geometry::default(),
             placement: Placement::default(),
             encoding,
-            table: TransferTable::new(&transfer, &encoding),
+            table: TransferTable::new(&transfer, &encoding).into(),
             mode: Mode::Dvr,
             surfaces: Vec::new(),
             sampling: Sampling::default(),

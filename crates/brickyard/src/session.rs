@@ -3,6 +3,7 @@
 
 use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
 use crate::losses::Losses;
+use crate::tables::Tables;
 use brickyard_pager::{
     BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
 };
@@ -130,6 +131,7 @@ pub struct Session {
     /// The view of the last step, and whether it had settled.
     shown: Option<(View, bool)>,
     losses: Losses,
+    tables: Tables,
     /// When it began, if it is live.
     clock: Option<Instant>,
 }
@@ -161,7 +163,9 @@ impl Session {
         let clock = options.live.then(Instant::now);
         let (draw, draw_other_eye, shown, losses) = Default::default();
         let bricks = needs.bricks;
+        let tables = Tables::new(needs.encoding, bricks.is_pre_integrated);
         Ok(Self {
+            tables,
             source,
             bricks,
             leaps: options.leaps,
@@ -187,9 +191,21 @@ impl Session {
             let problem = format!("the session's bricks have {:?}, and the scene needs {needs:?}", self.bricks);
             return Err(SessionError::Scene(problem + ": make it with SessionOptions::bricks set to that"));
         }
-        let mut resolved = resolve(&*self.source, self.default_window, scene, (width, height))?;
+        let table = |transfer: &TransferFunction, _: &SlotEncoding| self.tables.table(transfer);
+        let mut resolved = resolve_with(&*self.source, self.default_window, scene, (width, height), table)?;
         resolved.view.opaque = resolved.view.opaque.filter(|_| self.leaps);
         Ok(resolved)
+    }
+
+    /// Has a thread make what is to be made of a transfer function before it can be shown. Until [`Session::is_prepared`] says that it is
+    /// done, scenes with the function before can be drawn as ever; one that is resolved sooner makes it itself, and waits for that.
+    pub fn prepare(&self, transfer: &TransferFunction) {
+        self.tables.prepare(transfer);
+    }
+
+    /// Whether a scene with this transfer function resolves at once.
+    pub fn is_prepared(&self, transfer: &TransferFunction) -> bool {
+        self.tables.is_prepared(transfer)
     }
 
     /// One step of streaming: asks the pager, performs its uploads, keeps its draw list. A lost device is made anew.
@@ -312,7 +328,19 @@ pub fn resolve(
     source: &dyn BrickSource,
     default_window: (f64, f64),
     scene: &Scene,
+    size_px: (u32, u32),
+) -> Result<ResolvedScene, SessionError> {
+    let table = |transfer: &TransferFunction, encoding: &SlotEncoding| TransferTable::new(transfer, encoding).into();
+    resolve_with(source, default_window, scene, size_px, table)
+}
+
+/// The same with tables from wherever they come.
+fn resolve_with(
+    source: &dyn BrickSource,
+    default_window: (f64, f64),
+    scene: &Scene,
     (width, height): (u32, u32),
+    table: impl FnOnce(&TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
 ) -> Result<ResolvedScene, SessionError> {
     let pyramid = source.pyramid();
     let levels = pyramid.levels();
@@ -336,7 +364,7 @@ pub fn resolve(
     };
     let encoding = encoding_of(source);
     let transfer = scene.transfer.clone().unwrap_or_else(|| default_transfer(default_window, &geometry, extent));
-    let table = TransferTable::new(&transfer, &encoding);
+    let table = table(&transfer, &encoding);
     // Quantisation moves a value by half a code.
     let slack = (table.reach_codes() + 0.5) * encoding.code_width();
     let bins = source.occupancy_bins();

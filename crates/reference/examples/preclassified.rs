@@ -101,7 +101,7 @@ fn frame(transfer: &TransferFunction) -> Result<FrameSettings, Box<dyn std::erro
         geometry,
         placement: Placement::default(),
         encoding,
-        table: TransferTable::new(transfer, &encoding),
+        table: TransferTable::new(transfer, &encoding).into(),
         mode: Mode::Dvr,
         surfaces: Vec::new(),
         sampling: Sampling::default(),

@@ -334,7 +334,7 @@ pub(crate) mod tests {
             geometry,
             placement: Placement::default(),
             encoding,
-            table: TransferTable::new(transfer, &encoding),
+            table: TransferTable::new(transfer, &encoding).into(),
             mode,
             surfaces: Vec::new(),
             sampling: Sampling::default(),

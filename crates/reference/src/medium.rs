@@ -12,7 +12,7 @@ use glam::DVec3;
 
 /// The colour of a part of a ray, over what is behind: of fog and surfaces, or of surfaces alone.
 pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path, behind: DVec3) -> DVec3 {
-    let integrals = frame.sampling.method.is_pre_integrated().then(|| Integrals::new(&frame.table));
+    let integrals = frame.sampling.method.is_pre_integrated().then(|| frame.table.integrals());
     let mut light = Light { color: DVec3::ZERO, transmittance: 1.0 };
     let mut crossings = Crossings::new(frame);
     let of_surfaces = surface::lighting(&frame.lighting);
@@ -22,13 +22,13 @@ pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &
         let mut start = segment.start;
         for (t, surface) in crossings.within(segment, |t| field.value(t)) {
             let fog = Segment { start, end: t };
-            field.add_fog(&mut light, fog, volume, integrals.as_ref());
+            field.add_fog(&mut light, fog, volume, integrals);
             let field = Field { lighting: &of_surfaces, ..field };
             let color = DVec3::from_array(surface.color.map(f64::from));
             light.add(field.shade(color, field.differences(t, surface.threshold), t), 1.0 - surface.opacity as f64);
             start = t;
         }
-        field.add_fog(&mut light, Segment { start, ..segment }, volume, integrals.as_ref());
+        field.add_fog(&mut light, Segment { start, ..segment }, volume, integrals);
     }
     light.color + light.transmittance * behind
 }

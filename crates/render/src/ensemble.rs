@@ -27,6 +27,7 @@ use brickyard_volume::{
     TransferTable, surface,
 };
 use std::collections::HashMap;
+use std::sync::Arc;
 use wgpu::{BindingResource, BufferUsages};
 
 /// Atlases of several volumes, and the shaders that draw from them.
@@ -67,7 +68,7 @@ struct Volume {
     uploader: Uploader,
     slot_ranges: Vec<[u16; 2]>,
     /// What the table buffer holds, and of it the codes with opacity.
-    table: Option<(TransferTable, Blend)>,
+    table: Option<(Arc<TransferTable>, Blend)>,
     opaque: OpaqueCodes,
     first: Firsts,
 }
@@ -151,7 +152,7 @@ impl GpuEnsemble {
             end.place += table::last_place(codes) + 1;
             end.count += codes.max_code() + 2;
             table_bytes += Room::of_places(codes).bytes();
-            let none = TransferTable { entries: Vec::new(), unit_distance: 1.0, grid: None };
+            let none = TransferTable::from_entries(Vec::new(), 1.0);
             volumes.push(Volume {
                 needs: *needs,
                 plan: raycast,

@@ -69,7 +69,7 @@ impl Raycast {
         }
         let bindings = shared.bindings(gpu, layout, atlas, &own);
         let slot_ranges = vec![macrocells::NONE; slots as usize];
-        let opaque = OpaqueCodes::new(&TransferTable { entries: Vec::new(), unit_distance: 1.0, grid: None });
+        let opaque = OpaqueCodes::new(&TransferTable::from_entries(Vec::new(), 1.0));
         Ok(Self { plan, nodes, bricks, ranges, opaque_before, marks, bindings, slot_ranges, opaque })
     }
 

@@ -22,6 +22,7 @@ use brickyard_pager::{DrawList, Slot};
 use brickyard_shaders::{Gather, Variant};
 use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, TransferTable};
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// How the samples of a frame are gathered. All take the same samples and make the same picture.
@@ -93,7 +94,7 @@ pub struct GpuRenderer {
     /// Room for marks in the targets.
     marks_bytes: u64,
     /// What the table buffer holds.
-    table: Option<TransferTable>,
+    table: Option<Arc<TransferTable>>,
     /// See [`table::Words`].
     sum_unit: f32,
     /// How the last frame's cells were entered.
@@ -400,7 +401,8 @@ impl GpuRenderer {
             self.targets = None;
             self.targets = Some(Targets::new(gpu, gather, compositor, (width, height), self.marks_bytes)?);
         }
-        if self.table.as_ref() != Some(&frame.table) {
+        let is_there = |table: &Arc<TransferTable>| Arc::ptr_eq(table, &frame.table) || *table == frame.table;
+        if !self.table.as_ref().is_some_and(is_there) {
             let words = table::words(&frame.table, self.recipe.tables());
             self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&words.words));
             self.sum_unit = words.sum_unit;

@@ -3,7 +3,7 @@
 //! the depth that an exponential takes.
 
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::{Blend, Integrals, Needs, SlotFormat, TransferGrid, TransferTable};
+use brickyard_volume::{Blend, Needs, SlotFormat, TransferGrid, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
@@ -85,7 +85,7 @@ pub(crate) fn words(table: &TransferTable, room: Room) -> Words {
     let mut words = places(table, room.codes, Blend::Mix);
     let mut sum_unit = 0.0;
     if room.has_integrals {
-        let integrals = Integrals::new(table);
+        let integrals = table.integrals();
         let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
         // Differences of 64 bits are exact, wherever along the table they are taken.
         sum_unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
@@ -136,11 +136,7 @@ mod tests {
     fn places_say_what_the_table_says() {
         for codes in [SlotFormat::U8, SlotFormat::U16] {
             let entries = (0..=codes.max_code()).map(|i| i as f32 / codes.max_code() as f32);
-            let table = TransferTable {
-                entries: entries.map(|t| [t, 1.0 - t, t * t, t]).collect(),
-                unit_distance: 1.0,
-                grid: None,
-            };
+            let table = TransferTable::from_entries(entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), 1.0);
             let places = places(&table, codes, Blend::Mix);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {

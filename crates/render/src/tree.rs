@@ -153,7 +153,7 @@ mod tests {
 
     fn table(alpha: impl Fn(usize) -> f32) -> OpaqueCodes {
         let entries = (0..256).map(|i| [1.0, 1.0, 1.0, alpha(i)]).collect();
-        OpaqueCodes::new(&TransferTable { entries, unit_distance: 1.0, grid: None })
+        OpaqueCodes::new(&TransferTable::from_entries(entries, 1.0))
     }
 
     /// The twin of `find_place` in tree.wgsl: the leaf's box and number.

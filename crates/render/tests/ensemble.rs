@@ -196,7 +196,7 @@ fn frames(
             geometry: bricks.geometry.clone(),
             placement: *placement,
             encoding: bricks.encoding,
-            table: TransferTable::new(transfer, &bricks.encoding),
+            table: TransferTable::new(transfer, &bricks.encoding).into(),
             mode: Mode::Dvr,
             surfaces: Surface::all(shown, transfer, &bricks.encoding),
             meshes: Vec::new(),

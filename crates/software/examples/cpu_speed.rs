@@ -72,7 +72,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         geometry,
         placement: Placement::default(),
         encoding: volume.encoding,
-        table: TransferTable::new(&transfer, &volume.encoding),
+        table: TransferTable::new(&transfer, &volume.encoding).into(),
         mode,
         surfaces: match mode {
             Mode::Isosurface => Surface::all(&[Isosurface::at(value(0.4))], &transfer, &volume.encoding),

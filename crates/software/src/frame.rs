@@ -44,7 +44,7 @@ pub(crate) struct Frame<'a> {
     /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
     pub(crate) adaptive_step: f64,
     /// The transfer function's running integrals, if the method wants them.
-    pub(crate) integrals: Option<Integrals>,
+    pub(crate) integrals: Option<&'a Integrals>,
     /// What fog is classified by, if that is value and gradient.
     pub(crate) grid: Option<&'a TransferGrid>,
     /// What whole steps do, in a composite picture.
@@ -156,7 +156,7 @@ impl<'a> Frame<'a> {
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
             adaptive_step: settings.table.adaptive_step(),
             grid: settings.grid(),
-            integrals: settings.sampling.method.is_pre_integrated().then(|| Integrals::new(&settings.table)),
+            integrals: settings.sampling.method.is_pre_integrated().then(|| settings.table.integrals()),
             steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
             ticks,
             shown_low,

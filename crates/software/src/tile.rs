@@ -536,7 +536,7 @@ mod tests {
             geometry: Geometry::default(),
             placement: Placement::default(),
             encoding,
-            table: TransferTable::new(&transfer, &encoding),
+            table: TransferTable::new(&transfer, &encoding).into(),
             mode,
             surfaces,
             sampling: Sampling::default(),

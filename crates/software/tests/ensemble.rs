@@ -145,7 +145,7 @@ fn frames(
             geometry: geometry.clone(),
             placement: *placement,
             encoding: volume.encoding,
-            table: TransferTable::new(transfer, &volume.encoding),
+            table: TransferTable::new(transfer, &volume.encoding).into(),
             mode: Mode::Dvr,
             surfaces: Surface::all(shown, transfer, &volume.encoding),
             meshes: Vec::new(),

@@ -60,7 +60,7 @@ fn frame_of(
         geometry: Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), ..Geometry::default() },
         placement: Placement::default(),
         encoding: volume.encoding,
-        table: TransferTable::new(transfer, &volume.encoding),
+        table: TransferTable::new(transfer, &volume.encoding).into(),
         mode: Mode::Dvr,
         surfaces: Vec::new(),
         sampling,

@@ -64,7 +64,7 @@ impl View {
             geometry: self.geometry.clone(),
             placement: Placement::default(),
             encoding: volume.encoding,
-            table: TransferTable::new(transfer, &volume.encoding),
+            table: TransferTable::new(transfer, &volume.encoding).into(),
             mode: self.mode,
             surfaces: match self.mode {
                 Mode::Isosurface => surface_at(transfer.color[transfer.color.len() / 2][0], transfer, volume),

@@ -34,7 +34,7 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
         geometry: Geometry::default(),
         placement: Placement::default(),
         encoding,
-        table: TransferTable::new(&transfer, &encoding),
+        table: TransferTable::new(&transfer, &encoding).into(),
         mode,
         surfaces: match mode {
             Mode::Isosurface => vec![Surface { threshold: 150.0, color: [1.0; 3], opacity: 1.0 }],

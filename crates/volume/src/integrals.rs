@@ -113,7 +113,7 @@ mod tests {
 
     fn table(alpha: impl Fn(usize) -> f32) -> TransferTable {
         let entry = |i: usize| [i as f32 / 255.0, 1.0 - i as f32 / 255.0, 0.5, alpha(i)];
-        TransferTable { entries: (0..256).map(entry).collect(), unit_distance: 1.0, grid: None }
+        TransferTable::from_entries((0..256).map(entry).collect(), 1.0)
     }
 
     #[test]

@@ -229,7 +229,7 @@ mod tests {
     fn opacity_of_ranges_is_that_of_their_entries() {
         let alpha = [0.0, 0.0, 0.5, 0.1, 0.0, 0.2, 0.0];
         let entries = alpha.map(|a| [1.0, 1.0, 1.0, a]).to_vec();
-        let opaque = OpaqueCodes::new(&TransferTable { entries, unit_distance: 1.0, grid: None });
+        let opaque = OpaqueCodes::new(&TransferTable::from_entries(entries, 1.0));
         for low in 0..7u16 {
             for high in 0..7u16 {
                 let within = alpha.get(low as usize..=high as usize).unwrap_or(&[]);

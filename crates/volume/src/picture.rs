@@ -14,6 +14,7 @@ use crate::space::Extent;
 use crate::surface::Surface;
 use crate::transfer::{TransferGrid, TransferTable};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Everything besides bricks that decides a frame, resolved for one picture size. Every renderer takes exactly this.
 #[derive(Clone, Debug)]
@@ -29,7 +30,7 @@ pub struct FrameSettings {
     /// How slot codes stand for values.
     pub encoding: SlotEncoding,
     /// Colour and opacity per code.
-    pub table: TransferTable,
+    pub table: Arc<TransferTable>,
     /// How samples become a pixel.
     pub mode: Mode,
     /// The surfaces of [`Mode::Isosurface`], at least one, and of [`Mode::Dvr`]: at most

@@ -177,7 +177,7 @@ impl Bricks {
             geometry: self.geometry.clone(),
             placement: Placement::default(),
             encoding: self.encoding,
-            table: TransferTable::new(transfer, &self.encoding),
+            table: TransferTable::new(transfer, &self.encoding).into(),
             mode,
             surfaces: match mode {
                 Mode::Isosurface => {

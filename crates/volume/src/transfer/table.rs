@@ -2,12 +2,13 @@
 
 use super::{TransferFunction, TransferGrid};
 use crate::code::SlotEncoding;
+use crate::integrals::Integrals;
 use crate::sampling::ADAPTIVE_SHARE;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
 /// neighbouring entries. 256 entries for 8-bit codes and 65,536 for 16-bit ones, so every code has its own entry.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct TransferTable {
     /// The entries; entry `i` belongs to code `i`. Where there is a grid, alpha is the most that a value next to the code has at any
     /// gradient: what is clear here is clear there.
@@ -17,6 +18,15 @@ pub struct TransferTable {
     /// What is seen at values and gradients, of a function that depends on both: shared, as copies of a table are made for every
     /// frame.
     pub grid: Option<Arc<TransferGrid>>,
+    /// Made when they are first asked for.
+    integrals: OnceLock<Integrals>,
+}
+
+impl PartialEq for TransferTable {
+    fn eq(&self, other: &Self) -> bool {
+        let of = |table: &Self| (table.unit_distance, table.entries.len());
+        of(self) == of(other) && self.entries == other.entries && self.grid == other.grid
+    }
 }
 
 impl TransferTable {
@@ -33,7 +43,18 @@ impl TransferTable {
         if let Some(grid) = &grid {
             entries.iter_mut().zip(grid.most(max + 1)).for_each(|(entry, most)| entry[3] = most);
         }
-        Self { entries, unit_distance: transfer.unit_distance as f32, grid: grid.map(Arc::new) }
+        let grid = grid.map(Arc::new);
+        Self { entries, unit_distance: transfer.unit_distance as f32, grid, integrals: OnceLock::new() }
+    }
+
+    /// One with these entries, of a function of the value alone.
+    pub fn from_entries(entries: Vec<[f32; 4]>, unit_distance: f32) -> Self {
+        Self { entries, unit_distance, grid: None, integrals: OnceLock::new() }
+    }
+
+    /// The function's running integrals: of a table of 65,536 entries they take 2 ms, once.
+    pub fn integrals(&self) -> &Integrals {
+        self.integrals.get_or_init(|| Integrals::new(self))
     }
 
     /// How far from a value, in codes, others may change what is seen there: as far as the next entry.
@@ -74,7 +95,7 @@ mod tests {
     fn adaptive_steps_are_of_what_changes() {
         let step = |entry: &dyn Fn(usize) -> [f32; 4]| {
             let entries = (0..256).map(entry).collect();
-            (TransferTable { entries, unit_distance: 1.0, grid: None }.adaptive_step() * 255.0 / ADAPTIVE_SHARE).round()
+            (TransferTable::from_entries(entries, 1.0).adaptive_step() * 255.0 / ADAPTIVE_SHARE).round()
         };
         assert_eq!(step(&|code| [0.0, 0.0, 0.0, code as f32]), 255.0);
         assert_eq!(step(&|code| [0.0, 0.0, 0.0, code.clamp(100, 130) as f32]), 30.0);

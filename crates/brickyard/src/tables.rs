@@ -1,0 +1,140 @@
+//! The transfer tables of a session. A table is made once for each function that is shown, by whoever resolves a scene with it; or ahead of
+//! that by a thread, so that what is drawn meanwhile does not wait: for 16-bit codes table and running integrals take some
+//! milliseconds.
+
+use brickyard_volume::{SlotEncoding, TransferFunction, TransferTable};
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+/// A function and its table.
+#[derive(Clone)]
+struct Made {
+    transfer: TransferFunction,
+    table: Arc<TransferTable>,
+}
+
+/// What is kept: the table last used and the one last made ahead.
+#[derive(Default)]
+struct Kept {
+    used: Option<Made>,
+    ahead: Option<Made>,
+}
+
+/// The tables of one encoding.
+pub(crate) struct Tables {
+    encoding: SlotEncoding,
+    /// Whether running integrals will be wanted of them.
+    has_integrals: bool,
+    kept: Arc<Mutex<Kept>>,
+    /// To the thread that makes them ahead, from when one is first asked for; it ends when this is gone.
+    wanted: OnceLock<Sender<TransferFunction>>,
+}
+
+fn lock(kept: &Mutex<Kept>) -> MutexGuard<'_, Kept> {
+    kept.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Tables {
+    pub(crate) fn new(encoding: SlotEncoding, has_integrals: bool) -> Self {
+        Self { encoding, has_integrals, kept: Default::default(), wanted: OnceLock::new() }
+    }
+
+    /// A function's table: the one that was used last or made ahead, or a new one.
+    pub(crate) fn table(&self, transfer: &TransferFunction) -> Arc<TransferTable> {
+        let is_it = |made: &&Made| made.transfer == *transfer;
+        let found = {
+            let kept = lock(&self.kept);
+            kept.used.iter().chain(&kept.ahead).find(is_it).cloned()
+        };
+        let made = found.unwrap_or_else(|| make(transfer.clone(), &self.encoding, false));
+        let table = made.table.clone();
+        lock(&self.kept).used = Some(made);
+        table
+    }
+
+    /// Has a function's table made by a thread; the newest wanted is made first, and others not at all. Without a thread nothing is
+    /// made ahead.
+    pub(crate) fn prepare(&self, transfer: &TransferFunction) {
+        if !self.is_prepared(transfer) {
+            let wanted = self.wanted.get_or_init(|| self.start());
+            // Where there is no thread nobody receives it.
+            let _ = wanted.send(transfer.clone());
+        }
+    }
+
+    /// Whether there is a function's table.
+    pub(crate) fn is_prepared(&self, transfer: &TransferFunction) -> bool {
+        let kept = lock(&self.kept);
+        kept.used.iter().chain(&kept.ahead).any(|made| made.transfer == *transfer)
+    }
+
+    fn start(&self) -> Sender<TransferFunction> {
+        let (send, receive) = unbounded();
+        let (encoding, has_integrals, kept) = (self.encoding, self.has_integrals, self.kept.clone());
+        let run = move || make_ahead(&receive, &encoding, has_integrals, &kept);
+        if let Err(error) = std::thread::Builder::new().name("tables".into()).spawn(run) {
+            tracing::warn!("no thread for transfer tables: {error}");
+        }
+        send
+    }
+}
+
+fn make(transfer: TransferFunction, encoding: &SlotEncoding, has_integrals: bool) -> Made {
+    let table = TransferTable::new(&transfer, encoding);
+    if has_integrals {
+        table.integrals();
+    }
+    Made { transfer, table: Arc::new(table) }
+}
+
+fn make_ahead(wanted: &Receiver<TransferFunction>, encoding: &SlotEncoding, has_integrals: bool, kept: &Mutex<Kept>) {
+    while let Ok(first) = wanted.recv() {
+        let newest = wanted.try_iter().last().unwrap_or(first);
+        let made = make(newest, encoding, has_integrals);
+        lock(kept).ahead = Some(made);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::VoxelType;
+    use std::time::{Duration, Instant};
+
+    fn function(alpha: f64) -> TransferFunction {
+        TransferFunction { opacity: vec![[0.0, 0.0], [200.0, alpha]], ..TransferFunction::default() }
+    }
+
+    fn wait(tables: &Tables, transfer: &TransferFunction) {
+        let begun = Instant::now();
+        while !tables.is_prepared(transfer) {
+            assert!(begun.elapsed() < Duration::from_secs(60), "a table takes milliseconds");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn tables_made_ahead_are_those_made_at_once_and_are_made_once() {
+        let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
+        let tables = Tables::new(encoding, true);
+        let [now, next] = [0.3, 0.6].map(function);
+        let first = tables.table(&now);
+        assert!(Arc::ptr_eq(&first, &tables.table(&now)), "made once");
+        assert!(!tables.is_prepared(&next));
+        tables.prepare(&next);
+        wait(&tables, &next);
+        assert!(tables.is_prepared(&now), "what is shown meanwhile stays");
+        let ahead = tables.table(&next);
+        assert!(Arc::ptr_eq(&ahead, &tables.table(&next)));
+        assert_eq!(*ahead, TransferTable::new(&next, &encoding));
+        assert_ne!(*ahead, *first);
+    }
+
+    #[test]
+    fn of_many_edits_the_newest_is_made() {
+        let tables = Tables::new(SlotEncoding::new(VoxelType::U16, (0.0, 300.0), false), true);
+        let edits: Vec<_> = (1..200).map(|i| function(i as f64 / 400.0)).collect();
+        edits.iter().for_each(|edit| tables.prepare(edit));
+        wait(&tables, &edits[198]);
+    }
+}
