@@ -431,6 +431,7 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --channel 1 --compositor reference", USAGE, &["channel 1", "1"]),
             ("render good.zarr -o o.png --backend cpu --compositor sorted", USAGE, &["raycast", "--backend gpu"]),
             ("render good.zarr -o o.png --backend cpu --compositor compute", USAGE, &["compute", "raycast"]),
+            ("render good.zarr -o o.png -j 0", USAGE, &["--threads", "zero"]),
             ("render good.zarr -o o.png --size 0x5", USAGE, &["0x5", "16384"]),
             ("render good.zarr -o o.png --size 100000x5", USAGE, &["100000x5", "16384"]),
             ("render good.zarr -o o.png --size large", USAGE, &["large", "WxH"]),

@@ -439,10 +439,11 @@ impl Plan {
         let format = |needs: &VolumeNeeds| formats.atlas(needs.encoding.format);
         let gradients = |needs: &VolumeNeeds| needs.bricks.gradients(needs.edge);
         let slot_bytes = |needs: &VolumeNeeds| slot_bytes(slot_edge(needs), format(needs), gradients(needs));
-        let (mut small, mut staging) = (picture_bytes(formats, max_size_px) + Room::of_places(COMBINED).bytes(), 0);
+        let (mut small, mut staging) =
+            (picture_bytes(formats, max_size_px) + Room::of_places(COMBINED).bytes_staged(), 0);
         for (needs, plan) in volumes.iter().zip(&raycasts) {
             let codes = needs.encoding.format;
-            small += Room::of_places(codes).bytes() + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
+            small += Room::of_places(codes).bytes_staged() + plan.fixed_bytes() + size_of::<FrameUniform>() as u64;
             staging += staging_bytes(slot_edge(needs), format(needs), gradients(needs)) + plan.ranges_bytes(1);
         }
         // As for one volume: two batches are under way at once, together at most an eighth of the budget.

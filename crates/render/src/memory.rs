@@ -117,7 +117,7 @@ impl MemoryPlan {
         let (width_px, height_px) = needs.max_size_px;
         let pixels = width_px as u64 * height_px as u64;
         let picture = picture_bytes(&needs.formats, needs.max_size_px);
-        let table = needs.tables.bytes();
+        let table = needs.tables.bytes_staged();
         let (compositor, beside_bytes, most) = match needs.raycast {
             None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
             Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),

@@ -59,6 +59,11 @@ impl Room {
         (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
     }
 
+    /// The same, and the staging memory of its upload.
+    pub(crate) fn bytes_staged(&self) -> u64 {
+        2 * self.bytes()
+    }
+
     /// Where the mask begins, in places.
     pub(crate) fn mask_at(&self) -> u32 {
         let sums = if self.has_integrals { (self.codes.max_code() as u64 + 1) * CHANNELS } else { 0 };

@@ -12,6 +12,7 @@ use brickyard::scenario::Scenario;
 use brickyard::session::SessionOptions;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -60,7 +61,7 @@ pub(crate) struct BenchArguments {
     host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(short = 'j', long)]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Print JSON
     #[arg(long)]
     json: bool,

@@ -7,6 +7,7 @@ use brickyard::import::Source;
 use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions};
 use brickyard::volume::{MAX_APRON, VoxelType};
 use clap::{Args, ValueEnum};
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -39,7 +40,7 @@ pub(crate) struct PackSettings {
     memory: u64,
     /// Threads [default: all]
     #[arg(short = 'j', long)]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Go on with an interrupted pack of the same input and settings
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
@@ -91,7 +92,7 @@ impl PackSettings {
             kind,
             aprons: self.aprons.unwrap_or(0),
             memory_bytes: self.memory,
-            threads: self.threads.unwrap_or(defaults.threads),
+            threads: self.threads.map_or(defaults.threads, NonZeroUsize::get),
             exists,
         })
     }

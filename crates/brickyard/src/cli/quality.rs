@@ -18,6 +18,7 @@ use brickyard::volume::sampling::{MOST_VIRTUAL_SAMPLES, VIRTUAL_SAMPLES};
 use brickyard::volume::{Filter, LightingModel, Method, Mode, Scene, TransferFunction};
 use clap::Args;
 use serde::Serialize;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -62,7 +63,7 @@ pub(crate) struct QualityArguments {
     host_memory: u64,
     /// Threads [default: all]
     #[arg(short = 'j', long)]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Give up on bricks that have not come after S seconds
     #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
     max_wait: f64,

@@ -20,6 +20,7 @@ use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
 use brickyard::volume::{Camera, Needs, Picture, Scene};
 use clap::{Args, ValueEnum};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -64,7 +65,7 @@ pub(crate) struct RenderArguments {
     pub(super) host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(short = 'j', long)]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Give up on a picture that has not settled after S seconds
     #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
     max_wait: f64,

@@ -2,6 +2,7 @@
 
 use brickyard::backend::BackendChoice;
 use clap::ValueEnum;
+use std::num::NonZeroUsize;
 
 /// [`BackendChoice`] on the command line.
 #[derive(Clone, Copy, ValueEnum)]
@@ -21,9 +22,9 @@ impl From<BackendArgument> for BackendChoice {
     }
 }
 
-/// The threads asked for, at least one; all processors unless told.
-pub(crate) fn threads(asked: Option<usize>) -> usize {
-    asked.unwrap_or_else(processors).max(1)
+/// The threads asked for; all processors unless told.
+pub(crate) fn threads(asked: Option<NonZeroUsize>) -> usize {
+    asked.map_or_else(processors, NonZeroUsize::get)
 }
 
 /// Processors that this process may use.
