@@ -123,7 +123,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
         assert!(!sandbox.path("no.png").exists(), "{flags}");
     }
     sandbox.run_ok(&format!("render t.zarr -o reference.png {view} --compositor reference"));
-    let line = format!("render t.zarr -o o.png {view} --exact --gpu-memory 600KiB --host-memory 1MiB --stats o.json");
+    let line = format!("render t.zarr -o o.png {view} --exact --gpu-memory 740KiB --host-memory 1MiB --stats o.json");
     let (code, _, stderr) = sandbox.run(&line);
     assert!(code == 0 && stderr.contains("64 bricks in") && stderr.contains("passes"), "exit {code}: {stderr}");
     assert_same(&read_png(&sandbox.path("o.png")), &read_png(&sandbox.path("reference.png")), "the command's picture");

@@ -350,7 +350,7 @@ fn a_lost_device_gets_its_meshes_back() {
 #[test]
 fn exact_pictures_have_meshes_too() {
     // For half of the 79 bricks, or fewer.
-    const BYTES: u64 = 700 << 10;
+    const BYTES: u64 = 840 << 10;
     let (test, world, scene) = volume(16);
     let meshes = crowd(world, [0.4, 1.0, 0.25]);
     let scene = Scene { camera: Some(views(world)[0].1), meshes, level: LevelPolicy::Locked(0), ..scene };
