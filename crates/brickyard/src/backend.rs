@@ -1,36 +1,11 @@
 //! The two rendering backends behind one face: slots in, pictures out.
 
-use crate::session::SessionOptions;
+use crate::options::SessionOptions;
+pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, DrawList, Upload};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding};
-
-/// Which backend to use.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BackendChoice {
-    /// The GPU if there is a real one, else the CPU.
-    #[default]
-    Auto,
-    /// Any GPU adapter, a software one too.
-    Gpu,
-    /// The CPU.
-    Cpu,
-}
-
-/// How a backend is to gather samples into a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum CompositorChoice {
-    /// What measures fastest over all scenes: `raycast`, on the GPU and on the CPU.
-    #[default]
-    Auto,
-    /// Bricks back to front, blended; GPU only.
-    Sorted,
-    /// A ray per pixel, front to back.
-    Raycast,
-    /// The same rays by compute shaders; GPU only.
-    Compute,
-}
 
 /// What a backend is built for.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! How often a GPU's device was lost, and when starting it anew is given up.
 
 use crate::backend::BackendError;
-use crate::session::SessionError;
+use crate::session_error::SessionError;
 
 /// Losses without a picture between them after which making the device anew is given up.
 const MAX_IN_A_ROW: u32 = 3;

@@ -1,19 +1,18 @@
 //! A session: one paged volume shown through one backend. A scene becomes a view for the pager and settings for the
 //! renderer; every step moves bricks towards what the view wants; a picture can be drawn at any moment.
 
-use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
+use crate::backend::{Backend, BackendError, BackendNeeds};
 use crate::losses::Losses;
+pub use crate::options::SessionOptions;
+pub use crate::session_error::SessionError;
 use crate::tables::Tables;
-use brickyard_pager::{
-    BrickError, BrickSource, DrawList, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
-};
-use brickyard_volume::camera::CameraError;
+use brickyard_pager::{BrickSource, DrawList, Pager, PagerConfig, Planning, Status, UploadLimits, View};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::sampling::MOST_VIRTUAL_SAMPLES;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Camera, Extent, FrameSettings, Isosurface, Lattice, LevelPolicy, Lighting, LightingModel, Method, Mode, Needs,
-    Occupancy, Picture, Placement, Region, Scene, ShownMesh, SlotEncoding, StereoError, StereoLayout, Subject, Surface,
+    Occupancy, Picture, Placement, Region, Scene, ShownMesh, SlotEncoding, StereoLayout, Subject, Surface,
     TransferFunction, TransferTable,
 };
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -25,61 +24,6 @@ const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duratio
 
 /// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
 const LIVE_FADE: Duration = Duration::from_millis(200);
-
-/// What a session may use.
-#[derive(Clone, Copy, Debug)]
-pub struct SessionOptions {
-    /// Which backend.
-    pub backend: BackendChoice,
-    /// Which compositor.
-    pub compositor: CompositorChoice,
-    /// Hard limit of the backend's memory, bytes.
-    pub gpu_memory_bytes: u64,
-    /// Hard limit of decoded bricks, staging and scratch, bytes.
-    pub host_memory_bytes: u64,
-    /// What the scenes to come need of bricks: [`Scene::needs`] says it. Scenes with no greater needs may be shown.
-    pub bricks: Needs,
-    /// Decode workers, and threads of the CPU backend.
-    pub threads: usize,
-    /// The largest picture to be rendered, pixels.
-    pub max_size_px: (u32, u32),
-    /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
-    pub leaps: bool,
-    /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
-    /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
-    pub live: bool,
-}
-
-/// Why a session cannot open or go on.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// No backend, too little memory for it, or a lost device.
-    #[error(transparent)]
-    Backend(#[from] BackendError),
-    /// A budget too small for one brick.
-    #[error(transparent)]
-    Pager(#[from] PagerError),
-    /// Part of the view can be drawn from no level at all.
-    #[error("nothing can stand in for a part of the picture: {0}")]
-    Unreadable(BrickError),
-    /// The device goes as often as it is made anew.
-    #[error("no picture came through before the GPU was lost {times} times: {last}; try --backend cpu")]
-    LostAgain {
-        /// How many times in a row.
-        times: u32,
-        /// The last loss.
-        last: BackendError,
-    },
-    /// The camera makes no picture.
-    #[error(transparent)]
-    Camera(#[from] CameraError),
-    /// The camera makes no stereo picture.
-    #[error(transparent)]
-    Stereo(#[from] StereoError),
-    /// The scene asks for what the store does not have.
-    #[error("{0}")]
-    Scene(String),
-}
 
 /// A scene resolved for a picture size: what the pager and the renderer need.
 #[derive(Clone, Debug)]

@@ -17,7 +17,7 @@ mod tests;
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};

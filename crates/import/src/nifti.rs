@@ -9,7 +9,7 @@ mod placement;
 use crate::axes::Sizes;
 use crate::element::{Decode, Scale};
 use crate::error::ImportError;
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
 use flate2::read::MultiGzDecoder;

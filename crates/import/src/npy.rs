@@ -5,7 +5,7 @@
 use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
 use brickyard_volume::VoxelType;

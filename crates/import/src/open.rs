@@ -1,47 +1,16 @@
 //! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
 //! what the user knows better than the file.
 
-use crate::axes::AxisOrder;
-use crate::element::Endian;
 use crate::error::ImportError;
+use crate::options::OpenOptions;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::{dicom, nifti, npy, tiff_stack};
-use brickyard_volume::{Extent, VoxelBox, VoxelType};
-use glam::DVec3;
+use brickyard_volume::VoxelBox;
 use std::cmp::Ordering;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// What the user says of the input. Everything is optional but for raw files, which need shape and type.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OpenOptions {
-    /// Voxels along x, y, z of a raw file; makes any file be read as raw.
-    pub shape: Option<Extent>,
-    /// Voxel type of a raw file.
-    pub voxel_type: Option<VoxelType>,
-    /// Byte order of a raw file.
-    pub endian: Endian,
-    /// Bytes before the first voxel of a raw file.
-    pub offset: u64,
-    /// Number of channels of a raw file, or of a TIFF file whose `axes` are given.
-    pub channels: Option<u32>,
-    /// Number of time steps in a raw file, or in a TIFF file whose `axes` are given.
-    pub times: Option<u32>,
-    /// Order of the axes, slowest first, in place of what the file or the format says.
-    pub axes: Option<AxisOrder>,
-    /// Spacing in place of the file's.
-    pub spacing: Option<DVec3>,
-    /// Position of the first voxel's centre in place of the file's.
-    pub origin: Option<DVec3>,
-    /// UDUNITS name of the unit in place of the file's.
-    pub unit: Option<String>,
-    /// Whether 64-bit numbers may be narrowed to 32.
-    pub allow_lossy: bool,
-    /// Where compressed inputs are inflated; the system's temporary directory by default.
-    pub scratch_dir: Option<PathBuf>,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Format {
@@ -294,6 +263,8 @@ impl Source for Described {
 mod tests {
     use super::*;
     use crate::testing::{Field, assert_boxes, temp_file};
+    use brickyard_volume::{Extent, VoxelType};
+    use glam::DVec3;
     use proptest::prelude::*;
 
     fn raw_options(field: Field) -> OpenOptions {

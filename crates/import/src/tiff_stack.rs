@@ -14,7 +14,7 @@ mod tests;
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Endian};
 use crate::error::ImportError;
-use crate::open::OpenOptions;
+use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::VoxelBox;

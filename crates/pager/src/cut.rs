@@ -9,8 +9,6 @@
 //! it in linear passes. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.
 
 use crate::source::BrickSource;
-use crate::split;
-use crate::visibility::OPEN;
 use brickyard_volume::{
     BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, Placement, ViewRays,
 };
@@ -141,6 +139,9 @@ pub(crate) struct Node {
     pub(crate) weight: u8,
 }
 
+/// [Weight](Node::weight) of what is seen in the open, and of what nothing is known about.
+pub(crate) const OPEN: u8 = 9;
+
 pub(crate) const LEAF: u32 = u32::MAX;
 
 impl Node {
@@ -176,17 +177,6 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
-    /// (they are pinned, so they hold their slots whether they are in the cut or not).
-    pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        split::cut(source, view, max_cells, None, None)
-    }
-
-    /// The same for a view that follows this cut's: cells near the threshold stay as they are.
-    pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        split::cut(source, view, max_cells, Some(self), None)
-    }
-
     /// The cells that the view wants: those in its frustum that are not empty and not known to be hidden. In no particular order.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
         self.nodes.iter().filter(|node| node.is_wanted()).map(|node| self.view.id(node.level, node.index))

@@ -7,7 +7,7 @@
 //!
 //! Cost: a map entry for each brick of the last fifth of a second or so; nothing while nothing comes.
 
-use crate::draw_list::Pixels;
+use crate::pixels::Pixels;
 use brickyard_volume::BrickId;
 use std::collections::BTreeMap;
 use std::time::Duration;

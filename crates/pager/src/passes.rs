@@ -9,10 +9,12 @@
 use crate::assemble::PaddedReader;
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
 use crate::cut::{Cut, View};
-use crate::draw_list::{DrawCell, DrawList, Pixels, Slot};
+use crate::draw_list::{DrawCell, DrawList, Slot};
 use crate::pager::Counters;
-use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes, zeroed};
+use crate::pixels::Pixels;
+use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
 use crate::residency::Upload;
+use crate::shelf::zeroed;
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{BrickId, Level};

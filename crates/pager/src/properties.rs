@@ -3,8 +3,9 @@
 
 use crate::budget::{PagerConfig, TABLE_BYTES_PER_SLOT};
 use crate::cut::{Cut, View, cut_capacity, roots, world_box};
-use crate::draw_list::{DrawList, Pixels};
+use crate::draw_list::DrawList;
 use crate::pager::Pager;
+use crate::pixels::Pixels;
 use crate::plan::Tier;
 use crate::planner::Planning;
 use crate::residency::{Arrival, Residency, Step, Wants};

@@ -336,13 +336,6 @@ fn is_identity(encoding: &SlotEncoding) -> bool {
     matches!(encoding.voxel_type, VoxelType::U8 | VoxelType::U16)
 }
 
-/// A buffer of zeros that one holder may write. Only that touches its memory: making it is quick, even under a lock.
-pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
-    let buffer = Arc::new_zeroed_slice(bytes);
-    // SAFETY: a byte of zero bits is a valid `u8`.
-    unsafe { buffer.assume_init() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,6 @@
 //! allocation on, whoever holds it. Cost: a hash lookup or two for each call.
 
 use crate::budget::Meter;
-use crate::ram_cache::zeroed;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 use std::sync::Arc;
@@ -82,6 +81,13 @@ impl Shelf {
     pub(crate) fn give_back(&mut self, buffer: Arc<[u8]>) {
         self.free.push(buffer);
     }
+}
+
+/// A buffer of zeros that one holder may write. Only that touches its memory: making it is quick, even under a lock.
+pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
+    let buffer = Arc::new_zeroed_slice(bytes);
+    // SAFETY: a byte of zero bits is a valid `u8`.
+    unsafe { buffer.assume_init() }
 }
 
 #[cfg(test)]

@@ -16,9 +16,9 @@
 //!
 //! Cost: 0.1 to 0.3 µs a cell for the linear pass, 0.3 to 0.5 for each split that is new, whatever the volume's size.
 
-use crate::cut::{Cut, Frusta, LEAF, Node, View, roots, world_box};
+use crate::cut::{Cut, Frusta, LEAF, Node, OPEN, View, roots, world_box};
 use crate::source::BrickSource;
-use crate::visibility::{self, OPEN, Visibility};
+use crate::visibility::{self, Visibility};
 use brickyard_volume::{BrickIndex, Level, LevelPolicy, ViewRays};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -27,6 +27,19 @@ use std::collections::BinaryHeap;
 /// more than what a hand-held, orbiting or wobbling camera moves to and fro in a second, and short of the half at which
 /// its parent would have been merged anyway. The price: on the way out, up to a quarter more of each level's radius is kept.
 pub(crate) const KEEP: f64 = 0.8;
+
+impl Cut {
+    /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
+    /// (they are pinned, so they hold their slots whether they are in the cut or not).
+    pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
+        cut(source, view, max_cells, None, None)
+    }
+
+    /// The same for a view that follows this cut's: cells near the threshold stay as they are.
+    pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
+        cut(source, view, max_cells, Some(self), None)
+    }
+}
 
 /// The cut for a view, after `last`.
 pub(crate) fn cut(

@@ -12,12 +12,9 @@
 //!
 //! Cost: a hash entry for each cell drawn and for each of their ancestors.
 
-use crate::cut::{Node, View};
+use crate::cut::{Node, OPEN, View};
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement, Pyramid, ViewRays};
 use std::collections::HashMap;
-
-/// Weight of what is seen in the open, and of what nothing is known about.
-pub(crate) const OPEN: u8 = 9;
 
 /// What has been told of one view.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,9 +6,9 @@
 
 use crate::adapter::Gpu;
 use crate::error::GpuError;
-use brickyard_pager::Slot;
-use brickyard_volume::GradientNodes;
+use brickyard_pager::{DrawCell, Slot};
 use brickyard_volume::gradients::NODE_BYTES;
+use brickyard_volume::{GradientNodes, Pyramid};
 use wgpu::{Extent3d, TextureFormat};
 
 /// Bytes of a texel of the formats an atlas can have.
@@ -159,6 +159,21 @@ fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, tex
     };
     let size = Extent3d { width: edge, height: edge, depth_or_array_layers: edge };
     gpu.queue.write_texture(destination, texels, layout, size);
+}
+
+/// Scale and offset from level-0 voxels to the texels of the cell's brick. Exact in f32 for volumes up to 2^24 voxels along
+/// an axis.
+pub(crate) fn texel_placement(
+    cell: &DrawCell,
+    pyramid: &Pyramid,
+    atlas: &AtlasPlan,
+    apron: u32,
+) -> ([f32; 3], [f32; 3]) {
+    let factor = pyramid.level(cell.brick.level).factor;
+    let index = cell.brick.index.to_array();
+    let origin = atlas.origin(cell.slot);
+    let offset = |a: usize| (origin[a] + apron) as i64 - index[a] as i64 * pyramid.edge() as i64;
+    (factor.map(|f| 1.0 / f as f32), std::array::from_fn(|a| offset(a) as f32))
 }
 
 #[cfg(test)]

@@ -6,12 +6,13 @@
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::{Atlas, AtlasPlan, slot_bytes};
+use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::{Gathering, SharedBuffers, buffer, draw_over_all, entry, sampler};
 use crate::memory::{MIN_SLOTS, RaycastPlan, picture_bytes};
 use crate::pipelines::{Layouts, Pipelines, gradient_of, light_of};
-use crate::renderer::{Compositor, check_size};
+use crate::renderer::check_size;
 use crate::table::{self, Room};
 use crate::targets::Targets;
 use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};

@@ -1,6 +1,6 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
-use crate::atlas::{Atlas, AtlasPlan};
+use crate::atlas::{Atlas, AtlasPlan, texel_placement};
 use crate::table::last_place;
 use crate::tree::{root_size, splits};
 use brickyard_pager::DrawCell;
@@ -163,21 +163,6 @@ pub(crate) fn cell_instance(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPla
         texel_offset,
         ..Default::default()
     }
-}
-
-/// Scale and offset from level-0 voxels to the texels of the cell's brick. Exact in f32 for volumes up to 2^24 voxels along
-/// an axis.
-pub(crate) fn texel_placement(
-    cell: &DrawCell,
-    pyramid: &Pyramid,
-    atlas: &AtlasPlan,
-    apron: u32,
-) -> ([f32; 3], [f32; 3]) {
-    let factor = pyramid.level(cell.brick.level).factor;
-    let index = cell.brick.index.to_array();
-    let origin = atlas.origin(cell.slot);
-    let offset = |a: usize| (origin[a] + apron) as i64 - index[a] as i64 * pyramid.edge() as i64;
-    (factor.map(|f| 1.0 / f as f32), std::array::from_fn(|a| offset(a) as f32))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 
 mod adapter;
 mod atlas;
+mod compositor;
 mod ensemble;
 mod error;
 mod frame;
@@ -30,7 +31,8 @@ mod upload;
 
 pub use adapter::{AdapterReport, GpuFormats, GpuPreference, adapters};
 pub use atlas::AtlasPlan;
+pub use compositor::Compositor;
 pub use ensemble::GpuEnsemble;
 pub use error::GpuError;
 pub use passes::Passes;
-pub use renderer::{Compositor, GpuOptions, GpuRenderer};
+pub use renderer::{GpuOptions, GpuRenderer};

@@ -4,10 +4,9 @@
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
-use crate::meshes;
 use crate::table::Room;
 use crate::upload::{MAX_BATCH, staging_bytes};
-use brickyard_shaders::{CellInstance, FrameUniform};
+use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex};
 use brickyard_volume::{GradientNodes, MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
@@ -112,6 +111,36 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
     pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES
 }
 
+/// Colours of a layer: finer than those of a picture.
+pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+
+/// Which triangle a layer is of.
+pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
+
+pub(crate) const QUERY_BYTES: u64 = 8;
+
+/// What the meshes' triangles take on the GPU.
+pub(crate) fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
+    let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
+    let counts = [room.vertices, room.triangles, room.meshes];
+    std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
+}
+
+/// What meshes take in all: triangles on the GPU and in staging, the answer to the query, and per pixel two distances and numbers, a
+/// layer's colour, and what is in front.
+pub(crate) fn mesh_bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u64 {
+    if room.is_none() {
+        return 0;
+    }
+    let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
+    2 * geometry_bytes(room).iter().sum::<u64>() + 2 * QUERY_BYTES + pixels * per_pixel
+}
+
+/// The greatest buffer that a shader has to see.
+pub(crate) fn largest_mesh_bytes(room: MeshRoom) -> u64 {
+    geometry_bytes(room).into_iter().max().unwrap_or(0)
+}
+
 impl MemoryPlan {
     pub(crate) fn new(needs: &MemoryNeeds) -> Result<Self, GpuError> {
         let (width_px, height_px) = needs.max_size_px;
@@ -127,11 +156,11 @@ impl MemoryPlan {
             + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
-        let largest = meshes::largest_binding_bytes(needs.meshes);
+        let largest = largest_mesh_bytes(needs.meshes);
         if largest > needs.max_binding_bytes {
             return Err(GpuError::Meshes { bytes: largest, limit_bytes: needs.max_binding_bytes });
         }
-        let meshes = meshes::bytes(needs.meshes, pixels, needs.formats.composite);
+        let meshes = mesh_bytes(needs.meshes, pixels, needs.formats.composite);
         let small = picture + meshes + table + compositor + size_of::<FrameUniform>() as u64;
         let fixed_bytes = small + 2 * batch * staging;
         let left = needs.budget_bytes.saturating_sub(fixed_bytes);

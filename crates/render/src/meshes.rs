@@ -11,8 +11,8 @@
 use crate::adapter::Gpu;
 use crate::error::GpuError;
 use crate::gathering::{SharedBuffers, attachment, buffer, entry};
-use crate::memory::target_bytes;
-use crate::pipelines::{Shape, bind_group_layout, pipeline, storage, texture, texture_of};
+use crate::memory::{COLOR_FORMAT, NUMBER_FORMAT, QUERY_BYTES, geometry_bytes, mesh_bytes};
+use crate::pipelines::{MeshLayouts, Shape, bind_group_layout, pipeline, storage, texture, texture_of};
 use brickyard_shaders::{MeshLook, MeshVertex, peel, show_slabs};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};
 use glam::DVec3;
@@ -20,37 +20,10 @@ use std::ops::Range;
 use std::sync::Arc;
 use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFormat, TextureUsages};
 
-/// Colours of a layer: finer than those of a picture.
-const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// Distances, as shares of [`Meshes::far`].
 const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
-/// Which triangle a layer is of.
-const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// Vertices or triangles that are made ready for the GPU at once.
 const CHUNK: usize = 1 << 16;
-const QUERY_BYTES: u64 = 8;
-
-/// What the meshes' triangles take on the GPU.
-fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
-    let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
-    let counts = [room.vertices, room.triangles, room.meshes];
-    std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
-}
-
-/// What meshes take in all: triangles on the GPU and in staging, the answer to the query, and per pixel two distances and numbers, a
-/// layer's colour, and what is in front.
-pub(crate) fn bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u64 {
-    if room.is_none() {
-        return 0;
-    }
-    let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
-    2 * geometry_bytes(room).iter().sum::<u64>() + 2 * QUERY_BYTES + pixels * per_pixel
-}
-
-/// The greatest buffer that a shader has to see.
-pub(crate) fn largest_binding_bytes(room: MeshRoom) -> u64 {
-    geometry_bytes(room).into_iter().max().unwrap_or(0)
-}
 
 /// The triangles, and what layers are made with.
 #[derive(Debug)]
@@ -82,12 +55,6 @@ struct Held {
     corners: [DVec3; 2],
     /// Its corners in the buffer.
     range: Range<u32>,
-}
-
-/// The bind group layouts that marches and slabs need besides their own.
-pub(crate) struct MeshLayouts<'a> {
-    pub(crate) limits: &'a wgpu::BindGroupLayout,
-    pub(crate) layer: &'a wgpu::BindGroupLayout,
 }
 
 impl Meshes {
@@ -359,7 +326,7 @@ impl Layers {
             };
             device.create_texture(&descriptor).create_view(&Default::default())
         };
-        let all_bytes = bytes(MeshRoom { triangles: 1, ..MeshRoom::NONE }, pixels, front_format);
+        let all_bytes = mesh_bytes(MeshRoom { triangles: 1, ..MeshRoom::NONE }, pixels, front_format);
         let (depths, numbers, color, front) = gpu.allocate("the meshes' layers", all_bytes, |device| {
             let two = |format| [target(device, format), target(device, format)];
             (two(DEPTH_FORMAT), two(NUMBER_FORMAT), target(device, COLOR_FORMAT), target(device, front_format))

@@ -2,9 +2,10 @@
 //! the way back to the CPU. Where there are meshes, all of that but the way back once for each slab.
 
 use crate::error::GpuError;
+use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::{Gathering, draw_over_all};
 use crate::meshes::Layers;
-use crate::pipelines::{MarchPipeline, Pipelines};
+use crate::pipelines::{MarchPipeline, Pipelines, variant_of};
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March};
 use crate::targets::{Found, Targets};
@@ -40,6 +41,58 @@ pub(crate) enum Next {
     End,
     /// The picture of all slabs.
     All,
+}
+
+impl GpuRenderer {
+    /// Draws the list and returns the picture.
+    ///
+    /// # Errors
+    /// If the picture is too large, the list or settings do not fit this renderer, or the device fails.
+    pub fn render(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
+        let mut passes = self.passes(frame, pyramid)?;
+        loop {
+            passes.draw(draw)?;
+            if !passes.next_slab()? {
+                return passes.finish();
+            }
+        }
+    }
+
+    /// Begins a picture of several lists, each farther to the front than the last. Between them slots may be filled anew, so
+    /// that there is no limit to what a picture shows. Where there are meshes, all lists are drawn once for each
+    /// [slab](Passes::next_slab).
+    ///
+    /// # Errors
+    /// If the picture is too large, the settings do not fit this renderer, or the device fails.
+    pub fn passes<'a>(&'a mut self, frame: &'a FrameSettings, pyramid: &'a Pyramid) -> Result<Passes<'a>, GpuError> {
+        let start = Instant::now();
+        self.gpu.check()?;
+        self.check(frame, pyramid)?;
+        let variant = variant_of(frame);
+        self.prepare(&variant, frame)?;
+        let room = self.recipe.tables();
+        let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
+        let mut uniform = frame_uniform(frame, pyramid, (&self.atlas, self.recipe.needs.apron), table);
+        if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
+            uniform.mesh_far = meshes.far(frame) as f32;
+        }
+        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        self.entered = None;
+        let next = self.first_layer(&variant, frame)?;
+        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0, slabs: 0, next })
+    }
+
+    /// The first layer of the frame's meshes, and what comes after it.
+    fn first_layer(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<Next, GpuError> {
+        match (&self.meshes, &mut self.layers) {
+            (Some(meshes), Some(layers)) if variant.has_meshes => {
+                layers.clear(&self.gpu);
+                let may_follow = meshes.peel(&self.gpu, frame, layers)?;
+                Ok(if may_follow { Next::Slab } else { Next::End })
+            }
+            _ => Ok(Next::Picture),
+        }
+    }
 }
 
 impl Passes<'_> {

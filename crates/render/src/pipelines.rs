@@ -2,8 +2,7 @@
 //! first used.
 
 use crate::adapter::{Gpu, GpuFormats};
-use crate::meshes::MeshLayouts;
-use crate::renderer::Compositor;
+use crate::compositor::Compositor;
 use brickyard_shaders::{
     Curve, ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, Gather, Light, Medium, Stage, Surfaces, Variant,
     VolumeShader, raycast, raycast_together, resolve, sorted,
@@ -118,6 +117,12 @@ pub(crate) enum MarchPipeline {
 pub(crate) struct Layouts {
     pub(crate) march: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
+}
+
+/// The bind group layouts that marches and slabs need besides their own.
+pub(crate) struct MeshLayouts<'a> {
+    pub(crate) limits: &'a wgpu::BindGroupLayout,
+    pub(crate) layer: &'a wgpu::BindGroupLayout,
 }
 
 /// The two pipelines of one way to gather.

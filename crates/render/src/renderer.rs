@@ -6,47 +6,22 @@
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
 use crate::atlas::Atlas;
+use crate::compositor::Compositor;
 use crate::error::GpuError;
-use crate::frame::{TableInUse, frame_uniform};
 use crate::gathering::SharedBuffers;
 use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
 use crate::meshes::{Layers, Meshes};
-use crate::passes::{Next, Passes};
-use crate::pipelines::{Layouts, Pipelines, variant_of};
+use crate::pipelines::{Layouts, Pipelines};
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
 use crate::table::{self, Room};
 use crate::targets::Targets;
 use crate::upload::Uploader;
-use brickyard_pager::{DrawList, Slot};
+use brickyard_pager::Slot;
 use brickyard_shaders::{Gather, Variant};
-use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, TransferTable};
+use brickyard_volume::{FrameSettings, Needs, Pyramid, SlotEncoding, TransferTable};
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Instant;
-
-/// How the samples of a frame are gathered. All take the same samples and make the same picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Compositor {
-    /// Cells as boxes, back to front, blended.
-    Sorted,
-    /// A ray per pixel, front to back, with early termination and leaps over what shows nothing.
-    #[default]
-    Raycast,
-    /// The same rays, cast by a compute shader instead of a fragment shader.
-    Compute,
-}
-
-impl Compositor {
-    /// `sorted`, `raycast` or `compute`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Sorted => "sorted",
-            Self::Raycast => "raycast",
-            Self::Compute => "compute",
-        }
-    }
-}
 
 /// How the GPU backend is set up.
 #[derive(Clone, Copy, Debug)]
@@ -96,7 +71,7 @@ pub struct GpuRenderer {
     /// What the table buffer holds.
     table: Option<Arc<TransferTable>>,
     /// See [`table::Words`].
-    sum_unit: f32,
+    pub(crate) sum_unit: f32,
     /// How the last frame's cells were entered.
     pub(crate) entered: Option<Vec<f32>>,
     pub(crate) last_frame_ms: f64,
@@ -120,7 +95,7 @@ impl Recipe {
             .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format, self.options.leaps))
     }
 
-    fn tables(&self) -> Room {
+    pub(crate) fn tables(&self) -> Room {
         Room::new(self.encoding.format, &self.needs)
     }
 
@@ -297,56 +272,6 @@ impl GpuRenderer {
         self.uploader.upload(&self.gpu, &self.atlas, slot, codes)
     }
 
-    /// Draws the list and returns the picture.
-    ///
-    /// # Errors
-    /// If the picture is too large, the list or settings do not fit this renderer, or the device fails.
-    pub fn render(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
-        let mut passes = self.passes(frame, pyramid)?;
-        loop {
-            passes.draw(draw)?;
-            if !passes.next_slab()? {
-                return passes.finish();
-            }
-        }
-    }
-
-    /// Begins a picture of several lists, each farther to the front than the last. Between them slots may be filled anew, so
-    /// that there is no limit to what a picture shows. Where there are meshes, all lists are drawn once for each
-    /// [slab](Passes::next_slab).
-    ///
-    /// # Errors
-    /// If the picture is too large, the settings do not fit this renderer, or the device fails.
-    pub fn passes<'a>(&'a mut self, frame: &'a FrameSettings, pyramid: &'a Pyramid) -> Result<Passes<'a>, GpuError> {
-        let start = Instant::now();
-        self.gpu.check()?;
-        self.check(frame, pyramid)?;
-        let variant = variant_of(frame);
-        self.prepare(&variant, frame)?;
-        let room = self.recipe.tables();
-        let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
-        let mut uniform = frame_uniform(frame, pyramid, (&self.atlas, self.recipe.needs.apron), table);
-        if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
-            uniform.mesh_far = meshes.far(frame) as f32;
-        }
-        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
-        self.entered = None;
-        let next = self.first_layer(&variant, frame)?;
-        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0, slabs: 0, next })
-    }
-
-    /// The first layer of the frame's meshes, and what comes after it.
-    fn first_layer(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<Next, GpuError> {
-        match (&self.meshes, &mut self.layers) {
-            (Some(meshes), Some(layers)) if variant.has_meshes => {
-                layers.clear(&self.gpu);
-                let may_follow = meshes.peel(&self.gpu, frame, layers)?;
-                Ok(if may_follow { Next::Slab } else { Next::End })
-            }
-            _ => Ok(Next::Picture),
-        }
-    }
-
     /// For each entry of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
     /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
     /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
@@ -354,7 +279,7 @@ impl GpuRenderer {
         self.entered.as_deref()
     }
 
-    fn check(&self, frame: &FrameSettings, pyramid: &Pyramid) -> Result<(), GpuError> {
+    pub(crate) fn check(&self, frame: &FrameSettings, pyramid: &Pyramid) -> Result<(), GpuError> {
         check_size((frame.rays.width, frame.rays.height), self.recipe.max_size_px)?;
         if frame.encoding != self.recipe.encoding || pyramid.edge() != self.recipe.edge {
             return Err(GpuError::Mismatch(format!(
@@ -381,7 +306,7 @@ impl GpuRenderer {
     }
 
     /// Pipelines, targets and table for this frame.
-    fn prepare(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<(), GpuError> {
+    pub(crate) fn prepare(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<(), GpuError> {
         let (gpu, layouts, compositor, gather) = (&self.gpu, &self.layouts, self.compositor(), variant.gather);
         let size_px = (frame.rays.width, frame.rays.height);
         if let Some(meshes) = self.meshes.as_mut().filter(|_| variant.has_meshes) {

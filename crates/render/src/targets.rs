@@ -1,10 +1,10 @@
 //! What a picture of one size is drawn into and read back from.
 
 use crate::adapter::Gpu;
+use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::memory::{TIMESTAMP_BYTES, read_back_row_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
-use crate::renderer::Compositor;
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};

@@ -5,8 +5,7 @@
 //! In projections, cells whose brick can show nothing are left out here, by the range of codes of the whole brick. In direct
 //! volume rendering they stay in, so that rays can say that they came by.
 
-use crate::atlas::AtlasPlan;
-use crate::frame::texel_placement;
+use crate::atlas::{AtlasPlan, texel_placement};
 use brickyard_pager::{DrawCell, DrawList, Slot};
 use brickyard_shaders::{HALVES_X, LEAF, NO_RANGES, RayBrick};
 use brickyard_volume::{Mode, OpaqueCodes, Pyramid};

@@ -5,8 +5,9 @@
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
+use crate::packet::{LANES, PACKETS, Packet};
 use crate::ray::Ray;
-use crate::sample::{Chunk, Code, LANES, PACKETS, Packet, Unit};
+use crate::sample::{Chunk, Code, Unit};
 use crate::steps::StepTable;
 use crate::tile::{March, Stretch};
 use glam::{Vec4, Vec4Swizzles};

@@ -1,7 +1,8 @@
 //! Tricubic B-spline samples of a padded brick: 64 voxels each, in rows of four. As in `sample`, codes stay codes, and invalid ones
 //! are left out of the sum and of the weight.
 
-use crate::sample::{Brick, Chunk, Code, LANES, PACKETS, Packet, Unit};
+use crate::packet::{LANES, PACKETS, Packet};
+use crate::sample::{Brick, Chunk, Code, Unit};
 use brickyard_volume::Filter;
 use glam::Vec4;
 

@@ -3,8 +3,8 @@
 
 use crate::macrocells::{Mask, over_boxes};
 use crate::meshes::MeshTree;
+use crate::packet::{LANES, Packet};
 use crate::ray::Ticks;
-use crate::sample::{LANES, Packet};
 use crate::steps::StepTables;
 use crate::surface::{INSIDE, OUTSIDE};
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};

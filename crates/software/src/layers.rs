@@ -6,8 +6,9 @@
 
 use crate::frame::rank_of;
 use crate::medium::Path;
+use crate::packet::LANES;
 use crate::ray::Ray;
-use crate::sample::{Code, LANES, Unit};
+use crate::sample::{Code, Unit};
 use crate::surface::Line;
 use crate::tile::{March, Stretch};
 use std::ops::Range;

@@ -28,6 +28,7 @@ mod layers;
 mod macrocells;
 mod medium;
 mod meshes;
+mod packet;
 mod ray;
 mod renderer;
 mod sample;

@@ -8,7 +8,7 @@
 //! cell to cell along the ray asks more exactly, but three times as often, and which plane comes next is not for a
 //! processor to guess: it took a quarter of a picture's time.)
 
-use crate::sample::{LANES, Packet};
+use crate::packet::{LANES, Packet};
 use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, per_axis};
 
 /// Spans along an axis of a brick.

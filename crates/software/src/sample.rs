@@ -11,20 +11,9 @@
 //! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function
 //! that it ends up in.
 
+use crate::packet::{LANES, PACKETS, Packet};
 use crate::steps::Places;
 use glam::Vec4;
-
-/// Samples in a packet.
-pub(crate) const LANES: usize = 8;
-
-/// Packets in a chunk.
-pub(crate) const PACKETS: usize = 4;
-
-/// Samples in a chunk.
-pub(crate) const CHUNK: usize = LANES * PACKETS;
-
-/// One number for each sample of a packet.
-pub(crate) type Packet = [f32; LANES];
 
 /// A stretch of samples along a ray, near to far, and the room to work on it (kept, as clearing it takes time).
 pub(crate) struct Chunk {

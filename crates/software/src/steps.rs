@@ -6,7 +6,7 @@
 //! codes only: 64 KiB a zone, made for
 //! every frame in a third of a millisecond; for 16 bits it would be 1 MiB a zone, and slower than the power.
 
-use crate::sample::{LANES, Packet};
+use crate::packet::{LANES, Packet};
 use brickyard_volume::{Lattice, SlotFormat, TransferTable};
 use glam::Vec4;
 

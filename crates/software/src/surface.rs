@@ -9,8 +9,9 @@
 use crate::blend::Blend;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Mask, Reach};
+use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
-use crate::sample::{Chunk, Code, LANES, Packet, Unit};
+use crate::sample::{Chunk, Code, Unit};
 use crate::tile::{March, Stretch};
 use brickyard_volume::surface::{FLAT_CODES, PARTS, ROUNDS, headlight};
 use glam::{Vec3, Vec4};

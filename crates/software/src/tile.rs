@@ -6,10 +6,10 @@ use crate::layers::NO_RANK;
 use crate::macrocells::{Blocks, Coverage, Reach, block_length};
 use crate::medium::Medium;
 use crate::meshes::Layers;
+use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
-use crate::sample::Avx2;
-use crate::sample::{Brick, CHUNK, Chunk, Code, Code8, Code16, LANES, PACKETS, Portable, Unit};
+use crate::sample::{Avx2, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
 use crate::surface::Isosurface;
 use brickyard_volume::macrocells::CELL_EDGE;
 use brickyard_volume::sampling::Curve;

@@ -10,8 +10,8 @@
 //! decode no faster at 16 bits). The reader takes any container that c-blosc writes with Zstandard: several
 //! blocks, split streams, byte or bit shuffle, stored uncompressed; other compressors are told apart and refused.
 
-use crate::codec::Scratch;
 use crate::error::CodecError;
+use crate::scratch::Scratch;
 
 const HEADER_BYTES: usize = 16;
 /// Header, one block start, one stream length.

@@ -4,9 +4,10 @@
 //! mapped slice straight into the caller's buffer: no copy of the file, no allocation. All methods may be called from many
 //! threads.
 
-use crate::codec::{BrickCodec, Scratch};
+use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::{Layout, ShardId};
+use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint};
 use crate::shard_file::{IoMode, OpenFiles, ShardFile};
 use brickyard_volume::{BrickId, Level};

@@ -167,7 +167,7 @@ fn elements<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
 
 fn encode(bytes: &[u8]) -> Vec<u8> {
     let mut encoded = Vec::new();
-    crate::codec::Scratch::default().compress(1, bytes, &mut encoded);
+    crate::scratch::Scratch::default().compress(1, bytes, &mut encoded);
     let crc = crc32c::crc32c(&encoded);
     encoded.extend_from_slice(&crc.to_le_bytes());
     encoded

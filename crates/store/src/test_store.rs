@@ -1,12 +1,13 @@
 //! For tests: writes small stores plainly from a function of (t, c, x, y, z), through the format modules alone, with
 //! levels and statistics computed voxel by voxel. Nothing here is shared with the packer but the format.
 
-use crate::codec::{BrickCodec, Codec, Scratch};
+use crate::codec::{BrickCodec, Codec};
 use crate::downsample::Downsample;
 use crate::layout::{Layout, ShardId};
 use crate::metadata::{
     ChannelStatistics, FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document,
 };
+use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
 use crate::side::SideData;
 use crate::stats::{ChannelTotals, Measure, Tally, WordCounter};

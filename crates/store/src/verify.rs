@@ -529,8 +529,9 @@ fn difference(expected: &ChannelStatistics, found: &ChannelStatistics) -> String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::{BrickCodec, Codec, Scratch};
+    use crate::codec::{BrickCodec, Codec};
     use crate::metadata::document_bytes;
+    use crate::scratch::Scratch;
     use crate::shard::{BrickRange, encode_index, index_bytes};
     use crate::test_store::{TestStore, bumps};
     use brickyard_volume::VoxelType;

@@ -1,6 +1,7 @@
 //! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
 
 use crate::placement::Placement;
+use crate::ray::Ray;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -31,15 +32,6 @@ pub struct Camera {
     pub up: DVec3,
     /// Perspective or orthographic.
     pub projection: Projection,
-}
-
-/// A ray `origin + t * direction`, `t >= 0`; the direction has length 1, so `t` is a world distance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ray {
-    /// Where `t` is 0: the eye, or the eye plane of an orthographic camera.
-    pub origin: DVec3,
-    /// Unit direction.
-    pub direction: DVec3,
 }
 
 /// Why a camera cannot be used.

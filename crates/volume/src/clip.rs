@@ -4,8 +4,8 @@
 //! the first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in
 //! a renderer knows of it. The pager leaves out bricks that lie wholly outside. Costs a few products per ray and plane.
 
-use crate::camera::Ray;
 use crate::placement::Placement;
+use crate::ray::Ray;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 

@@ -7,8 +7,6 @@
 //! infinitely many plain samples. Colour is the mean weighted by extinction: what absorption within one part of one segment does to
 //! the order of colours is left out, which for a colour that does not change is exact, too.
 
-use crate::transfer::TransferTable;
-
 /// Greatest extinction, in halvings of the light over a unit distance: an opacity of 1 has no number.
 pub const MAX_DEPTH: f64 = 4096.0;
 
@@ -39,9 +37,9 @@ pub struct Integrals {
 }
 
 impl Integrals {
-    /// Those of a table.
-    pub fn new(table: &TransferTable) -> Self {
-        let entries: Vec<[f64; 4]> = table.entries.iter().map(|entry| entry.map(f64::from)).collect();
+    /// Those of a [table](crate::TransferTable)'s entries.
+    pub fn new(entries: &[[f32; 4]]) -> Self {
+        let entries: Vec<[f64; 4]> = entries.iter().map(|entry| entry.map(f64::from)).collect();
         let mut sums = vec![[0.0; 4]; entries.len()];
         for i in 1..entries.len() {
             let step = upto(entries[i - 1], entries[i], 1.0);
@@ -111,9 +109,9 @@ fn depth_upto(from: f64, to: f64, t: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn table(alpha: impl Fn(usize) -> f32) -> TransferTable {
+    fn table(alpha: impl Fn(usize) -> f32) -> Vec<[f32; 4]> {
         let entry = |i: usize| [i as f32 / 255.0, 1.0 - i as f32 / 255.0, 0.5, alpha(i)];
-        TransferTable::from_entries((0..256).map(entry).collect(), 1.0)
+        (0..256).map(entry).collect()
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
-use crate::camera::Ray;
+use crate::ray::Ray;
 use crate::surface::headlight;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

@@ -5,8 +5,8 @@
 //! distance from the eye in the scene's world, and its direction there no longer has length 1. So the sampling lattice is one for all
 //! volumes of a scene, whatever their maps, and boxes of voxels stay boxes.
 
-use crate::camera::Ray;
 use crate::geometry::Geometry;
+use crate::ray::Ray;
 use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};

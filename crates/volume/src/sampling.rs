@@ -14,7 +14,7 @@ use crate::gradients::GradientNodes;
 use crate::jitter::Jitter;
 use crate::lighting::{Lighting, LightingModel};
 use crate::mesh::MeshRoom;
-use crate::scene::Mode;
+use crate::mode::Mode;
 use serde::{Deserialize, Serialize};
 
 /// The widest apron that any picture needs.

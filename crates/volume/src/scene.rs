@@ -2,11 +2,11 @@
 
 use crate::camera::{Camera, ViewRays};
 use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
-use crate::every::every;
 use crate::geometry::Geometry;
 use crate::lighting::Lighting;
 use crate::look::VolumeLook;
 use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
+use crate::mode::Mode;
 use crate::sampling::{Needs, Sampling};
 use crate::slice::Slice;
 use crate::space::Extent;
@@ -15,25 +15,6 @@ use crate::surface::Isosurface;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-
-/// How samples along a ray become a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mode {
-    /// Emission and absorption through the transfer function (direct volume rendering).
-    #[default]
-    Dvr,
-    /// The greatest sample, through the transfer function's colours, opaque.
-    Mip,
-    /// The least sample, likewise.
-    MinIp,
-    /// The length-weighted mean of the samples, likewise.
-    Average,
-    /// Nothing but the scene's isosurfaces (see [`surface`](crate::surface)).
-    Isosurface,
-}
-
-every!(Mode: Dvr Mip MinIp Average Isosurface);
 
 /// Which level a view wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -10,6 +10,7 @@ mod color_space;
 mod curve;
 pub mod file;
 mod grid;
+mod imported;
 mod maps;
 mod paraview;
 mod presets;
@@ -18,8 +19,9 @@ mod slicer;
 mod table;
 
 pub use color_space::lab;
-pub use file::{Imported, Subject};
 pub use grid::TransferGrid;
+pub use imported::Imported;
+pub use imported::Subject;
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 

@@ -1,10 +1,10 @@
 //! `brickyard bench`: measured flights over stores, as a table.
 
 use super::failure::Failure;
-use super::render::session_failure;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
+use super::session_errors::session_failure;
 use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::CompositorChoice;
 use brickyard::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};

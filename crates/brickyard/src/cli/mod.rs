@@ -11,10 +11,12 @@ mod pack_settings;
 mod progress;
 mod quality;
 mod render;
+mod render_args;
 mod render_together;
 mod sampling_args;
 mod scene_args;
 mod session_args;
+mod session_errors;
 mod store_errors;
 mod synth;
 mod values;
@@ -51,7 +53,7 @@ pub(crate) enum Command {
     /// Write a level, or a box of it, to .raw or .npy
     Export(export::ExportArguments),
     /// Render a store to PNG
-    Render(Box<render::RenderArguments>),
+    Render(Box<render_args::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
     Synth(synth::SynthArguments),
     /// Fly over stores along scripted paths and print what it takes

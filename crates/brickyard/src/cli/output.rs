@@ -1,6 +1,9 @@
-//! Output files: never overwritten without being told, and refused before the work, not after it.
+//! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
+use brickyard::picture_file::write_png;
+use brickyard::stats::RenderStats;
+use brickyard::volume::{Picture, Scene};
 use std::path::Path;
 
 /// Whether a file may be written here.
@@ -16,6 +19,35 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
         (false, true) => return Ok(()),
     };
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
+}
+
+pub(crate) fn report(stats: &RenderStats) {
+    if stats.memory_bound {
+        let found = match stats.effective_pixel_error {
+            Some(error) => format!("{error:.1} px of {:.1} px", stats.pixel_error),
+            None => "the eye is inside a coarse brick".into(),
+        };
+        eprintln!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
+    }
+    if stats.bricks.failed > 0 {
+        eprintln!(
+            "{} bricks could not be read and are drawn from coarser levels; run `brickyard verify` for their names",
+            stats.bricks.failed
+        );
+    }
+}
+
+/// Writes a picture, and into it the scene it is of.
+pub(crate) fn write(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), Failure> {
+    let notes = [
+        ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
+        ("Scene", serde_json::to_string(shown).map_err(Failure::failed)?),
+        (
+            "Bricks",
+            format!("{} of {} wanted, {} failed", stats.bricks.resident, stats.bricks.wanted, stats.bricks.failed),
+        ),
+    ];
+    write_png(path, picture, &notes).map_err(Failure::failed)
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! `brickyard quality`: how good and how fast the ways to sample are, measured on a store.
 
 use super::failure::Failure;
-use super::render::session_failure;
 use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
+use super::session_errors::session_failure;
 use super::{print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::OfflineError;

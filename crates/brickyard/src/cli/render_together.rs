@@ -1,7 +1,9 @@
 //! `brickyard render` of several stores in one picture.
 
 use super::failure::Failure;
-use super::render::{RenderArguments, offline_failure, oracle_failure, report, session_failure, write};
+use super::output::{report, write};
+use super::render_args::RenderArguments;
+use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use brickyard::backend::CompositorChoice;
 use brickyard::ensemble::{Ensemble, Member, ResolvedEnsemble};
 use brickyard::offline::{Streamed, render_settled};

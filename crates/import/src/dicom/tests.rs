@@ -1,7 +1,8 @@
 //! Series written by dicom-object, whole and broken in every way that is refused.
 
 use crate::error::ImportError;
-use crate::open::{OpenOptions, open};
+use crate::open::open;
+use crate::options::OpenOptions;
 use crate::source::Source;
 use brickyard_volume::VoxelType;
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};

@@ -1,7 +1,8 @@
 //! TIFF files built byte by byte (layouts) and by the library's encoder (compressions), read back.
 
 use crate::error::ImportError;
-use crate::open::{OpenOptions, open};
+use crate::open::open;
+use crate::options::OpenOptions;
 use crate::source::{Access, Source};
 use crate::testing::{Field, assert_boxes, temp_file};
 use brickyard_volume::{VoxelBox, VoxelType};

@@ -1,8 +1,9 @@
 //! The pager through its frames, with sources made for it: what is loaded, drawn and let go, and what fails.
 
 use super::*;
-use crate::draw_list::{DrawCell, Pixels};
+use crate::draw_list::DrawCell;
 use crate::governor::UploadLimits;
+use crate::pixels::Pixels;
 use crate::planner::Planning;
 use crate::test_source::{TestSource, box_view};
 use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, ViewRays, VoxelType};

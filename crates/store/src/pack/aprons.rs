@@ -9,7 +9,7 @@
 //! Finished shards are journalled like those of cores, so a pass that was interrupted goes on after the last of them.
 
 use crate::chunks::Chunks;
-use crate::codec::{BrickCodec, Scratch};
+use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::{Layout, ShardId};
 use crate::pack::cascade::{Reached, Stop};
@@ -19,6 +19,7 @@ use crate::pack::plan::{PackPlan, Stage};
 use crate::pack::shards::{ShardWriter, settle};
 use crate::pack::shells::ApronMaker;
 use crate::pack::{PackOptions, Progress};
+use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
 use crate::side::SideData;
@@ -203,11 +204,4 @@ impl<'a> StagePass<'a> {
 fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
     let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
     VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())
-}
-
-/// The most bricks whose shells a layer of a shard needs at a time.
-pub(crate) fn least_shells(stage: &Stage) -> u64 {
-    let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
-    let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
-    across(0, size[0]) * across(1, size[1]) * across(2, 1)
 }

@@ -10,7 +10,7 @@
 //!
 //! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
 
-use crate::codec::{BrickCodec, Scratch};
+use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
@@ -23,6 +23,7 @@ use crate::pack::sequence::Sequence;
 use crate::pack::shards::{Finished, ShardWriter, settle};
 use crate::pack::window::Window;
 use crate::pack::{PackError, PackOptions, Progress};
+use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::side::SideData;
 use crate::stats::{ChannelTotals, Measure, Range, Tally, occupancy_bins};

@@ -23,7 +23,6 @@
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
 use crate::layout::Layout;
-use crate::pack::aprons::least_shells;
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
@@ -262,4 +261,11 @@ fn compressor_bytes(core_bytes: u64, codec: Codec) -> u64 {
         },
     };
     core_bytes + tables
+}
+
+/// The most bricks whose shells a layer of a shard needs at a time.
+pub(crate) fn least_shells(stage: &Stage) -> u64 {
+    let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
+    let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
+    across(0, size[0]) * across(1, size[1]) * across(2, 1)
 }

@@ -7,31 +7,9 @@
 //! | volume property, `.vp.json` (`slicer`) | 3D Slicer | an object with `volumeProperties` |
 //! | volume property, `.vp` (likewise) | 3D Slicer | text that begins with a number |
 
+use super::imported::{Imported, Subject};
 use super::{TransferError, TransferFunction, paraview, slicer};
 use serde_json::Value;
-
-/// What a function is for: it fills in what a file does not say.
-#[derive(Clone, Copy, Debug)]
-pub struct Subject {
-    /// The volume's window, data units: colour maps without values of their own span it.
-    pub window: (f64, f64),
-    /// World distance over which maps without opacity collect that of the presets.
-    pub unit_distance: f64,
-    /// The diagonal of the volume by the cube root of its number of voxels, world units: the distance over which opacity is
-    /// collected in ParaView, which does not write it down.
-    pub cell_length: f64,
-    /// Mean of the volume's three voxel spacings, world units: VTK's unit of length for gradients.
-    pub mean_spacing: f64,
-}
-
-/// A function from a file.
-#[derive(Clone, Debug)]
-pub struct Imported {
-    /// The function.
-    pub transfer: TransferFunction,
-    /// What was left out or chosen, for the user to know: a sentence each.
-    pub remarks: Vec<String>,
-}
 
 /// Reads a file's text: of several functions the one called `name`, or the first.
 ///

@@ -6,7 +6,7 @@
 
 use super::color_space::ColorSpace;
 use super::curve::{self, Node};
-use super::file::{Imported, Subject};
+use super::imported::{Imported, Subject};
 use super::presets::RISING;
 use super::{TransferError, TransferFunction, check_points, hint};
 use serde::Deserialize;
@@ -175,8 +175,9 @@ fn fit(transfer: TransferFunction, subject: &Subject, remarks: &mut Vec<String>)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transfer::file::read;
     use crate::transfer::file::tests::SUBJECT;
-    use crate::transfer::file::{Imported, read};
+    use crate::transfer::imported::Imported;
 
     fn imported(text: &str) -> Imported {
         read(text, None, &SUBJECT).unwrap()

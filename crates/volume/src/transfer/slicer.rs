@@ -16,7 +16,7 @@
 //! As Slicer does, points are sorted by value, and those at one value are a step.
 
 use super::curve::{self, Node};
-use super::file::{Imported, Subject};
+use super::imported::{Imported, Subject};
 use super::{TransferError, TransferFunction, check_points, interpolate};
 use serde::Deserialize;
 use serde_json::Value;

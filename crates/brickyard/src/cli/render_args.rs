@@ -1,0 +1,170 @@
+//! The flags of `render`, and what follows from them.
+
+use super::failure::Failure;
+use super::output::may_write;
+use super::sampling_args::SamplingArguments;
+use super::scene_args::SceneArguments;
+use super::session_args::{BackendArgument, threads};
+use super::values;
+use brickyard::backend::CompositorChoice;
+use brickyard::session::SessionOptions;
+use brickyard::stats::RenderStats;
+use brickyard::volume::{Camera, Needs, Scene};
+use clap::{Args, ValueEnum};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// `brickyard render STORE... -o out.png`
+#[derive(Args)]
+pub(crate) struct RenderArguments {
+    /// The store; or several, up to 32, in one picture, each where its own world is or where --volume N:matrix=... puts it
+    #[arg(required = true)]
+    pub(super) stores: Vec<PathBuf>,
+    /// Output PNG; several pictures are numbered: out_000.png, ...
+    #[arg(short, long, value_name = "out.png")]
+    pub(super) output: PathBuf,
+    /// Picture size in pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    pub(super) size: (u32, u32),
+    #[command(flatten)]
+    pub(super) scene: SceneArguments,
+    #[command(flatten)]
+    pub(super) sampling: SamplingArguments,
+    /// Turn the camera once around its target in N pictures
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    pub(super) orbit: Option<u32>,
+    /// Cameras of several pictures (JSON list)
+    #[arg(long, value_name = "path.json")]
+    pub(super) path: Option<PathBuf>,
+    /// Where to render; auto takes a hardware GPU if there is one, else the CPU
+    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    pub(super) backend: BackendArgument,
+    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back, compute does so by
+    /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
+    #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
+    pub(super) compositor: CompositorArgument,
+    /// Draw every brick that the view wants, however few fit at once: in passes, on a GPU (a software one will do)
+    #[arg(long)]
+    pub(super) exact: bool,
+    /// Hard limit of brick slots, tables, targets and staging
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    pub(super) gpu_memory: u64,
+    /// Hard limit of decoded bricks and scratch
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    pub(super) host_memory: u64,
+    /// Threads for decoding and for the CPU backend [default: all]
+    #[arg(short = 'j', long)]
+    pub(super) threads: Option<NonZeroUsize>,
+    /// Give up on a picture that has not settled after S seconds
+    #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
+    pub(super) max_wait: f64,
+    /// Write statistics (JSON)
+    #[arg(long, value_name = "stats.json")]
+    pub(super) stats: Option<PathBuf>,
+    /// Replace existing pictures
+    #[arg(long)]
+    pub(super) overwrite: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub(super) enum CompositorArgument {
+    Auto,
+    Sorted,
+    Raycast,
+    Compute,
+    Reference,
+}
+
+impl RenderArguments {
+    /// The files of so many pictures, all of which may be written, and the statistics', too.
+    pub(super) fn outputs(&self, count: usize) -> Result<Vec<PathBuf>, Failure> {
+        let outputs: Vec<PathBuf> = (0..count).map(|i| numbered(&self.output, i, count)).collect();
+        for path in outputs.iter().chain(&self.stats) {
+            may_write(path, self.overwrite)?;
+        }
+        match self.stats.as_ref().filter(|path| outputs.contains(path)) {
+            Some(path) => {
+                Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())))
+            }
+            None => Ok(outputs),
+        }
+    }
+
+    /// `None` is the reference.
+    pub(super) fn compositor(&self) -> Option<CompositorChoice> {
+        match self.compositor {
+            CompositorArgument::Auto => Some(CompositorChoice::Auto),
+            CompositorArgument::Sorted => Some(CompositorChoice::Sorted),
+            CompositorArgument::Raycast => Some(CompositorChoice::Raycast),
+            CompositorArgument::Compute => Some(CompositorChoice::Compute),
+            CompositorArgument::Reference => None,
+        }
+    }
+
+    pub(super) fn session_options(&self, compositor: CompositorChoice, bricks: Needs) -> SessionOptions {
+        SessionOptions {
+            backend: self.backend.into(),
+            compositor,
+            gpu_memory_bytes: self.gpu_memory,
+            host_memory_bytes: self.host_memory,
+            bricks,
+            threads: threads(self.threads),
+            max_size_px: self.size,
+            leaps: true,
+            live: false,
+        }
+    }
+
+    /// The scenes of all pictures: one, an orbit, or a path's cameras. The one given has a camera.
+    pub(super) fn scenes(&self, scene: Scene) -> Result<Vec<Scene>, Failure> {
+        let with_camera = |camera: Camera| Scene { camera: Some(camera), ..scene.clone() };
+        if let (Some(count), Some(start)) = (self.orbit, scene.camera) {
+            if count == 0 {
+                return Err(Failure::usage("--orbit 0: expected at least one picture"));
+            }
+            return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
+        }
+        let Some(path) = &self.path else { return Ok(vec![scene]) };
+        let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
+        let text = std::fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+        let cameras: Vec<Camera> =
+            serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
+        if cameras.is_empty() {
+            return Err(bad("the list of cameras is empty".into()));
+        }
+        Ok(cameras.into_iter().map(with_camera).collect())
+    }
+
+    /// Writes the statistics, where they are asked for.
+    pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
+        let Some(path) = &self.stats else { return Ok(()) };
+        let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
+        std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+    }
+
+    pub(super) fn max_wait(&self) -> Duration {
+        Duration::from_secs_f64(self.max_wait.min(1e9))
+    }
+}
+
+fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
+    if count == 1 {
+        return path.to_path_buf();
+    }
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or("png".as_ref()).to_string_lossy();
+    path.with_file_name(format!("{stem}_{index:03}.{extension}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_pictures_are_numbered() {
+        assert_eq!(numbered(Path::new("a/b.png"), 0, 1), Path::new("a/b.png"));
+        assert_eq!(numbered(Path::new("a/b.png"), 7, 20), Path::new("a/b_007.png"));
+        assert_eq!(numbered(Path::new("b"), 1, 2), Path::new("b_001.png"));
+    }
+}

@@ -1,0 +1,45 @@
+//! What the errors of sessions and pictures are on the command line.
+
+use super::failure::Failure;
+use super::store_errors;
+use brickyard::backend::BackendError;
+use brickyard::offline::OfflineError;
+use brickyard::oracle::OracleError;
+use brickyard::pager::PagerError;
+use brickyard::render::GpuError;
+use brickyard::session::SessionError;
+use brickyard::software::SoftwareError;
+
+pub(crate) fn offline_failure(error: OfflineError) -> Failure {
+    match error {
+        OfflineError::Session(error) => session_failure(error),
+        other => Failure::failed(other),
+    }
+}
+
+pub(crate) fn oracle_failure(error: OracleError) -> Failure {
+    match error {
+        OracleError::TooLarge { .. } => Failure::usage(error),
+        OracleError::Read(error) => store_errors::read_failure(&error),
+    }
+}
+
+pub(crate) fn session_failure(error: SessionError) -> Failure {
+    match error {
+        SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) => Failure::usage(error),
+        SessionError::Unreadable(_) => Failure::bad_input(error),
+        // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
+        SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
+        | SessionError::Backend(
+            BackendError::Gpu(
+                GpuError::Budget { .. }
+                | GpuError::PictureTooLarge { .. }
+                | GpuError::Meshes { .. }
+                | GpuError::Textures { .. },
+            )
+            | BackendError::Cpu(SoftwareError::Budget { .. })
+            | BackendError::CpuCompositor(_),
+        ) => Failure::usage(error),
+        SessionError::Pager(_) | SessionError::Backend(_) | SessionError::LostAgain { .. } => Failure::failed(error),
+    }
+}

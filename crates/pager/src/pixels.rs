@@ -1,0 +1,31 @@
+//! A share of the picture's pixels: what a brick that fades in is drawn in, and the one before it in the others.
+
+/// Some of the picture's pixels, spread evenly: those whose [threshold](Pixels::threshold) is in `from..to`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    /// The least threshold.
+    pub from: u8,
+    /// The first that is too great, at most [`Pixels::THRESHOLDS`].
+    pub to: u8,
+}
+
+impl Pixels {
+    /// How many thresholds there are; an equal share of the pixels has each.
+    pub const THRESHOLDS: u8 = 64;
+    /// All of them.
+    pub const ALL: Self = Self { from: 0, to: Self::THRESHOLDS };
+
+    /// A pixel's threshold: Bayer's matrix of 8 by 8. In integers, so that it is the same in all renderers; the twin of
+    /// `dither` in dither.wgsl.
+    #[inline(always)]
+    pub fn threshold(x: u32, y: u32) -> u8 {
+        let z = x ^ y;
+        ((z & 1) << 5 | (y & 1) << 4 | (z & 2) << 2 | (y & 2) << 1 | (z & 4) >> 1 | (y & 4) >> 2) as u8
+    }
+
+    /// Whether a pixel is one of them.
+    #[inline(always)]
+    pub fn hold(self, x: u32, y: u32) -> bool {
+        (self.from..self.to).contains(&Self::threshold(x, y))
+    }
+}

@@ -1,0 +1,52 @@
+//! Contexts and buffers of compression, one set for each thread: a decode allocates nothing.
+
+use crate::error::CodecError;
+use std::cell::RefCell;
+use std::io::Cursor;
+
+/// What coding needs besides its input and output: Zstandard contexts and two buffers, kept between bricks.
+#[derive(Default)]
+pub struct Scratch {
+    compressor: zstd::bulk::Compressor<'static>,
+    /// The level the compressor is set to.
+    level: Option<i32>,
+    decompressor: zstd::bulk::Decompressor<'static>,
+    /// Shuffled voxels.
+    pub(crate) bytes: Vec<u8>,
+    /// An encoded brick, where it is read and not mapped.
+    pub(crate) encoded: Vec<u8>,
+}
+
+impl Scratch {
+    /// Runs `work` with this thread's scratch.
+    ///
+    /// # Panics
+    /// If `work` asks for it again.
+    pub fn with<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
+        thread_local!(static SCRATCH: RefCell<Scratch> = RefCell::default());
+        SCRATCH.with_borrow_mut(work)
+    }
+
+    /// Appends one Zstandard frame, content size included.
+    pub(crate) fn compress(&mut self, level: i32, data: &[u8], out: &mut Vec<u8>) {
+        if self.level != Some(level) {
+            self.compressor.set_compression_level(level).expect("levels are checked when a codec is parsed");
+            self.level = Some(level);
+        }
+        let start = out.len();
+        out.reserve(zstd::zstd_safe::compress_bound(data.len()));
+        let mut end = Cursor::new(out);
+        end.set_position(start as u64);
+        self.compressor.compress_to_buffer(data, &mut end).expect("a frame fits its own bound");
+    }
+
+    /// Decompresses into exactly `out`.
+    pub(crate) fn decompress(&mut self, data: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
+        let expected = out.len() as u64;
+        let found = self
+            .decompressor
+            .decompress_to_buffer(data, out)
+            .map_err(|e| CodecError::Malformed(format!("zstd: {e}")))? as u64;
+        if found == expected { Ok(()) } else { Err(CodecError::Length { expected, found }) }
+    }
+}

@@ -1,0 +1,23 @@
+//! What a picture shows of the samples along a ray.
+
+use crate::every::every;
+use serde::{Deserialize, Serialize};
+
+/// How samples along a ray become a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Emission and absorption through the transfer function (direct volume rendering).
+    #[default]
+    Dvr,
+    /// The greatest sample, through the transfer function's colours, opaque.
+    Mip,
+    /// The least sample, likewise.
+    MinIp,
+    /// The length-weighted mean of the samples, likewise.
+    Average,
+    /// Nothing but the scene's isosurfaces (see [`surface`](crate::surface)).
+    Isosurface,
+}
+
+every!(Mode: Dvr Mip MinIp Average Isosurface);
