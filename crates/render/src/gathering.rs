@@ -154,7 +154,12 @@ impl Gathering<'_> {
     /// A ray for each pixel, through so many volumes, some rows of the picture per submission.
     pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &MarchPipeline, bindings: &wgpu::BindGroup, volumes: u32) {
         let (width, height) = self.size_px;
-        let rows = (PIXELS_PER_SUBMISSION / volumes / width).max(1).next_multiple_of(WORKGROUP_PX);
+        let most = (PIXELS_PER_SUBMISSION / volumes / width).max(1);
+        let rows = match pipeline {
+            MarchPipeline::Fragment(_) => most,
+            // Whole workgroups.
+            MarchPipeline::Compute(_) => (most / WORKGROUP_PX).max(1) * WORKGROUP_PX,
+        };
         for top in (0..height).step_by(rows as usize) {
             let rows = rows.min(height - top);
             match pipeline {

@@ -17,7 +17,8 @@ use crate::packet::{CHUNK, LANES};
 use crate::ray::Ray;
 use crate::renderer::{Slots, SoftwareError, SoftwareOptions, bytes_per_slot, fixed_bytes, pool};
 #[cfg(target_arch = "x86_64")]
-use crate::sample::{Avx2, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::sample::Avx2;
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
 use crate::tile::{self, March, Stretch, TILE_PX, Tile, TilePixels, place};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
 use brickyard_volume::integrals::MAX_DEPTH;

@@ -9,7 +9,8 @@ use crate::meshes::Layers;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
-use crate::sample::{Avx2, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::sample::Avx2;
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
 use crate::surface::Isosurface;
 use brickyard_volume::macrocells::CELL_EDGE;
 use brickyard_volume::sampling::Curve;
