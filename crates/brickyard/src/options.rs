@@ -39,7 +39,8 @@ pub struct SessionOptions {
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
-    /// What the scenes to come need of bricks: [`Scene::needs`](brickyard_volume::Scene::needs) says it. Scenes with no greater needs may be shown.
+    /// What the scenes to come need of bricks: [`Scene::needs`](brickyard_volume::Scene::needs) says it. Scenes with no greater
+    /// needs may be shown.
     pub bricks: Needs,
     /// Decode workers, and threads of the CPU backend.
     pub threads: usize,

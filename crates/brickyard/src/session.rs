@@ -453,7 +453,7 @@ fn check_look(scene: &Scene) -> Result<(), SessionError> {
         )
     } else if !(1..=MOST_VIRTUAL_SAMPLES).contains(&scene.sampling.virtual_samples) {
         format!("{} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}", scene.sampling.virtual_samples)
-    } else if scene.sampling.method.is_pre_integrated() && is_dvr && scene.is_by_gradient() {
+    } else if is_dvr && !scene.takes(scene.sampling.method) {
         format!(
             "the sampling method {:?} integrates over values, and the transfer function is one of value and gradient: use --method \
              udvr, lvs, cvs or asm",

@@ -322,26 +322,11 @@ fn read_nearest(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::Planning;
-    use crate::test_source::{TestSource, box_view};
+    use crate::test_source::{TestSource, box_view, config};
     use brickyard_volume::{BrickIndex, LevelPolicy, Projection};
     use std::collections::HashMap;
 
     const DEADLINE: Duration = Duration::from_secs(20);
-
-    fn config(slots: u32, host_bytes: u64) -> PagerConfig {
-        PagerConfig {
-            slots,
-            apron: 1,
-            gradient_layers: 0,
-            host_bytes,
-            workers: 3,
-            planning: Planning::Inline,
-            prefetch: false,
-            uploads: None,
-            fade: None,
-        }
-    }
 
     fn finest(source: &TestSource) -> View {
         let view = box_view(source, Projection::Perspective { fov_y_deg: 30.0 });

@@ -1,6 +1,8 @@
 //! A volume made of arithmetic, for the tests: any pyramid, any type, any occupancy, bricks that fail on demand.
 
+use crate::budget::PagerConfig;
 use crate::cut::View;
+use crate::planner::Planning;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
     Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Placement, Projection,
@@ -160,5 +162,20 @@ impl BrickSource for TestSource {
     }
     fn bytes_read(&self) -> u64 {
         self.bytes_read.load(Ordering::Relaxed)
+    }
+}
+
+/// What a pager of three workers is made with that looks at nothing but its view.
+pub(crate) fn config(slots: u32, host_bytes: u64) -> PagerConfig {
+    PagerConfig {
+        slots,
+        apron: 1,
+        gradient_layers: 0,
+        host_bytes,
+        workers: 3,
+        planning: Planning::Inline,
+        prefetch: false,
+        uploads: None,
+        fade: None,
     }
 }

@@ -7,7 +7,7 @@ use crate::lighting::Lighting;
 use crate::look::VolumeLook;
 use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
 use crate::mode::Mode;
-use crate::sampling::{Needs, Sampling};
+use crate::sampling::{Method, Needs, Sampling};
 use crate::slice::Slice;
 use crate::space::Extent;
 use crate::stereo::Stereo;
@@ -157,6 +157,11 @@ impl Scene {
         self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient)
     }
 
+    /// Whether a method can show its transfer function: what is pre-integrated is so over values alone.
+    pub fn takes(&self, method: Method) -> bool {
+        !(method.is_pre_integrated() && self.is_by_gradient())
+    }
+
     /// The meshes as renderers take them; those that are not to be seen are left out.
     ///
     /// # Errors
@@ -188,7 +193,7 @@ mod tests {
     use crate::lighting::LightingModel;
     use crate::look::Blend;
     use crate::placement::Placement;
-    use crate::sampling::{Filter, Method};
+    use crate::sampling::Filter;
     use crate::stereo::StereoLayout;
 
     #[test]

@@ -20,8 +20,7 @@ mod table;
 
 pub use color_space::lab;
 pub use grid::TransferGrid;
-pub use imported::Imported;
-pub use imported::Subject;
+pub use imported::{Imported, Subject};
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 

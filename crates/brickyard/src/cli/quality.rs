@@ -131,7 +131,7 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
         return Err(Failure::usage("a survey is about one eye: leave --stereo out"));
     }
     let mut methods = arguments.methods.iter().map(|&method| Method::from(method));
-    if let Some(method) = methods.find(|method| scene.is_by_gradient() && method.is_pre_integrated()) {
+    if let Some(method) = methods.find(|&method| !scene.takes(method)) {
         let problem = "is pre-integrated over values, and the transfer function is one of value and gradient";
         return Err(Failure::usage(format!("--methods: {} {problem}", findings::name(method))));
     }
@@ -152,8 +152,7 @@ impl QualityArguments {
             }
             if list.is_empty() { all.to_vec() } else { list }
         }
-        let is_possible = |method: &Method| !(scene.is_by_gradient() && method.is_pre_integrated());
-        let possible: Vec<Method> = Method::ALL.into_iter().filter(is_possible).collect();
+        let possible: Vec<Method> = Method::ALL.into_iter().filter(|&method| scene.takes(method)).collect();
         SurveyPlan {
             scene,
             size_px: self.size,

@@ -5,23 +5,9 @@ use crate::draw_list::DrawCell;
 use crate::governor::UploadLimits;
 use crate::pixels::Pixels;
 use crate::planner::Planning;
-use crate::test_source::{TestSource, box_view};
+use crate::test_source::{TestSource, box_view, config};
 use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, ViewRays, VoxelType};
 use std::collections::HashMap;
-
-fn config(slots: u32, host_bytes: u64) -> PagerConfig {
-    PagerConfig {
-        slots,
-        apron: 1,
-        gradient_layers: 0,
-        host_bytes,
-        workers: 3,
-        planning: Planning::Inline,
-        prefetch: false,
-        uploads: None,
-        fade: None,
-    }
-}
 
 fn brick(level: u8, index: [u32; 3]) -> BrickId {
     BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
