@@ -62,7 +62,7 @@ impl BrickSource for Shape {
     fn channels(&self) -> u32 {
         1
     }
-    fn occupancy_bins(&self) -> OccupancyBins {
+    fn occupancy_bins(&self, _: u32) -> OccupancyBins {
         OccupancyBins::over(0.0, 255.0)
     }
     fn occupancy(&self, _: BrickId) -> Occupancy {

@@ -311,7 +311,7 @@ fn resolve_with(
     let table = table(&transfer, &encoding);
     // Quantisation moves a value by half a code.
     let slack = (table.reach_codes() + 0.5) * encoding.code_width();
-    let bins = source.occupancy_bins();
+    let bins = source.occupancy_bins(scene.channel);
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
     let surfaces = Surface::all(&scene.isosurfaces, &transfer, &encoding);
     let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));

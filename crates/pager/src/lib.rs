@@ -19,6 +19,7 @@ mod governor;
 mod layout;
 mod motion;
 mod order;
+mod paged_occupancy;
 mod pager;
 mod parts;
 mod passes;

@@ -12,7 +12,8 @@ use crate::ensemble::Wish;
 use crate::governor::Governor;
 use crate::layout::Layout;
 use crate::motion::Motion;
-use crate::planner::{Job, Outlook, Planner};
+use crate::paged_occupancy::{self, PageReader, PagedOccupancy};
+use crate::planner::{Job, Outlook, Planner, Planning};
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
 use crate::residency::{Residency, Step, Upload, Wants};
 use crate::sight::Sight;
@@ -20,7 +21,7 @@ use crate::source::{BrickError, BrickSource};
 use crate::visibility::Visibility;
 use crate::workers::Workers;
 use brickyard_volume::{BrickId, SlotEncoding};
-use crossbeam_channel::Select;
+use crossbeam_channel::{Receiver, Select};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -166,6 +167,8 @@ pub struct Pager {
     meter: Arc<Meter>,
     workers: Workers,
     residency: Residency,
+    /// What bricks can show, where planning must not wait for it.
+    occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
     planner: Planner,
     /// The last frame's view and cut, and what the one saw of the other.
     sight: Option<(View, Arc<Cut>, Sight)>,
@@ -202,7 +205,13 @@ impl Pager {
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let residency = Residency::new(config.slots, config.fade);
         let governor = Governor::new(config.uploads);
-        let planner = Planner::new(&source, config.slots, config.planning)?;
+        let occupancy = match config.planning {
+            Planning::Inline => None,
+            Planning::Thread => {
+                Some(PagedOccupancy::start(source.clone(), paged_occupancy::kept_bytes(&*source, config.host_bytes))?)
+            }
+        };
+        let planner = Planner::new(&planned_source(&source, &occupancy), config.slots, config.planning)?;
         let bytes_read_before = source.bytes_read();
         Ok(Self {
             source,
@@ -212,6 +221,7 @@ impl Pager {
             meter,
             workers,
             residency,
+            occupancy,
             planner,
             sight: None,
             motion: Motion::default(),
@@ -256,23 +266,34 @@ impl Pager {
         if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
             self.roots = roots(&*self.source, view.time, view.channel);
         }
-        if last != Some(view) {
+        let is_new = last != Some(view);
+        if is_new {
             self.confirmed = 0;
+        }
+        let mut occupancy_version = 0;
+        if let Some((occupancy, _)) = &self.occupancy {
+            if is_new {
+                occupancy.begin_view();
+            }
+            occupancy_version = occupancy.version();
         }
         self.motion.see(at, &view.rays);
         let visibility = self.visibility.clone();
         let ahead = self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME));
-        let Outlook { cut, ahead } = self.planner.outlook(Job { view: view.clone(), visibility, ahead });
+        let Outlook { cut, ahead } = self.planner.outlook(Job { view: view.clone(), visibility, ahead, occupancy: occupancy_version });
         let sight = match self.sight.take() {
             Some((last, of, sight)) if last == *view && Arc::ptr_eq(&of, &cut) => sight,
-            _ => Sight::new(&*self.source, &cut, view),
+            _ => Sight::new(&*planned_source(&self.source, &self.occupancy), &cut, view),
         };
         let (pyramid, roots) = (self.source.pyramid(), &self.roots);
         let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead: &ahead };
         let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)), at);
         self.last_at = at;
         self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
-        let is_complete = step.settled && self.planner.is_done();
+        let is_known = self.occupancy.as_ref().is_none_or(|(occupancy, _)| {
+            !occupancy.is_waiting() && occupancy.version() == occupancy_version
+        });
+        let is_complete = step.settled && self.planner.is_done() && is_known;
         let draw_other_eye = sight.for_other_eye.as_ref().map(|order| step.draw.reordered(&cut, order));
         let lists = std::iter::once(&step.draw).chain(&draw_other_eye);
         let cells = lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect();
@@ -330,13 +351,20 @@ impl Pager {
         let is_fading = self.drawn.is_fading;
         let timeout = if is_fading { timeout.min(FADE_STEP) } else { timeout };
         let (arrivals, outlook) = (self.workers.arrivals(), self.planner.awaited());
-        if outlook.is_none() && !self.workers.is_busy() && !is_fading {
-            return arrivals.is_some_and(|arrivals| !arrivals.is_empty());
+        let pages = self.occupancy.as_ref().map(|(_, reader)| reader.arrivals());
+        let is_waiting = self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting());
+        if outlook.is_none() && !self.workers.is_busy() && !is_fading && !is_waiting {
+            let has_pages = pages.is_some_and(|pages| pages.try_recv().is_ok());
+            return has_pages || arrivals.is_some_and(|arrivals| !arrivals.is_empty());
         }
         let mut select = Select::new();
+        pages.map(|pages| select.recv(pages));
         arrivals.map(|arrivals| select.recv(arrivals));
         outlook.map(|outlook| select.recv(outlook));
-        select.ready_timeout(timeout).is_ok() || is_fading
+        let is_ready = select.ready_timeout(timeout).is_ok();
+        // A sign is for one frame, which looks at all that has come.
+        let _ = pages.map(Receiver::try_recv);
+        is_ready || is_fading
     }
 
     /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
@@ -350,7 +378,7 @@ impl Pager {
         self.config.slots = slots;
         self.residency.forget_slots(slots);
         // Cuts are made for a number of slots.
-        self.planner = Planner::new(&self.source, slots, self.config.planning)?;
+        self.planner = Planner::new(&planned_source(&self.source, &self.occupancy), slots, self.config.planning)?;
         self.sight = None;
         Ok(())
     }
@@ -437,9 +465,21 @@ impl Pager {
     }
 }
 
+/// What cuts are made from: the source, or what is known of it without waiting.
+fn planned_source(
+    source: &Arc<dyn BrickSource>,
+    occupancy: &Option<(Arc<PagedOccupancy>, PageReader)>,
+) -> Arc<dyn BrickSource> {
+    occupancy.as_ref().map_or_else(|| source.clone(), |(occupancy, _)| occupancy.clone())
+}
+
 fn buffer_sizes(source: &dyn BrickSource, layout: &Layout, config: &PagerConfig) -> BufferSizes {
+    let pages = match config.planning {
+        Planning::Inline => 0,
+        Planning::Thread => paged_occupancy::kept_bytes(source, config.host_bytes),
+    };
     BufferSizes {
-        fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT,
+        fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT + source.cache_bytes() + pages,
         scratch: scratch_bytes(source, layout, &encoding_of(source)),
         core: layout.cached_bytes() as u64,
         padded: layout.padded_bytes() as u64,

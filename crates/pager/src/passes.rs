@@ -112,7 +112,9 @@ impl ExactPasses {
         let padded = layout.padded_bytes() as u64;
         let slots = config.slots.max(1) as usize;
         let sizes = BufferSizes {
-            fixed: cells.len() as u64 * BYTES_PER_CELL + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT,
+            fixed: cells.len() as u64 * BYTES_PER_CELL
+                + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT
+                + source.cache_bytes(),
             scratch: scratch_bytes(&*source, &layout, &encoding_of(&*source)),
             core: layout.cached_bytes() as u64,
             padded,

@@ -44,6 +44,8 @@ pub(crate) struct Job {
     pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
     /// Whether to look ahead, and the camera that is foreseen.
     pub(crate) ahead: Option<Option<ViewRays>>,
+    /// The version of what is known of bricks' occupancy.
+    pub(crate) occupancy: u64,
 }
 
 impl Job {
@@ -54,7 +56,7 @@ impl Job {
     /// Whether another job's cut would be the same. A camera that stops is no reason to look ahead anew.
     fn is_same(&self, other: &Self) -> bool {
         let number = |job: &Self| job.visibility.as_ref().map(|(number, _)| *number);
-        self.view == other.view && number(self) == number(other)
+        self.view == other.view && number(self) == number(other) && self.occupancy == other.occupancy
     }
 }
 

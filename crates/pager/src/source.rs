@@ -1,6 +1,6 @@
-//! What the pager asks of a store: geometry, statistics in memory, and decoded bricks.
+//! What the pager asks of a store: geometry, what bricks can show, and decoded bricks.
 
-use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, Pyramid, VoxelType};
+use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
 /// Why a brick could not be read. The pager marks it failed and draws an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -28,10 +28,22 @@ pub trait BrickSource: Send + Sync {
     fn times(&self) -> u32;
     /// Number of channels.
     fn channels(&self) -> u32;
-    /// How occupancy masks bin values.
-    fn occupancy_bins(&self) -> OccupancyBins;
-    /// What the brick can show, apron included; [`Occupancy::ALL`] where it is not known. From memory: no I/O.
+    /// How occupancy masks bin a channel's values.
+    fn occupancy_bins(&self, channel: u32) -> OccupancyBins;
+    /// What the brick and its descendants can show, one voxel around them included; [`Occupancy::ALL`] where it is not known. May
+    /// wait for a disk.
     fn occupancy(&self, id: BrickId) -> Occupancy;
+    /// The same of all bricks of a page, each at its [place](Pyramid::page_of).
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        let mut occupancy = vec![Occupancy::NONE; self.pyramid().paging(page.level).page_cells()];
+        for (id, place) in self.pyramid().bricks_of_page(page) {
+            occupancy[place] = self.occupancy(id);
+        }
+        Ok(occupancy)
+    }
     /// Tells the kernel that these bricks, and their aprons where they are stored, are about to be read.
     fn advise(&self, ids: &[BrickId]);
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent
@@ -50,4 +62,8 @@ pub trait BrickSource: Send + Sync {
     fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
     /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for whomever.
     fn bytes_read(&self) -> u64;
+    /// The most memory that the source itself takes while it is read, whatever its size.
+    fn cache_bytes(&self) -> u64 {
+        0
+    }
 }

@@ -1,8 +1,8 @@
 //! A brick store as the pager's source: every question is answered by [`Store`].
 
 use crate::source::{BrickError, BrickSource};
-use brickyard_store::Store;
-use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, Pyramid, VoxelType};
+use brickyard_store::{ReadError, Store};
+use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
 impl BrickSource for Store {
     fn pyramid(&self) -> &Pyramid {
@@ -33,12 +33,27 @@ impl BrickSource for Store {
         self.channels()
     }
 
-    fn occupancy_bins(&self) -> OccupancyBins {
-        self.occupancy_bins()
+    fn occupancy_bins(&self, channel: u32) -> OccupancyBins {
+        self.occupancy_bins(channel)
     }
 
     fn occupancy(&self, id: BrickId) -> Occupancy {
-        self.occupancy(id)
+        self.occupancy(id).unwrap_or_else(|error| {
+            tracing::warn!(%error, "a brick may show anything");
+            Occupancy::ALL
+        })
+    }
+
+    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        let failed = |error: ReadError| {
+            let corner = self.pyramid().paging(page.level).cells([page.x, page.y, page.z]).min;
+            let index = BrickIndex::from_array(corner.to_array());
+            let id = BrickId { time: page.time, channel: page.channel, level: page.level, index };
+            BrickError { id, reason: error.to_string() }
+        };
+        let ranges = self.read_ranges(page).map_err(failed)?;
+        let (bins, places) = (self.occupancy_bins(page.channel), self.pyramid().paging(page.level).page_cells());
+        Ok((0..places).map(|place| ranges.occupancy(place, bins)).collect())
     }
 
     fn advise(&self, ids: &[BrickId]) {
@@ -59,5 +74,9 @@ impl BrickSource for Store {
 
     fn bytes_read(&self) -> u64 {
         self.bytes_read()
+    }
+
+    fn cache_bytes(&self) -> u64 {
+        self.cache_bytes()
     }
 }

@@ -5,7 +5,7 @@ use crate::cut::View;
 use crate::planner::Planning;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
-    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Placement, Projection,
+    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, PageId, Placement, Projection,
     Pyramid, VoxelType,
 };
 use glam::DVec3;
@@ -21,6 +21,8 @@ pub(crate) struct TestSource {
     /// Bricks that show nothing; to be closed under descent.
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
+    /// Pages of occupancy that cannot be read.
+    pub(crate) failing_pages: HashSet<PageId>,
     pub(crate) panicking: HashSet<BrickId>,
     /// Width of the stored aprons.
     stored_apron: u32,
@@ -42,7 +44,7 @@ fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
 impl TestSource {
     pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
         let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
-        let (empty, failing, panicking, failing_aprons, bytes_read) = Default::default();
+        let (empty, failing, failing_pages, panicking, failing_aprons, bytes_read) = Default::default();
         Self {
             pyramid,
             geometry,
@@ -50,6 +52,7 @@ impl TestSource {
             voxel_at: hashed_voxel,
             empty,
             failing,
+            failing_pages,
             panicking,
             stored_apron: 0,
             failing_aprons,
@@ -60,6 +63,11 @@ impl TestSource {
     /// `n`^3 voxels of 8 bits in bricks of 8^3.
     pub(crate) fn cube(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(n, n, n), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+
+    /// `n` bricks of 8^3 in a row.
+    pub(crate) fn row(n: u32) -> Self {
+        Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
     }
 
     /// The same with aprons of this width stored.
@@ -109,11 +117,20 @@ impl BrickSource for TestSource {
     fn channels(&self) -> u32 {
         2
     }
-    fn occupancy_bins(&self) -> OccupancyBins {
+    fn occupancy_bins(&self, _: u32) -> OccupancyBins {
         OccupancyBins::over(0.0, 1e6)
     }
     fn occupancy(&self, id: BrickId) -> Occupancy {
         if self.empty.contains(&id) { Occupancy::NONE } else { Occupancy::ALL }
+    }
+    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        let bricks: Vec<_> = self.pyramid.bricks_of_page(page).collect();
+        if self.failing_pages.contains(&page) {
+            return Err(BrickError { id: bricks[0].0, reason: "told to fail".into() });
+        }
+        let mut occupancy = vec![Occupancy::NONE; self.pyramid.paging(page.level).page_cells()];
+        bricks.into_iter().for_each(|(id, place)| occupancy[place] = self.occupancy(id));
+        Ok(occupancy)
     }
     fn advise(&self, _: &[BrickId]) {}
 

@@ -1,49 +1,51 @@
 //! The chunks of one pyramid: its bricks' cores, or their aprons. Finds, checks and decodes them.
 //!
-//! A shard is mapped and its index checked when one of its chunks is first read; it stays mapped. A chunk is decoded from the
-//! mapped slice straight into the caller's buffer: no copy of the file, no allocation. All methods may be called from many
-//! threads.
+//! A shard is mapped and its index checked when one of its chunks is read; the shards used last stay mapped, [`MOST_OPEN`] at most,
+//! since a process may have some 65,000 maps and a store more shards. A chunk is decoded from the mapped slice straight into the
+//! caller's buffer: no copy of the file, no allocation. All methods may be called from many threads.
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::{Layout, ShardId};
 use crate::scratch::Scratch;
-use crate::shard::{BrickRange, Fingerprint};
-use crate::shard_file::{IoMode, OpenFiles, ShardFile};
-use brickyard_volume::{BrickId, Level};
+use crate::shard::{BrickRange, Fingerprint, index_bytes};
+use crate::shard_file::{IoMode, ShardFile};
+use crate::side::{SideArray, read_fingerprints};
+use brickyard_volume::{BrickId, Level, PageId};
+use lru::LruCache;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Shards that are open at a time.
+const MOST_OPEN: usize = 512;
+
+/// Files that are open at a time where shards are not mapped: a process may have 1,024.
+const MOST_FILES: usize = 64;
+
+/// Bytes of the indexes of open shards; but two are open at least.
+const MOST_INDEX_BYTES: usize = 4 << 20;
+
+/// Pages of fingerprints that are kept, of 64 KiB at most.
+const KEPT_PAGES: usize = 16;
 
 pub(crate) struct Chunks {
     store: PathBuf,
     layout: Layout,
     codec: BrickCodec,
     mode: IoMode,
-    /// Per level, in the order of the side data.
-    levels: Vec<Box<[Shard]>>,
-    files: OpenFiles,
+    fingerprints: Mutex<LruCache<PageId, Arc<[Fingerprint]>>>,
+    open: Mutex<LruCache<ShardId, Arc<ShardFile>>>,
     bytes_read: AtomicU64,
 }
 
-struct Shard {
-    fingerprint: Fingerprint,
-    file: OnceLock<ShardFile>,
-}
-
 impl Chunks {
-    /// Those of the store at `store`, where the fingerprints of each level's shards are these.
-    pub(crate) fn new<'a>(
-        store: &Path,
-        layout: Layout,
-        codec: BrickCodec,
-        mode: IoMode,
-        fingerprints: impl Iterator<Item = &'a [Fingerprint]>,
-    ) -> Self {
-        let shard = |&fingerprint: &Fingerprint| Shard { fingerprint, file: OnceLock::new() };
-        let levels = fingerprints.map(|level| level.iter().map(shard).collect()).collect();
-        let (files, bytes_read) = Default::default();
-        Self { store: store.into(), layout, codec, mode, levels, files, bytes_read }
+    /// Those of the store at `store`.
+    pub(crate) fn new(store: &Path, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
+        let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
+        let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));
+        Self { store: store.into(), layout, codec, mode, fingerprints, open, bytes_read: AtomicU64::new(0) }
     }
 
     pub(crate) fn layout(&self) -> &Layout {
@@ -60,14 +62,26 @@ impl Chunks {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    /// The files of a level.
-    pub(crate) fn files(&self, level: Level) -> impl Iterator<Item = Fingerprint> {
-        self.levels[level.index()].iter().map(|shard| shard.fingerprint).filter(|fingerprint| fingerprint.has_file())
+    /// The most memory that open shards and kept pages take.
+    pub(crate) fn cache_bytes(&self) -> u64 {
+        let array = SideArray::fingerprints(&self.store, &self.layout, Level(0));
+        let levels = self.layout.pyramid.levels().len() as u64;
+        let pages = (KEPT_PAGES as u64).min(array.page_count().saturating_mul(levels));
+        let shards = (most_open(&self.layout, self.mode).get() as u64).min(self.layout.shard_count());
+        pages * array.page_bytes() as u64 + shards * (shard_index_bytes(&self.layout) as u64 + SHARD_BYTES)
     }
 
-    /// Bytes of all files.
-    pub(crate) fn file_bytes(&self) -> u64 {
-        self.levels.iter().flatten().map(|shard| shard.fingerprint.file_bytes).sum()
+    /// The number of a level's pages of fingerprints.
+    pub(crate) fn fingerprint_pages(&self, level: Level) -> u64 {
+        SideArray::fingerprints(&self.store, &self.layout, level).page_count()
+    }
+
+    /// The number of files that a page of fingerprints knows, and their bytes.
+    pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
+        let array = SideArray::fingerprints(&self.store, &self.layout, level);
+        // Past the grid a page holds zeros.
+        let files = read_fingerprints(&array, array.page_at(level, page))?;
+        Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
     /// Decodes a brick's chunk into `out`; all zero if it is not stored.
@@ -80,17 +94,13 @@ impl Chunks {
         self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
         let path = || self.path(self.layout.shard_of(id).0);
         Scratch::with(|scratch| {
-            let decoded = match shard.mapped(range) {
-                Some(encoded) => self.codec.decode(scratch, encoded, out),
-                None => {
-                    let mut encoded = std::mem::take(&mut scratch.encoded);
-                    let read = self.files.read(&path(), range, &mut encoded);
-                    let decoded = read.map(|()| self.codec.decode(scratch, &encoded, out));
-                    scratch.encoded = encoded;
-                    decoded.map_err(|error| ReadError::Io { path: path(), error })?
-                }
-            };
-            decoded.map_err(|error| shard.unreadable(&path(), id, error))
+            let mut encoded = std::mem::take(&mut scratch.encoded);
+            let bytes = shard.bytes(range, &mut encoded);
+            let decoded = bytes.map(|bytes| self.codec.decode(scratch, bytes, out));
+            scratch.encoded = encoded;
+            decoded
+                .map_err(|error| ReadError::Io { path: path(), error })?
+                .map_err(|error| shard.unreadable(&path(), id, error))
         })
     }
 
@@ -107,9 +117,8 @@ impl Chunks {
         }
         const PAGE_BYTES: usize = 4096;
         let pages = |&id: &BrickId| {
-            let (shard, slot) = self.layout.shard_of(id);
-            let range = self.shard(shard).ok()??.index.range(slot)?.as_range();
-            Some((shard, range.start / PAGE_BYTES * PAGE_BYTES, range.end))
+            let range = self.locate(id).ok()??.1.as_range();
+            Some((self.layout.shard_of(id).0, range.start / PAGE_BYTES * PAGE_BYTES, range.end))
         };
         let mut ranges: Vec<(ShardId, usize, usize)> =
             ids.iter().filter(|id| self.layout.contains(**id)).filter_map(pages).collect();
@@ -129,29 +138,67 @@ impl Chunks {
     }
 
     /// The brick's shard and its chunk's place there; `None` if it is not stored.
-    fn locate(&self, id: BrickId) -> Result<Option<(&ShardFile, BrickRange)>, ReadError> {
+    fn locate(&self, id: BrickId) -> Result<Option<(Arc<ShardFile>, BrickRange)>, ReadError> {
         assert!(self.layout.contains(id), "no such brick: {id}");
-        let (shard, slot) = self.layout.shard_of(id);
-        let shard = self.shard(shard)?;
-        Ok(shard.and_then(|s| Some((s, s.index.range(slot)?))))
+        let (shard_id, slot) = self.layout.shard_of(id);
+        let Some(shard) = self.shard(shard_id)? else { return Ok(None) };
+        let corrupt = |error| ReadError::CorruptIndex { path: self.path(shard_id), error };
+        let range = shard.range(slot).map_err(corrupt)?;
+        Ok(range.map(|range| (shard, range)))
     }
 
     /// An open shard; `None` if it has no file. Failures are not kept: a file that comes back is read again.
-    pub(crate) fn shard(&self, id: ShardId) -> Result<Option<&ShardFile>, ReadError> {
-        let Shard { fingerprint, file } = &self.levels[id.level.index()][self.layout.shard_place(id)];
+    pub(crate) fn shard(&self, id: ShardId) -> Result<Option<Arc<ShardFile>>, ReadError> {
+        if let Some(shard) = lock(&self.open).get(&id) {
+            return Ok(Some(shard.clone()));
+        }
+        let fingerprint = self.fingerprint(id)?;
         if !fingerprint.has_file() {
             return Ok(None);
         }
-        if let Some(shard) = file.get() {
-            return Ok(Some(shard));
-        }
         let bricks = self.layout.shard_bricks(id.level).volume() as usize;
-        let shard = ShardFile::open(&self.path(id), *fingerprint, bricks, self.codec.encoded_cap(), self.mode)?;
-        Ok(Some(file.get_or_init(|| shard)))
+        let shard = ShardFile::open(&self.path(id), fingerprint, bricks, self.codec.encoded_cap(), self.mode)?;
+        let shard = Arc::new(shard);
+        // What goes is closed when its last reader is done, outside of the lock.
+        let _evicted = lock(&self.open).push(id, shard.clone());
+        Ok(Some(shard))
+    }
+
+    fn fingerprint(&self, id: ShardId) -> Result<Fingerprint, ReadError> {
+        let array = SideArray::fingerprints(&self.store, &self.layout, id.level);
+        let ([x, y, z], place) = array.paging().locate([id.x, id.y, id.z]);
+        let page = PageId { time: id.time, channel: id.channel, level: id.level, z, y, x };
+        if let Some(kept) = lock(&self.fingerprints).get(&page) {
+            return Ok(kept[place]);
+        }
+        let read: Arc<[Fingerprint]> = read_fingerprints(&array, page)?.into();
+        lock(&self.fingerprints).put(page, read.clone());
+        Ok(read[place])
     }
 
     /// A shard's file.
     pub(crate) fn path(&self, id: ShardId) -> PathBuf {
         self.layout.shard_path(&self.store, id)
     }
+}
+
+/// What an open shard takes besides its index, the cache's entry included.
+const SHARD_BYTES: u64 = 256;
+
+/// Bytes of the index of a shard of level 0, which has the most bricks.
+fn shard_index_bytes(layout: &Layout) -> usize {
+    index_bytes(layout.shard_bricks(Level(0)).volume() as usize)
+}
+
+fn most_open(layout: &Layout, mode: IoMode) -> NonZeroUsize {
+    let most = if mode == IoMode::Mmap { MOST_OPEN } else { MOST_FILES };
+    at_least_one((MOST_INDEX_BYTES / shard_index_bytes(layout)).clamp(2, most))
+}
+
+fn at_least_one(n: usize) -> NonZeroUsize {
+    NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN)
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -33,6 +33,20 @@ pub enum OpenError {
         /// What it uses, and what to do.
         feature: String,
     },
+    /// Written by an earlier version of this program, in a format that is not read any more.
+    #[error(
+        "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}): \
+         'brickyard pack INPUT {store} --overwrite'",
+        store = store.display(), now = crate::metadata::FORMAT_VERSION
+    )]
+    OldFormat {
+        /// The store.
+        store: PathBuf,
+        /// Its format.
+        version: u64,
+        /// What it says that it was packed from.
+        source_name: String,
+    },
     /// The store's levels are made in other ways.
     #[error(
         "{path}: no level is made by {asked}, only by {found}; pack it with '--downsample {main},{asked}'",
@@ -130,6 +144,14 @@ pub enum ReadError {
         #[source]
         error: CodecError,
     },
+    /// A page of side data is damaged: what it says of bricks or shards is not known.
+    #[error("{path}: damaged side data: {what}", path = path.display())]
+    CorruptPage {
+        /// The page's file.
+        path: PathBuf,
+        /// How.
+        what: String,
+    },
     /// The operating system refused.
     #[error("{path}: {error}", path = path.display())]
     Io {
@@ -139,6 +161,20 @@ pub enum ReadError {
         #[source]
         error: std::io::Error,
     },
+}
+
+impl ReadError {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::MissingShard { path }
+            | Self::Rewritten { path, .. }
+            | Self::CorruptIndex { path, .. }
+            | Self::CorruptBrick { path, .. }
+            | Self::CorruptPage { path, .. }
+            | Self::Io { path, .. } => path,
+        }
+    }
 }
 
 /// Why a shard's index cannot be trusted.

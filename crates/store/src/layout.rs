@@ -5,7 +5,7 @@
 //! STORE/.brickyard-journal             only while packing
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
-//! STORE/K/.brickyard/{minmax,occupancy,shards}/   its side data
+//! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
 //! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
 //! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
 //! ```
@@ -134,36 +134,34 @@ impl Layout {
         })
     }
 
-    /// All shards of a level, in the order of the side data.
-    pub fn shards(&self, level: Level) -> impl Iterator<Item = ShardId> + use<> {
-        let grid = self.shard_grid(level);
-        let (channels, per_volume) = (self.channels as u64, grid.volume());
-        (0..self.times as u64 * channels * per_volume).map(move |i| {
-            let (volume, cell) = (i / per_volume, i % per_volume);
-            let (gx, gy) = (grid.x as u64, grid.y as u64);
-            ShardId {
-                time: (volume / channels) as u32,
-                channel: (volume % channels) as u32,
-                level,
-                z: (cell / (gx * gy)) as u32,
-                y: (cell / gx % gy) as u32,
-                x: (cell % gx) as u32,
-            }
-        })
+    /// All shards of a level, row-major in (t, c, z, y, x).
+    pub fn shards(&self, level: Level) -> impl Iterator<Item = ShardId> {
+        (0..self.level_shards(level)).map(move |i| self.shard_at(level, i))
     }
 
-    /// The brick's place in its level's side data, row-major in (t, c, z, y, x).
-    pub fn brick_place(&self, id: BrickId) -> usize {
-        let grid = self.pyramid.level(id.level).bricks;
-        let volume = id.time as u64 * self.channels as u64 + id.channel as u64;
-        (volume * grid.volume() + grid.linear(id.index.to_array())) as usize
+    /// Shards of a level, of all time steps and channels.
+    pub fn level_shards(&self, level: Level) -> u64 {
+        self.times as u64 * self.channels as u64 * self.shard_grid(level).volume()
     }
 
-    /// The shard's place in its level's side data, row-major in (t, c, z, y, x).
-    pub fn shard_place(&self, id: ShardId) -> usize {
-        let grid = self.shard_grid(id.level);
-        let volume = id.time as u64 * self.channels as u64 + id.channel as u64;
-        (volume * grid.volume() + grid.linear([id.x, id.y, id.z])) as usize
+    /// Shard `i` of a level, row-major in (t, c, z, y, x).
+    pub fn shard_at(&self, level: Level, i: u64) -> ShardId {
+        let (grid, channels) = (self.shard_grid(level), self.channels as u64);
+        let (volume, cell) = (i / grid.volume(), i % grid.volume());
+        let (gx, gy) = (grid.x as u64, grid.y as u64);
+        ShardId {
+            time: (volume / channels) as u32,
+            channel: (volume % channels) as u32,
+            level,
+            z: (cell / (gx * gy)) as u32,
+            y: (cell / gx % gy) as u32,
+            x: (cell % gx) as u32,
+        }
+    }
+
+    /// Shards of all levels, time steps and channels.
+    pub fn shard_count(&self) -> u64 {
+        (0..self.pyramid.levels().len()).map(|k| self.level_shards(Level(k as u8))).sum()
     }
 
     /// The folder of a level, or of its aprons, below the store.
@@ -214,6 +212,7 @@ pub fn journal_percent(store: &Path) -> Option<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::HashSet;
 
     fn layout(times: u32, channels: u32) -> Layout {
         Layout::new(Pyramid::new(Extent::new(100, 37, 211), [1.0; 3], 16), times, channels, 64)
@@ -224,16 +223,17 @@ mod tests {
         let l = layout(2, 3);
         for level in 0..l.pyramid.levels().len() {
             let level = Level(level as u8);
-            let mut seen = vec![false; 6 * l.pyramid.level(level).bricks.volume() as usize];
-            for (place, shard) in l.shards(level).enumerate() {
-                assert_eq!(l.shard_place(shard), place);
+            let mut seen = HashSet::new();
+            let shards: Vec<ShardId> = l.shards(level).collect();
+            assert!(shards.is_sorted() && shards.len() as u64 == 6 * l.shard_grid(level).volume());
+            for shard in shards {
                 for slot in 0..l.shard_bricks(level).volume() as usize {
                     let Some(id) = l.brick_at(shard, slot) else { continue };
                     assert_eq!(l.shard_of(id), (shard, slot));
-                    assert!(!std::mem::replace(&mut seen[l.brick_place(id)], true));
+                    assert!(seen.insert(id));
                 }
             }
-            assert!(seen.iter().all(|&s| s));
+            assert_eq!(seen.len() as u64, 6 * l.pyramid.level(level).bricks.volume());
         }
     }
 

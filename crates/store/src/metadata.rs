@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// The version of the `brickyard` attribute that is written and read.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// Bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
@@ -89,6 +89,8 @@ pub struct ChannelStatistics {
     pub histogram: Histogram,
     /// The values shown as black and white unless a transfer function is given.
     pub window: [f64; 2],
+    /// How occupancy masks bin the channel's values.
+    pub bins: OccupancyBins,
 }
 
 impl ChannelStatistics {
@@ -125,8 +127,6 @@ pub struct StoreInfo {
     /// World-from-voxel-centre matrix (row-major 3x4) where the source had one that spacing and origin cannot hold.
     #[serde(default)]
     pub orientation: Option<[[f64; 4]; 3]>,
-    /// How occupancy masks bin values.
-    pub occupancy_bins: OccupancyBins,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
     /// What the store was packed from.
@@ -163,20 +163,19 @@ impl StoreInfo {
         if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
         }
-        let bins = self.occupancy_bins;
-        if !(bins.low.is_finite() && bins.width.is_finite() && bins.width > 0.0) {
-            return invalid("occupancy_bins", "a finite low and a positive width", format!("{bins:?}"));
-        }
         if self.channels.len() != channels as usize {
             return invalid("channels", &format!("{channels} entries"), self.channels.len().to_string());
         }
         for (i, channel) in self.channels.iter().enumerate() {
-            let (range, bins) = (channel.range, channel.histogram.counts.len());
+            let (range, counts, bins) = (channel.range, channel.histogram.counts.len(), channel.bins);
             if range[0] > range[1] {
                 return invalid(&format!("channels[{i}].range"), "low <= high", format!("{range:?}"));
             }
-            if bins != HISTOGRAM_BINS {
-                return invalid(&format!("channels[{i}].histogram.counts"), "256 counts", bins.to_string());
+            if counts != HISTOGRAM_BINS {
+                return invalid(&format!("channels[{i}].histogram.counts"), "256 counts", counts.to_string());
+            }
+            if !(bins.low.is_finite() && bins.width.is_finite() && bins.width > 0.0) {
+                return invalid(&format!("channels[{i}].bins"), "a finite low and a positive width", format!("{bins:?}"));
             }
         }
         Ok(())
@@ -354,13 +353,20 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         let feature = "a Zarr without brickyard's side data; export it to .npy, .raw, NIfTI or TIFF and pack that";
         return Err(OpenError::Unsupported { path: path.into(), feature: feature.into() });
     }
-    let version = ours["version"].as_u64();
-    if version != Some(FORMAT_VERSION.into()) {
-        let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
-        return Err(OpenError::Unsupported { path: path.into(), feature });
+    match ours["version"].as_u64() {
+        Some(version) if version == u64::from(FORMAT_VERSION) => {}
+        Some(version) if version < u64::from(FORMAT_VERSION) => {
+            let store = path.parent().unwrap_or(path).to_path_buf();
+            let source = ours["source"].as_str().unwrap_or("its source").to_owned();
+            return Err(OpenError::OldFormat { store, version, source_name: source });
+        }
+        _ => {
+            let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
+            return Err(OpenError::Unsupported { path: path.into(), feature });
+        }
     }
     serde_json::from_value(ours.clone())
-        .map_err(|e| OpenError::invalid(path, "attributes.brickyard", "the settings of a version 1 store", e))
+        .map_err(|e| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", e))
 }
 
 /// The layout that level 0's shape and the settings call for.

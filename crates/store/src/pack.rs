@@ -27,6 +27,7 @@ mod plan;
 mod sequence;
 mod shards;
 mod shells;
+mod side_pages;
 #[cfg(test)]
 mod tests;
 mod window;
@@ -38,8 +39,8 @@ use crate::downsample::{Downsample, Reductions};
 use crate::error::ReadError;
 use crate::layout::{DEFAULT_SHARD_EDGE, Layout};
 use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
-use crate::side::fingerprint_files;
-use aprons::{ApronPass, MadeAprons};
+use crate::side::{SideArray, level_arrays};
+use aprons::ApronPass;
 use brickyard_import::{ImportError, Source};
 use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
@@ -319,13 +320,12 @@ fn pack_on(
     let voxel_type = source.info().voxel_type;
     let aprons = options.apron().map(|apron| {
         let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
-        pass.run(&passed.sides, &mut output.journal)
+        pass.run(&mut output.journal)
     });
     let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
-    let aprons = aprons.unwrap_or_default();
     let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
-    let written_bytes = passed.written_bytes + aprons.written_bytes;
-    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, (passed, aprons));
+    let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
+    let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
     let dir = output.dir.clone();
     finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
         let needed_bytes = plan.brick_count() * 24;
@@ -386,7 +386,7 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
-/// Everything but the shards; the root document last.
+/// All documents, the root's last.
 fn write_metadata(
     disk: &Disk,
     dir: &Path,
@@ -394,7 +394,7 @@ fn write_metadata(
     options: &PackOptions,
     plan: &PackPlan,
     settings: &Value,
-    (passed, aprons): (Passed, MadeAprons),
+    passed: Passed,
 ) -> Result<(), disk::DiskError> {
     let (info, layout) = (source.info(), &plan.layout);
     let store_info = StoreInfo {
@@ -409,32 +409,27 @@ fn write_metadata(
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,
         orientation: info.orientation,
-        occupancy_bins: passed.bins,
         channels: passed.channels,
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),
         complete: true,
     };
     let document = |layout: &Layout, level: Level, document: &Value| {
-        (Path::new(&layout.level_path(level)).join("zarr.json"), document_bytes(document))
+        (dir.join(layout.level_path(level)).join("zarr.json"), document_bytes(document))
     };
     let mut files = Vec::new();
-    for (Stage { layout, level, .. }, side) in plan.stages.iter().zip(&passed.sides) {
-        files.extend(side.files(layout, *level));
+    for Stage { layout, level, .. } in &plan.stages {
+        let arrays = level_arrays(dir, layout, *level, info.voxel_type);
+        files.extend(arrays.iter().map(SideArray::document_file));
         files.push(document(layout, *level, &level_document(layout, *level, &store_info)));
-    }
-    for (Stage { layout, level, .. }, fingerprints) in plan.stages.iter().zip(&aprons.fingerprints) {
-        let Some(apron) = options.apron() else { break };
-        let layout = layout.of_aprons();
-        files.extend(fingerprint_files(&layout, *level, fingerprints));
-        files.push(document(&layout, *level, &apron_document(&layout, *level, apron, &store_info)));
+        if let Some(apron) = options.apron() {
+            let layout = layout.of_aprons();
+            files.push(SideArray::fingerprints(dir, &layout, *level).document_file());
+            files.push(document(&layout, *level, &apron_document(&layout, *level, apron, &store_info)));
+        }
     }
     for (path, bytes) in files {
-        let path = dir.join(path);
-        if let Some(parent) = path.parent() {
-            disk.create_dir_all(parent)?;
-        }
-        disk.write(&path, &bytes)?;
+        disk.write_with_parents(&path, &bytes)?;
     }
     output::sync_tree(disk, dir)?;
     disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;

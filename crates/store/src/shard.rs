@@ -61,61 +61,75 @@ pub fn encode_index(ranges: &[Option<BrickRange>]) -> (Vec<u8>, u32) {
     (index, crc)
 }
 
-/// A shard's index after all checks: every range lies inside the file's data.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ShardIndex {
-    ranges: Box<[Option<BrickRange>]>,
-    crc: u32,
+/// The index of a shard, borrowed from the end of its file.
+#[derive(Clone, Copy, Debug)]
+pub struct ShardIndex<'a> {
+    /// 16 bytes per brick, then the checksum.
+    tail: &'a [u8],
+    /// Bytes of the file before the index.
+    data: u64,
+    /// The greatest length of an encoded brick.
+    cap: u64,
 }
 
-impl ShardIndex {
-    /// Parses the last [`index_bytes`] of a file of `file_bytes`. `cap` is the greatest length of an encoded brick.
+impl<'a> ShardIndex<'a> {
+    /// The index in the last [`index_bytes`] of a file of `file_bytes`, where `cap` is the greatest length of an encoded brick.
     ///
     /// # Errors
-    /// If the file is too short, the checksum does not match, or a range leaves the data.
-    pub fn parse(tail: &[u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
+    /// If the file is too short.
+    pub fn new(tail: &'a [u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
         let expected = index_bytes(bricks) as u64;
         if file_bytes < expected || (tail.len() as u64) != expected {
             return Err(ShardError::TooShort { expected, found: file_bytes });
         }
-        let (body, crc) = tail.split_at(tail.len() - 4);
-        let stored = u32::from_le_bytes(crc.try_into().unwrap_or_default());
-        let computed = crc32c::crc32c(body);
+        Ok(Self { tail, data: file_bytes - expected, cap })
+    }
+
+    /// Compares the checksum and looks at every entry.
+    ///
+    /// # Errors
+    /// If the checksum does not match, or a range leaves the data.
+    pub fn check(&self) -> Result<(), ShardError> {
+        let (stored, computed) = (self.crc(), crc32c::crc32c(self.entries()));
         if stored != computed {
             return Err(ShardError::Checksum { stored, computed });
         }
-        let data = file_bytes - expected;
-        let number = |at: &[u8]| u64::from_le_bytes(at.try_into().unwrap_or_default());
-        let range = |(slot, entry): (usize, &[u8])| {
-            let (offset, length) = (number(&entry[..8]), number(&entry[8..]));
-            if offset == EMPTY && length == EMPTY {
-                return Ok(None);
-            }
-            match offset.checked_add(length) {
-                Some(end) if end <= data && length <= cap => Ok(Some(BrickRange { offset, length })),
-                _ => Err(ShardError::Range { slot, offset, length, data, cap }),
-            }
-        };
-        let ranges = body.chunks_exact(16).enumerate().map(range).collect::<Result<_, _>>()?;
-        Ok(Self { ranges, crc: stored })
+        (0..self.bricks()).try_for_each(|slot| self.range(slot).map(drop))
     }
 
     /// Where the brick of an entry lies; `None` if it is not stored.
     ///
+    /// # Errors
+    /// If the range leaves the data, as it may where the file has changed since it was checked.
+    ///
     /// # Panics
     /// If there is no such entry.
-    pub fn range(&self, slot: usize) -> Option<BrickRange> {
-        self.ranges[slot]
+    pub fn range(&self, slot: usize) -> Result<Option<BrickRange>, ShardError> {
+        let number = |at: usize| u64::from_le_bytes(self.tail[at..at + 8].try_into().unwrap_or_default());
+        assert!(slot < self.bricks(), "no such entry: {slot}");
+        let (offset, length) = (number(slot * 16), number(slot * 16 + 8));
+        if offset == EMPTY && length == EMPTY {
+            return Ok(None);
+        }
+        let Self { data, cap, .. } = *self;
+        match offset.checked_add(length) {
+            Some(end) if end <= data && length <= cap => Ok(Some(BrickRange { offset, length })),
+            _ => Err(ShardError::Range { slot, offset, length, data, cap }),
+        }
     }
 
-    /// All entries, row-major.
-    pub fn ranges(&self) -> &[Option<BrickRange>] {
-        &self.ranges
+    /// The number of entries.
+    pub fn bricks(&self) -> usize {
+        self.entries().len() / 16
     }
 
-    /// The index's checksum.
+    /// The index's checksum, as stored.
     pub fn crc(&self) -> u32 {
-        self.crc
+        u32::from_le_bytes(self.tail[self.entries().len()..].try_into().unwrap_or_default())
+    }
+
+    fn entries(&self) -> &'a [u8] {
+        &self.tail[..self.tail.len() - 4]
     }
 }
 
@@ -125,8 +139,9 @@ mod tests {
 
     const CAP: u64 = 1000;
 
-    fn parse(index: &[u8], data: u64, bricks: usize) -> Result<ShardIndex, ShardError> {
-        ShardIndex::parse(index, data + index.len() as u64, bricks, CAP)
+    fn parse(index: &[u8], data: u64, bricks: usize) -> Result<ShardIndex<'_>, ShardError> {
+        let index = ShardIndex::new(index, data + index.len() as u64, bricks, CAP)?;
+        index.check().map(|()| index)
     }
 
     fn one(offset: u64, length: u64) -> Vec<u8> {
@@ -140,8 +155,9 @@ mod tests {
         assert_eq!(bytes.len(), index_bytes(3));
         assert_eq!(bytes[bytes.len() - 4..], crc.to_le_bytes());
         let index = parse(&bytes, 100, 3).unwrap();
-        assert_eq!((index.ranges(), index.crc()), (&ranges[..], crc));
-        assert_eq!(index.range(2).unwrap().as_range(), 40..100);
+        let found: Vec<_> = (0..index.bricks()).map(|slot| index.range(slot).unwrap()).collect();
+        assert_eq!((found, index.crc()), (ranges.to_vec(), crc));
+        assert_eq!(index.range(2).unwrap().unwrap().as_range(), 40..100);
     }
 
     #[test]
@@ -163,10 +179,12 @@ mod tests {
         for (offset, length) in
             [(51, 50), (0, 101), (200, 1), (EMPTY, 1), (EMPTY - 1, EMPTY), (1, EMPTY), (0, EMPTY), (u64::MAX - 40, 50)]
         {
-            let found = parse(&one(offset, length), 100, 1);
+            let index = one(offset, length);
+            let found = parse(&index, 100, 1);
             assert!(matches!(found, Err(ShardError::Range { .. })), "{offset} {length}: {found:?}");
         }
-        let huge = parse(&one(0, CAP + 1), 1 << 40, 1);
+        let index = one(0, CAP + 1);
+        let huge = parse(&index, 1 << 40, 1);
         assert!(matches!(huge, Err(ShardError::Range { .. })), "longer than any encoded brick");
     }
 
@@ -174,7 +192,7 @@ mod tests {
     fn truncated_indices_are_refused() {
         let bytes = one(0, 1);
         for n in 0..bytes.len() {
-            let found = ShardIndex::parse(&bytes[..n], n as u64, 1, CAP);
+            let found = ShardIndex::new(&bytes[..n], n as u64, 1, CAP);
             assert!(matches!(found, Err(ShardError::TooShort { .. })));
         }
     }

@@ -1,13 +1,12 @@
 //! An open shard: its checked index, and its bytes, mapped or read at offsets.
 
-use crate::error::{CodecError, ReadError};
+use crate::error::{CodecError, ReadError, ShardError};
 use crate::guarded_map::GuardedMap;
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, index_bytes};
 use brickyard_volume::BrickId;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::sync::Mutex;
 
 /// How shards are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,10 +21,19 @@ pub enum IoMode {
 
 /// One shard whose length and index are those that were packed.
 pub(crate) struct ShardFile {
-    pub(crate) index: ShardIndex,
-    /// `None` in [`IoMode::Pread`].
-    map: Option<GuardedMap>,
+    body: Body,
+    /// A copy, so that what was checked stays what is read, whatever happens to the file.
+    index: Box<[u8]>,
     file_bytes: u64,
+    /// The greatest length of an encoded brick.
+    cap: u64,
+}
+
+/// Where a shard's bytes come from.
+enum Body {
+    Mapped(GuardedMap),
+    /// To be read at offsets.
+    File(File),
 }
 
 impl ShardFile {
@@ -47,36 +55,59 @@ impl ShardFile {
         if file_bytes != fingerprint.file_bytes {
             return Err(rewritten("bytes", fingerprint.file_bytes, file_bytes));
         }
-        let tail_bytes = (index_bytes(bricks) as u64).min(file_bytes);
-        let corrupt = |error| ReadError::CorruptIndex { path: path.into(), error };
-        let (map, index) = match mode {
+        let index_bytes = (index_bytes(bricks) as u64).min(file_bytes) as usize;
+        let (body, index) = match mode {
             IoMode::Mmap => {
                 let map = GuardedMap::new(&file).map_err(io)?;
-                let tail = map.len().checked_sub(tail_bytes as usize).map_or(&[][..], |start| &map[start..]);
-                let index = ShardIndex::parse(tail, file_bytes, bricks, cap).map_err(corrupt)?;
-                (Some(map), index)
+                let index = map[map.len().saturating_sub(index_bytes)..].into();
+                (Body::Mapped(map), index)
             }
             IoMode::Pread => {
-                let mut tail = vec![0; tail_bytes as usize];
-                file.read_exact_at(&mut tail, file_bytes - tail_bytes).map_err(io)?;
-                (None, ShardIndex::parse(&tail, file_bytes, bricks, cap).map_err(corrupt)?)
+                let mut index = vec![0; index_bytes].into_boxed_slice();
+                file.read_exact_at(&mut index, file_bytes - index_bytes as u64).map_err(io)?;
+                (Body::File(file), index)
             }
         };
-        if index.crc() as u64 != fingerprint.index_crc {
-            return Err(rewritten("index checksum", fingerprint.index_crc, index.crc().into()));
+        let shard = Self { body, index, file_bytes, cap };
+        let checked = ShardIndex::new(&shard.index, file_bytes, bricks, cap);
+        let checked = checked.and_then(|index| index.check().map(|()| index.crc()));
+        if shard.lost() {
+            return Err(io(std::io::Error::other("its index could not be read; is its disk well?")));
         }
-        Ok(Self { index, map, file_bytes })
+        let crc = checked.map_err(|error| ReadError::CorruptIndex { path: path.into(), error })?;
+        if crc as u64 != fingerprint.index_crc {
+            return Err(rewritten("index checksum", fingerprint.index_crc, crc.into()));
+        }
+        Ok(shard)
     }
 
-    /// The bytes of a brick, if the shard is mapped.
-    pub(crate) fn mapped(&self, range: BrickRange) -> Option<&[u8]> {
-        // The index was checked against the length that was mapped.
-        self.map.as_ref().map(|map| &map[range.as_range()])
+    /// Where the brick of an entry of the index lies; `None` if it is not stored.
+    pub(crate) fn range(&self, slot: usize) -> Result<Option<BrickRange>, ShardError> {
+        let bricks = self.index.len() / 16;
+        ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.range(slot)
+    }
+
+    /// A brick's encoded bytes, from the map, or read into `buffer`.
+    pub(crate) fn bytes<'a>(&'a self, range: BrickRange, buffer: &'a mut Vec<u8>) -> std::io::Result<&'a [u8]> {
+        match &self.body {
+            // The range was checked against the length that was mapped.
+            Body::Mapped(map) => Ok(&map[range.as_range()]),
+            Body::File(file) => {
+                buffer.resize(range.length as usize, 0);
+                file.read_exact_at(buffer, range.offset)?;
+                Ok(buffer)
+            }
+        }
+    }
+
+    /// Whether bytes of the map could not be read.
+    fn lost(&self) -> bool {
+        matches!(&self.body, Body::Mapped(map) if map.lost())
     }
 
     /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
     pub(crate) fn advise(&self, range: std::ops::Range<usize>) {
-        if let Some(map) = &self.map {
+        if let Body::Mapped(map) = &self.body {
             map.advise(range);
         }
     }
@@ -88,40 +119,12 @@ impl ShardFile {
         let (expected, found) = (self.file_bytes, std::fs::metadata(&path).map(|file| file.len()));
         match found {
             Ok(found) if found != expected => ReadError::Rewritten { path, what: "bytes", expected, found },
-            _ if self.map.as_ref().is_some_and(GuardedMap::lost) => {
+            _ if self.lost() => {
                 let error =
                     std::io::Error::other(format!("{id}: the file could be opened but not read; is its disk well?"));
                 ReadError::Io { path, error }
             }
             _ => ReadError::CorruptBrick { path, id, error },
         }
-    }
-}
-
-/// A few open files, for reading at offsets without opening a file per brick or holding thousands open.
-#[derive(Default)]
-pub(crate) struct OpenFiles(Mutex<Vec<(std::path::PathBuf, std::sync::Arc<File>)>>);
-
-impl OpenFiles {
-    const COUNT: usize = 64;
-
-    /// Reads a brick's bytes into `buffer`.
-    pub(crate) fn read(&self, path: &Path, range: BrickRange, buffer: &mut Vec<u8>) -> std::io::Result<()> {
-        let file = self.get(path)?;
-        buffer.resize(range.length as usize, 0);
-        file.read_exact_at(buffer, range.offset)
-    }
-
-    /// The file, most recently used first; the least recently used one is dropped.
-    fn get(&self, path: &Path) -> std::io::Result<std::sync::Arc<File>> {
-        let mut files = self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        match files.iter().position(|(p, _)| p == path) {
-            Some(i) => files[..=i].rotate_right(1),
-            None => {
-                files.truncate(Self::COUNT - 1);
-                files.insert(0, (path.into(), File::open(path)?.into()));
-            }
-        }
-        Ok(files[0].1.clone())
     }
 }

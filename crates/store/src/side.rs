@@ -1,168 +1,244 @@
 //! Side data: what is known of every brick and shard without reading one, as Zarr arrays inside each level's folder.
 //!
-//! | array | type | shape | holds |
+//! | array | type | shape | holds, for each brick (`shards`: for each shard) |
 //! | --- | --- | --- | --- |
-//! | `minmax` | the voxels' | t, c, z, y, x, 2 | least and greatest valid value of the brick, its descendants included; NaN where there is none |
-//! | `occupancy` | uint64 | t, c, z, y, x | bins the brick can show, apron and descendants included |
+//! | `ranges` | the voxels' | t, c, z, y, x, 4 | least and greatest valid value of the core, then of the core with one voxel around it; NaN where there is none |
+//! | `hashes` | uint64 | t, c, z, y, x, 2 | lower and upper half of the XXH3-128 of the decoded core |
 //! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros where there is no file |
 //!
-//! Where aprons are stored, the array `aprons` of each level has a `shards` of its own, likewise.
+//! A brick's ranges include its descendants'. Where aprons are stored, the array `aprons` of each level has a `shards` of its own.
 //!
-//! All axes are always there. Each array is one chunk: bytes, zstd, crc32c. They are read whole when a store is opened:
-//! 8 bytes and two voxels per brick.
+//! All axes are always there. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd, crc32c. So
+//! a store opens without reading any of it, a page is read when something in its box is looked at, and new time steps
+//! leave old pages as they are. A page of ranges takes 16 KiB to 64 KiB in memory.
 
-use crate::error::OpenError;
+use crate::error::{OpenError, ReadError};
 use crate::layout::Layout;
 use crate::metadata::{array_document, bytes_codec, check_array, document_bytes};
 use crate::shard::Fingerprint;
-use brickyard_volume::{Extent, Level, Occupancy, VoxelType};
+use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
+use lru::LruCache;
 use serde_json::{Value, json};
 use std::io::Read;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// The side data of one level, row-major in (t, c, z, y, x): see [`Layout::brick_place`] and [`Layout::shard_place`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct SideData {
-    voxel_type: VoxelType,
-    /// Two little-endian voxels per brick.
-    minmax: Vec<u8>,
-    /// Per brick.
-    pub occupancy: Vec<Occupancy>,
-    /// Per shard.
-    pub shards: Vec<Fingerprint>,
-}
-
-impl SideData {
-    /// All zero: no brick shows anything, no shard has a file.
-    pub fn new(layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
-        let volumes = layout.times as usize * layout.channels as usize;
-        let bricks = volumes * layout.pyramid.level(level).bricks.volume() as usize;
-        let shards = volumes * layout.shard_grid(level).volume() as usize;
-        Self {
-            voxel_type,
-            minmax: vec![0; bricks * 2 * voxel_type.bytes()],
-            occupancy: vec![Occupancy::NONE; bricks],
-            shards: vec![Fingerprint::default(); shards],
-        }
-    }
-
-    /// Least and greatest value of a brick, as two little-endian voxels.
-    pub fn minmax_bytes(&self, place: usize) -> &[u8] {
-        let pair = 2 * self.voxel_type.bytes();
-        &self.minmax[place * pair..(place + 1) * pair]
-    }
-
-    /// The same, to be written.
-    pub fn minmax_bytes_mut(&mut self, place: usize) -> &mut [u8] {
-        let pair = 2 * self.voxel_type.bytes();
-        &mut self.minmax[place * pair..(place + 1) * pair]
-    }
-
-    /// Least and greatest value of a brick.
-    pub fn minmax(&self, place: usize) -> (f64, f64) {
-        let pair = self.minmax_bytes(place);
-        (self.voxel_type.read(pair, 0), self.voxel_type.read(pair, 1))
-    }
-
-    /// The level's side files: path below the store, content.
-    pub fn files(&self, layout: &Layout, level: Level) -> Vec<(PathBuf, Vec<u8>)> {
-        let contents: [&[u8]; 3] =
-            [&self.minmax, bytemuck::cast_slice(&self.occupancy), bytemuck::cast_slice(&self.shards)];
-        let dir = layout.side_dir(Path::new(""), level);
-        let arrays = SideArray::of_level(layout, level, self.voxel_type);
-        arrays.iter().zip(contents).flat_map(|(array, bytes)| array.files(&dir, bytes)).collect()
-    }
-
-    /// Reads and checks a level's side data.
-    pub(crate) fn read(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Result<Self, OpenError> {
-        let [minmax, occupancy, shards] = SideArray::of_level(layout, level, voxel_type);
-        let dir = layout.side_dir(store, level);
-        Ok(Self {
-            voxel_type,
-            minmax: minmax.read(&dir)?,
-            occupancy: elements(&occupancy.read(&dir)?),
-            shards: elements(&shards.read(&dir)?),
-        })
-    }
-}
-
-/// The files of the fingerprints of a level's aprons, whose layout this is: path below the store, content.
-pub(crate) fn fingerprint_files(layout: &Layout, level: Level, shards: &[Fingerprint]) -> Vec<(PathBuf, Vec<u8>)> {
-    SideArray::fingerprints(layout, level).files(&layout.side_dir(Path::new(""), level), bytemuck::cast_slice(shards))
-}
-
-/// Reads and checks them.
-pub(crate) fn read_fingerprints(store: &Path, layout: &Layout, level: Level) -> Result<Vec<Fingerprint>, OpenError> {
-    let bytes = SideArray::fingerprints(layout, level).read(&layout.side_dir(store, level))?;
-    Ok(elements(&bytes))
-}
-
-struct SideArray {
-    name: &'static str,
+/// One side array of a level.
+pub(crate) struct SideArray {
+    /// Its folder.
+    dir: PathBuf,
     data_type: &'static str,
     element_bytes: usize,
-    shape: Vec<u32>,
+    times: u32,
+    channels: u32,
+    grid: Extent,
+    /// Elements for each cell of the grid.
+    values: u32,
 }
 
 impl SideArray {
-    fn of_level(layout: &Layout, level: Level, voxel_type: VoxelType) -> [Self; 3] {
+    /// The ranges of a level's bricks, below `store`.
+    pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
         let bricks = layout.pyramid.level(level).bricks;
-        [
-            Self::new("minmax", voxel_type.zarr_name(), voxel_type.bytes(), layout, bricks, &[2]),
-            Self::new("occupancy", "uint64", 8, layout, bricks, &[]),
-            Self::fingerprints(layout, level),
-        ]
+        Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
     }
 
-    fn fingerprints(layout: &Layout, level: Level) -> Self {
-        Self::new("shards", "uint64", 8, layout, layout.shard_grid(level), &[2])
+    /// The hashes of a level's bricks.
+    pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
+        Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
     }
 
+    /// The fingerprints of a level's shards, or of those of its aprons.
+    pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
+        Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "a table's row, named by the three functions above")]
     fn new(
-        name: &'static str,
+        store: &Path,
+        layout: &Layout,
+        level: Level,
+        name: &str,
         data_type: &'static str,
         element_bytes: usize,
-        layout: &Layout,
         grid: Extent,
-        last: &[u32],
+        values: u32,
     ) -> Self {
-        let shape = [&[layout.times, layout.channels, grid.z, grid.y, grid.x], last].concat();
-        Self { name, data_type, element_bytes, shape }
+        let dir = layout.side_dir(store, level).join(name);
+        Self { dir, data_type, element_bytes, times: layout.times, channels: layout.channels, grid, values }
     }
 
-    /// Its files below `dir`, and their content.
-    fn files(&self, dir: &Path, bytes: &[u8]) -> Vec<(PathBuf, Vec<u8>)> {
-        let dir = dir.join(self.name);
-        let document = (dir.join("zarr.json"), document_bytes(&self.document()));
-        vec![document, (dir.join(self.chunk_path()), encode(bytes))]
+    /// How its cells divide into pages.
+    pub(crate) fn paging(&self) -> Paging {
+        Paging::new(self.grid)
+    }
+
+    /// Bytes of a decoded page.
+    pub(crate) fn page_bytes(&self) -> usize {
+        self.paging().page_cells() * self.values as usize * self.element_bytes
+    }
+
+    fn document_path(&self) -> PathBuf {
+        self.dir.join("zarr.json")
+    }
+
+    /// A page's file.
+    pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
+        self.dir.join(format!("c/{time}/{channel}/{z}/{y}/{x}/0"))
+    }
+
+    /// Its document: path and content.
+    pub(crate) fn document_file(&self) -> (PathBuf, Vec<u8>) {
+        (self.document_path(), document_bytes(&self.document()))
+    }
+
+    /// A page's file: path and content, of its decoded bytes.
+    pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> (PathBuf, Vec<u8>) {
+        debug_assert_eq!(bytes.len(), self.page_bytes());
+        (self.page_path(page), encode(bytes))
+    }
+
+    /// Compares the document with the one that the layout calls for.
+    pub(crate) fn check(&self) -> Result<(), OpenError> {
+        let path = self.document_path();
+        check_array(&path, &self.document(), &read_json(&path)?)
+    }
+
+    /// Reads and decodes a page.
+    pub(crate) fn read_page(&self, page: PageId) -> Result<Vec<u8>, ReadError> {
+        let path = self.page_path(page);
+        let encoded = read_at_most(&path, zstd::zstd_safe::compress_bound(self.page_bytes()) as u64 + 4)
+            .map_err(|error| ReadError::Io { path: path.clone(), error })?;
+        decode(&encoded, self.page_bytes()).map_err(|what| ReadError::CorruptPage { path, what })
+    }
+
+    /// The number of pages.
+    pub(crate) fn page_count(&self) -> u64 {
+        self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
+    }
+
+    /// Page `i` of a level, in the order of the axes.
+    pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
+        let (grid, channels) = (self.paging().page_grid(), self.channels as u64);
+        let (volume, cell) = (i / grid.volume(), i % grid.volume());
+        let (gx, gy) = (grid.x as u64, grid.y as u64);
+        let [time, channel] = [volume / channels, volume % channels].map(|n| n as u32);
+        let [z, y, x] = [cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32);
+        PageId { time, channel, level, z, y, x }
     }
 
     fn document(&self) -> Value {
+        let (grid, page) = (self.grid, self.paging().page_extent());
+        let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
+        let chunk = [1, 1, page.z, page.y, page.x, self.values];
         let codecs = json!([
             bytes_codec(self.element_bytes),
             { "name": "zstd", "configuration": { "level": 1, "checksum": false } },
             { "name": "crc32c" },
         ]);
-        array_document(&self.shape, &self.shape, self.data_type, codecs)
-    }
-
-    fn chunk_path(&self) -> String {
-        format!("c{}", "/0".repeat(self.shape.len()))
-    }
-
-    fn read(&self, dir: &Path) -> Result<Vec<u8>, OpenError> {
-        let dir = dir.join(self.name);
-        let document_path = dir.join("zarr.json");
-        check_array(&document_path, &self.document(), &read_json(&document_path)?)?;
-        let path = dir.join(self.chunk_path());
-        let encoded = std::fs::read(&path).map_err(|error| OpenError::Io { path: path.clone(), error })?;
-        let expected_bytes = self.shape.iter().map(|&n| n as u64).product::<u64>() * self.element_bytes as u64;
-        decode(&path, &encoded, expected_bytes)
+        array_document(&shape, &chunk, self.data_type, codecs)
     }
 }
 
-fn elements<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
-    bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect()
+/// The arrays of a level of cores, in the order in which they are written.
+pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> [SideArray; 3] {
+    [
+        SideArray::ranges(store, layout, level, voxel_type),
+        SideArray::hashes(store, layout, level),
+        SideArray::fingerprints(store, layout, level),
+    ]
+}
+
+/// The ranges of the bricks of one page.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RangePage {
+    voxel_type: VoxelType,
+    /// Four little-endian voxels per brick, those past the grid included.
+    bytes: Vec<u8>,
+}
+
+impl RangePage {
+    /// Least and greatest valid value of a brick and its descendants, given its place in the page; `None` where there is none.
+    pub fn core(&self, place: usize) -> Option<(f64, f64)> {
+        self.pair(place, 0)
+    }
+
+    /// The same of the brick with one voxel around it.
+    pub fn reach(&self, place: usize) -> Option<(f64, f64)> {
+        self.pair(place, 2)
+    }
+
+    /// What the brick and its descendants can show, one voxel around it included.
+    pub fn occupancy(&self, place: usize, bins: OccupancyBins) -> Occupancy {
+        self.reach(place).map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high))
+    }
+
+    fn pair(&self, place: usize, first: usize) -> Option<(f64, f64)> {
+        let [low, high] = [0, 1].map(|i| self.voxel_type.read(&self.bytes, 4 * place + first + i));
+        (low <= high).then_some((low, high))
+    }
+}
+
+/// Reads the pages of one pyramid's side data, and keeps the last few.
+pub(crate) struct SidePages {
+    store: PathBuf,
+    layout: Layout,
+    voxel_type: VoxelType,
+    ranges: Mutex<LruCache<PageId, Arc<RangePage>>>,
+}
+
+/// Bytes of the pages of ranges that [`SidePages`] keeps.
+const KEPT_BYTES: usize = 8 << 20;
+
+impl SidePages {
+    pub(crate) fn new(store: &Path, layout: &Layout, voxel_type: VoxelType) -> Self {
+        let page_bytes = SideArray::ranges(store, layout, Level(0), voxel_type).page_bytes();
+        let kept = NonZeroUsize::new(KEPT_BYTES / page_bytes).unwrap_or(NonZeroUsize::MIN);
+        Self { store: store.into(), layout: layout.clone(), voxel_type, ranges: Mutex::new(LruCache::new(kept)) }
+    }
+
+    /// The most memory that kept pages take.
+    pub(crate) fn cache_bytes(&self) -> u64 {
+        let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
+        let arrays = levels.map(|level| SideArray::ranges(&self.store, &self.layout, level, self.voxel_type));
+        let all: u64 = arrays.map(|array| array.page_count().saturating_mul(array.page_bytes() as u64)).sum();
+        all.min(KEPT_BYTES as u64)
+    }
+
+    /// Reads a page of ranges, and keeps nothing.
+    pub(crate) fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
+        let array = SideArray::ranges(&self.store, &self.layout, page.level, self.voxel_type);
+        Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(page)? })
+    }
+
+    /// The page of a brick's ranges, and the brick's place in it.
+    pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
+        let (page, place) = self.layout.pyramid.page_of(id);
+        if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {
+            return Ok((kept.clone(), place));
+        }
+        let read = Arc::new(self.read_ranges(page)?);
+        self.ranges.lock().unwrap_or_else(PoisonError::into_inner).put(page, read.clone());
+        Ok((read, place))
+    }
+
+    /// Reads a page of hashes: one for each brick, those past the grid included.
+    pub(crate) fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
+        let bytes = SideArray::hashes(&self.store, &self.layout, page.level).read_page(page)?;
+        Ok(bytes.as_chunks().0.iter().map(|hash| u128::from_le_bytes(*hash)).collect())
+    }
+}
+
+/// Decodes a page of fingerprints.
+pub(crate) fn read_fingerprints(array: &SideArray, page: PageId) -> Result<Vec<Fingerprint>, ReadError> {
+    let bytes = array.read_page(page)?;
+    Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
+}
+
+/// The hash of a brick's decoded core, padding included.
+pub(crate) fn core_hash(core: &[u8]) -> u128 {
+    xxhash_rust::xxh3::xxh3_128(core)
 }
 
 fn encode(bytes: &[u8]) -> Vec<u8> {
@@ -173,19 +249,27 @@ fn encode(bytes: &[u8]) -> Vec<u8> {
     encoded
 }
 
-fn decode(path: &Path, encoded: &[u8], expected_bytes: u64) -> Result<Vec<u8>, OpenError> {
-    let (frame, crc) = encoded.split_last_chunk::<4>().unwrap_or((encoded, &[0; 4]));
+/// The decoded bytes of a page, of which there must be so many; or what is wrong.
+fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
+    let (frame, crc) = encoded.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
     let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
-    if stored != computed || encoded.len() < 4 {
-        return Err(OpenError::invalid(path, "checksum", format!("{stored:08x}"), format!("{computed:08x}")));
+    if stored != computed {
+        return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
     }
-    // Grows with what really comes out, so that a false shape cannot ask for more memory than there are data.
+    let mut bytes = vec![0; expected_bytes];
+    match zstd::bulk::decompress_to_buffer(frame, &mut bytes) {
+        Ok(length) if length == expected_bytes => Ok(bytes),
+        Ok(length) => Err(format!("expected {expected_bytes} decoded bytes, found {length}")),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// A file's bytes; an error where there are more.
+fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    zstd::stream::read::Decoder::with_buffer(frame)
-        .and_then(|d| d.take(expected_bytes + 1).read_to_end(&mut bytes))
-        .map_err(|error| OpenError::Io { path: path.into(), error })?;
-    if bytes.len() as u64 != expected_bytes {
-        return Err(OpenError::invalid(path, "decoded length", format!("{expected_bytes} bytes"), bytes.len()));
+    std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(std::io::Error::other(format!("larger than the {most} bytes that it can have")));
     }
     Ok(bytes)
 }
@@ -193,8 +277,6 @@ fn decode(path: &Path, encoded: &[u8], expected_bytes: u64) -> Result<Vec<u8>, O
 /// Reads a metadata document of at most 64 MiB.
 pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
     const CAP: u64 = 64 << 20;
-    let io = |error| OpenError::Io { path: path.into(), error };
-    let mut text = Vec::new();
-    std::fs::File::open(path).and_then(|f| f.take(CAP).read_to_end(&mut text)).map_err(io)?;
+    let text = read_at_most(path, CAP).map_err(|error| OpenError::Io { path: path.into(), error })?;
     serde_json::from_slice(&text).map_err(|e| OpenError::invalid(path, "document", "JSON", e))
 }

@@ -413,7 +413,19 @@ impl ChannelTotals {
             percentiles,
             histogram: self.histogram(range),
             window,
+            bins: self.occupancy_bins(),
         }
+    }
+
+    /// The bins of the channel's occupancy masks: four values each for 8 bits; else over what all but the outermost 0.01 % of
+    /// its voxels span, so that a few outliers do not make them coarse.
+    fn occupancy_bins(&self) -> OccupancyBins {
+        if self.voxel_type.bytes() == 1 {
+            return OccupancyBins { low: self.voxel_type.limits().0, width: 256.0 / OccupancyBins::COUNT as f64 };
+        }
+        let body = self.percentile(0.01).zip(self.percentile(99.99)).filter(|(low, high)| low < high);
+        let (low, high) = body.or(self.range).unwrap_or_default();
+        OccupancyBins::over(low, high)
     }
 
     /// Least and greatest value that a bin counts.
@@ -427,23 +439,6 @@ impl ChannelTotals {
         let far = f32::from_bits((word as u32) << 16 | 0xffff) as f64;
         (near.min(far), near.max(far))
     }
-}
-
-/// The bins of a store's occupancy masks: four values each for 8 bits; else over what all but the outermost 0.01 % of each
-/// channel's voxels span, so that a few outliers do not make them coarse.
-pub(crate) fn occupancy_bins(voxel_type: VoxelType, channels: &[ChannelTotals]) -> OccupancyBins {
-    if voxel_type.bytes() == 1 {
-        return OccupancyBins { low: voxel_type.limits().0, width: 256.0 / OccupancyBins::COUNT as f64 };
-    }
-    let over = |low: &dyn Fn(&ChannelTotals) -> Option<f64>, high: &dyn Fn(&ChannelTotals) -> Option<f64>| {
-        let low = channels.iter().filter_map(low).reduce(f64::min)?;
-        let high = channels.iter().filter_map(high).reduce(f64::max)?;
-        Some((low, high))
-    };
-    let body = over(&|c| c.percentile(0.01), &|c| c.percentile(99.99)).filter(|(low, high)| low < high);
-    let whole = || over(&|c| c.range.map(|r| r.0), &|c| c.range.map(|r| r.1));
-    let (low, high) = body.or_else(whole).unwrap_or_default();
-    OccupancyBins::over(low, high)
 }
 
 #[cfg(test)]

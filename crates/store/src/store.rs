@@ -1,7 +1,7 @@
-//! An open store: everything small in memory, shards opened as they are first touched.
+//! An open store: its documents in memory; side data and shards are opened as they are touched, and the last few stay open.
 //!
-//! Opening reads the documents and side data (8 bytes and two voxels per brick) and no shard, so it takes milliseconds
-//! however large the store is. How bricks are read: `chunks.rs`. Reading never writes. All methods may be called from many
+//! Opening reads the documents, no side data and no shard, so it takes milliseconds and the same memory however large the
+//! store is. How bricks are read: `chunks.rs`. Reading never writes. All methods may be called from many
 //! threads.
 
 use crate::chunks::Chunks;
@@ -13,9 +13,9 @@ use crate::metadata::{
     StoreInfo, apron_document, check_array, level_document, parse_geometry, parse_info, parse_layout,
 };
 use crate::shard_file::IoMode;
-use crate::side::{SideData, read_fingerprints, read_json};
+use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
 use brickyard_volume::{
-    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, Pyramid, VoxelBox, VoxelType,
+    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, PageId, Pyramid, VoxelBox, VoxelType,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ pub struct Store {
     path: PathBuf,
     geometry: Geometry,
     info: StoreInfo,
-    sides: Vec<SideData>,
+    sides: SidePages,
     cores: Chunks,
     /// If they are stored.
     aprons: Option<Chunks>,
@@ -74,17 +74,17 @@ impl Store {
             layout = layout.of_second(asked);
         }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
-        let mut sides = Vec::new();
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
             let document = read_json(&document_path)?;
             check_array(&document_path, &level_document(&layout, level, &info), &document)?;
-            sides.push(SideData::read(&path, &layout, level, info.voxel_type)?);
+            level_arrays(&path, &layout, level, info.voxel_type).iter().try_for_each(SideArray::check)?;
         }
         let aprons = open_aprons(&path, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
-        let cores = Chunks::new(&path, layout, codec, mode, sides.iter().map(|side| &side.shards[..]));
+        let sides = SidePages::new(&path, &layout, info.voxel_type);
+        let cores = Chunks::new(&path, layout, codec, mode);
         Ok(Self { path, geometry, info, sides, cores, aprons })
     }
 
@@ -157,33 +157,51 @@ impl Store {
         self.info.channels[channel as usize].window.into()
     }
 
-    /// How occupancy masks bin values.
-    pub fn occupancy_bins(&self) -> OccupancyBins {
-        self.info.occupancy_bins
-    }
-
-    /// What the brick and its descendants can show, apron included. From memory.
+    /// How occupancy masks bin a channel's values.
     ///
     /// # Panics
-    /// If there is no such brick.
-    pub fn occupancy(&self, id: BrickId) -> Occupancy {
-        self.side(id.level).occupancy[self.layout().brick_place(id)]
+    /// If there is no such channel.
+    pub fn occupancy_bins(&self, channel: u32) -> OccupancyBins {
+        self.info.channels[channel as usize].bins
     }
 
-    /// Least and greatest valid value of the brick and its descendants; NaN where there is none. From memory.
+    /// Reads the ranges of a page of bricks. Nothing is kept.
     ///
-    /// # Panics
-    /// If there is no such brick.
-    pub fn minmax(&self, id: BrickId) -> (f64, f64) {
-        self.side(id.level).minmax(self.layout().brick_place(id))
+    /// # Errors
+    /// If the page cannot be read, or is damaged.
+    pub fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
+        self.sides.read_ranges(page)
     }
 
-    /// A level's side data.
+    /// Reads the hashes of the decoded cores of a page of bricks (XXH3-128); zeros past the grid.
     ///
-    /// # Panics
-    /// If there is no such level.
-    pub fn side(&self, level: Level) -> &SideData {
-        &self.sides[level.index()]
+    /// # Errors
+    /// If the page cannot be read, or is damaged.
+    pub fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
+        self.sides.read_hashes(page)
+    }
+
+    /// What the brick and its descendants can show, one voxel around them included. The last pages are kept in memory.
+    ///
+    /// # Errors
+    /// If the brick's page cannot be read, or is damaged.
+    pub fn occupancy(&self, id: BrickId) -> Result<Occupancy, ReadError> {
+        let (page, place) = self.sides.ranges_of(id)?;
+        Ok(page.occupancy(place, self.occupancy_bins(id.channel)))
+    }
+
+    /// Least and greatest valid value of the brick and its descendants; `None` where there is none.
+    ///
+    /// # Errors
+    /// If the brick's page cannot be read, or is damaged.
+    pub fn minmax(&self, id: BrickId) -> Result<Option<(f64, f64)>, ReadError> {
+        let (page, place) = self.sides.ranges_of(id)?;
+        Ok(page.core(place))
+    }
+
+    /// The most memory that the store takes besides the callers' buffers, whatever its size: open shards, and pages of side data.
+    pub fn cache_bytes(&self) -> u64 {
+        self.chunks().map(Chunks::cache_bytes).sum::<u64>() + self.sides.cache_bytes()
     }
 
     /// Tells the kernel that these bricks are about to be read, and their aprons where they are stored, so that it reads
@@ -223,9 +241,15 @@ impl Store {
         self.aprons.as_ref().expect("aprons are stored").read(id, out)
     }
 
-    /// Bytes of the files in which this pyramid's aprons are stored.
-    pub fn apron_file_bytes(&self) -> u64 {
-        self.aprons.as_ref().map_or(0, Chunks::file_bytes)
+    /// Bytes of the files in which this pyramid's aprons are stored: the sum over all fingerprints, which are read for it.
+    ///
+    /// # Errors
+    /// If a page of fingerprints cannot be read, or is damaged.
+    pub fn apron_file_bytes(&self) -> Result<u64, ReadError> {
+        let Some(aprons) = &self.aprons else { return Ok(0) };
+        let levels = (0..self.pyramid().levels().len()).map(|k| Level(k as u8));
+        let pages = levels.flat_map(|level| (0..aprons.fingerprint_pages(level)).map(move |page| (level, page)));
+        pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
     /// Encoded bytes of the bricks and aprons read since the store was opened, repeats and damaged ones included.
@@ -301,21 +325,25 @@ impl Store {
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
         self.aprons.as_ref()
     }
+
+    /// The side data of its bricks.
+    pub(crate) fn sides(&self) -> &SidePages {
+        &self.sides
+    }
 }
 
 /// The stored aprons, checked like levels, if there are any.
 fn open_aprons(path: &Path, layout: &Layout, info: &StoreInfo, mode: IoMode) -> Result<Option<Chunks>, OpenError> {
     let Some(apron) = info.apron() else { return Ok(None) };
     let layout = layout.of_aprons();
-    let mut fingerprints = Vec::new();
     for k in 0..layout.pyramid.levels().len() {
         let level = Level(k as u8);
         let document_path = path.join(layout.level_path(level)).join("zarr.json");
         check_array(&document_path, &apron_document(&layout, level, apron, info), &read_json(&document_path)?)?;
-        fingerprints.push(read_fingerprints(path, &layout, level)?);
+        SideArray::fingerprints(path, &layout, level).check()?;
     }
     let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
-    Ok(Some(Chunks::new(path, layout, codec, mode, fingerprints.iter().map(|level| &level[..]))))
+    Ok(Some(Chunks::new(path, layout, codec, mode)))
 }
 
 /// The bricks that share voxels with a box, in memory order.
@@ -445,10 +473,10 @@ mod tests {
         let mut core = vec![9; store.core_bytes()];
         store.read_core(id(0), &mut core).unwrap();
         assert!(core.iter().all(|&b| b == 0));
-        assert_eq!(store.minmax(id(0)), (0.0, 0.0));
+        assert_eq!(store.minmax(id(0)).unwrap(), Some((0.0, 0.0)));
         // Its apron reaches into the next brick over.
-        assert_eq!(store.occupancy(id(0)), store.occupancy_bins().mask(0.0, 0.0));
-        assert_ne!(store.occupancy(id(1)), store.occupancy_bins().mask(0.0, 0.0));
+        let zero = store.occupancy_bins(0).mask(0.0, 0.0);
+        assert_eq!([0, 1].map(|x| store.occupancy(id(x)).unwrap() == zero), [true, false]);
     }
 
     #[test]
@@ -501,8 +529,8 @@ mod tests {
         // A sound shard of the same length, but not this one.
         let other = std::fs::read(&path).unwrap();
         let (body, index) = other.split_at(other.len() - crate::shard::index_bytes(8));
-        let mut ranges =
-            crate::shard::ShardIndex::parse(index, other.len() as u64, 8, 1 << 20).unwrap().ranges().to_vec();
+        let index = crate::shard::ShardIndex::new(index, other.len() as u64, 8, 1 << 20).unwrap();
+        let mut ranges: Vec<_> = (0..8).map(|slot| index.range(slot).unwrap()).collect();
         ranges.reverse();
         std::fs::write(&path, [body, &crate::shard::encode_index(&ranges).0].concat()).unwrap();
         assert!(read().unwrap_err().contains("rewritten"));
@@ -532,8 +560,9 @@ mod tests {
     #[test]
     fn contradictions_name_their_field() {
         let dir = written(&TestStore { times: 2, ..TestStore::default() });
-        let cases: [(&str, &str, Value, &str); 18] = [
-            ("zarr.json", "/attributes/brickyard/version", json!(2), "version 2"),
+        let cases: [(&str, &str, Value, &str); 20] = [
+            ("zarr.json", "/attributes/brickyard/version", json!(3), "version 3"),
+            ("zarr.json", "/attributes/brickyard/version", json!(1), "pack it anew"),
             ("zarr.json", "/attributes/brickyard/edge", json!(0), "edge"),
             ("zarr.json", "/attributes/brickyard/edge", json!(16), "datasets"),
             ("zarr.json", "/attributes/brickyard/shard", json!(0), "shard"),
@@ -555,7 +584,8 @@ mod tests {
             ("0/zarr.json", "/shape", json!([4294967295u32, 4294967295u32, 4294967295u32, 4294967295u32]), "shape"),
             ("0/zarr.json", "/shape/3", json!(4294967295u32), "datasets"),
             ("1/zarr.json", "/shape/3", json!(3), "shape"),
-            ("1/.brickyard/occupancy/zarr.json", "/shape/4", json!(5), "shape"),
+            ("1/.brickyard/ranges/zarr.json", "/shape/4", json!(5), "shape"),
+            ("1/.brickyard/hashes/zarr.json", "/data_type", json!("int64"), "data_type"),
         ];
         for (file, pointer, value, named) in cases {
             let path = dir.path().join(file);
@@ -567,11 +597,52 @@ mod tests {
             assert!(message.contains(named) && message.contains("tmp"), "{pointer}: {message}");
             std::fs::write(&path, sound).unwrap();
         }
-        let path = dir.path().join("0/.brickyard/minmax/c/0/0/0/0/0/0");
-        let mut side = std::fs::read(&path).unwrap();
-        side[7] ^= 1;
-        std::fs::write(&path, side).unwrap();
-        assert!(Store::open(dir.path()).err().unwrap().to_string().contains("checksum"));
+    }
+
+    /// Opening reads no side data: damage there shows where it is looked at, and names the page.
+    #[test]
+    fn damaged_side_data_are_named_when_they_are_read() {
+        let dir = written(&TestStore { times: 2, ..TestStore::default() });
+        for (file, what) in [("ranges", 7), ("shards", 9)] {
+            let path = dir.path().join("0/.brickyard").join(file).join("c/1/0/0/0/0/0");
+            let sound = std::fs::read(&path).unwrap();
+            let mut bad = sound.clone();
+            bad[what] ^= 1;
+            let cut = sound[..3].to_vec();
+            for (bad, named) in [(bad, "checksum"), (cut, "shorter than its checksum"), (vec![0; 1 << 20], "larger than")] {
+                std::fs::write(&path, bad).unwrap();
+                let store = Store::open(dir.path()).unwrap();
+                let id = |time| BrickId { time, channel: 0, level: Level(0), index: BrickIndex::new(3, 1, 1) };
+                let read = |time| match file {
+                    "ranges" => store.occupancy(id(time)).map(drop),
+                    _ => store.read_core(id(time), &mut vec![0; store.core_bytes()]),
+                };
+                read(0).unwrap();
+                let message = read(1).unwrap_err().to_string();
+                assert!(message.contains(path.to_str().unwrap()) && message.contains(named), "{message}");
+            }
+            std::fs::write(&path, sound).unwrap();
+        }
+    }
+
+    /// More shards than are kept open at a time, forwards and backwards.
+    #[test]
+    fn any_number_of_shards_can_be_read() {
+        let spec = TestStore { extent: [8 * 600, 2, 2], shard: 8, voxel_type: VoxelType::U8, codec: Codec::Zstd(1), ..TestStore::default() };
+        let dir = written(&spec);
+        let maps = || std::fs::read_to_string("/proc/self/maps").unwrap().matches(dir.path().to_str().unwrap()).count();
+        let store = Store::open(dir.path()).unwrap();
+        let mut core = vec![0; store.core_bytes()];
+        for x in (0..600).chain((0..600).rev()) {
+            let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+            store.advise(&[id]);
+            store.read_core(id, &mut core).unwrap();
+            let expected = spec.bytes_of(bumps(0, 0, [8 * x + 5, 1, 1]));
+            assert_eq!(core[5 + 8 + 64..][..1], expected);
+        }
+        assert!((1..=512).contains(&maps()), "{} maps", maps());
+        drop(store);
+        assert_eq!(maps(), 0);
     }
 
     #[test]

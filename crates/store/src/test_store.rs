@@ -9,12 +9,13 @@ use crate::metadata::{
 };
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
-use crate::side::SideData;
+use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Measure, Tally, WordCounter};
 use brickyard_volume::{
-    BrickId, Extent, Geometry, Level, OccupancyBins, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
+    BrickId, Extent, Geometry, Level, PageId, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
 };
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(crate) struct TestStore {
@@ -26,6 +27,14 @@ pub(crate) struct TestStore {
     pub(crate) codec: Codec,
     pub(crate) edge: u32,
     pub(crate) shard: u32,
+}
+
+/// What side data hold of a brick; an empty range has its ends crossed.
+#[derive(Clone, Copy)]
+struct Brick {
+    core: (f64, f64),
+    reach: (f64, f64),
+    hash: u128,
 }
 
 impl Default for TestStore {
@@ -84,25 +93,48 @@ impl TestStore {
     pub(crate) fn write(&self, store: &Path, value: impl Fn(u32, u32, [u32; 3]) -> f64) {
         let layout = self.layout();
         let info = self.info(&value);
-        let bins = info.occupancy_bins;
-        let mut sides: Vec<SideData> = (0..layout.pyramid.levels().len())
-            .map(|k| SideData::new(&layout, Level(k as u8), self.voxel_type))
-            .collect();
+        let (mut bricks, mut shards) = (BTreeMap::new(), BTreeMap::new());
         for (time, channel) in (0..self.times).flat_map(|t| (0..self.channels).map(move |c| (t, c))) {
             let levels = self.levels(|v| value(time, channel, v));
             for (k, level) in levels.iter().enumerate() {
-                self.write_statistics(&layout, &mut sides, bins, (time, channel, Level(k as u8)), level);
+                self.add_ranges(&layout, &mut bricks, (time, channel, Level(k as u8)), level);
                 for shard in layout.shards(Level(k as u8)).filter(|s| (s.time, s.channel) == (time, channel)) {
-                    let fingerprint = self.write_shard(store, &layout, shard, level);
-                    sides[k].shards[layout.shard_place(shard)] = fingerprint;
+                    shards.insert(shard, self.write_shard(store, &layout, shard, level));
+                    for slot in 0..layout.shard_bricks(shard.level).volume() as usize {
+                        if let Some(id) = layout.brick_at(shard, slot) {
+                            bricks.get_mut(&id).unwrap().hash = core_hash(&self.core(&layout, id, level));
+                        }
+                    }
                 }
             }
         }
-        for (k, side) in sides.iter().enumerate() {
+        for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
-            for (path, bytes) in side.files(&layout, level) {
-                write_file(&store.join(path), &bytes);
+            let [ranges, hashes, fingerprints] = level_arrays(store, &layout, level, self.voxel_type);
+            let pages = |array: &SideArray| (0..array.page_count()).map(|i| array.page_at(level, i)).collect::<Vec<_>>();
+            let mut files = [&ranges, &hashes, &fingerprints].map(SideArray::document_file).to_vec();
+            for page in pages(&ranges) {
+                let [mut of_ranges, mut of_hashes] = [&ranges, &hashes].map(|array| vec![0; array.page_bytes()]);
+                for (id, place) in layout.pyramid.bricks_of_page(page) {
+                    let Brick { core, reach, hash } = bricks[&id];
+                    let voxels = [core, reach].map(|(low, high)| if low <= high { [low, high] } else { [f64::NAN; 2] });
+                    let voxels: Vec<u8> = voxels.as_flattened().iter().flat_map(|v| self.bytes_of(*v)).collect();
+                    of_ranges[place * voxels.len()..][..voxels.len()].copy_from_slice(&voxels);
+                    of_hashes[place * 16..][..16].copy_from_slice(&hash.to_le_bytes());
+                }
+                files.push(ranges.page_file(page, &of_ranges));
+                files.push(hashes.page_file(page, &of_hashes));
             }
+            for page in pages(&fingerprints) {
+                let mut of_shards = vec![Fingerprint::default(); fingerprints.paging().page_cells()];
+                for shard in voxels(fingerprints.paging().cells([page.x, page.y, page.z])) {
+                    let [x, y, z] = shard;
+                    let id = ShardId { time: page.time, channel: page.channel, level, z, y, x };
+                    of_shards[fingerprints.paging().locate(shard).1] = shards[&id];
+                }
+                files.push(fingerprints.page_file(page, bytemuck::cast_slice(&of_shards)));
+            }
+            files.iter().for_each(|(path, bytes)| write_file(path, bytes));
             let document = level_document(&layout, level, &info);
             write_file(&store.join(k.to_string()).join("zarr.json"), &document_bytes(&document));
         }
@@ -116,8 +148,6 @@ impl TestStore {
             with_voxel_type!(self.voxel_type, T => channel_statistics::<T>(&all))
         };
         let channels: Vec<_> = (0..self.channels).map(channel).collect();
-        let low = channels.iter().map(|c| c.range[0]).fold(f64::INFINITY, f64::min);
-        let high = channels.iter().map(|c| c.range[1]).fold(f64::NEG_INFINITY, f64::max);
         StoreInfo {
             version: FORMAT_VERSION,
             edge: self.edge,
@@ -130,7 +160,6 @@ impl TestStore {
             spacing: self.spacing,
             calibrated: true,
             orientation: None,
-            occupancy_bins: OccupancyBins::over(low, high),
             channels,
             source: "test".into(),
             settings_fingerprint: "test".into(),
@@ -138,11 +167,11 @@ impl TestStore {
         }
     }
 
-    fn write_statistics(
+    /// The ranges of a level's bricks, given its voxels and those of finer levels' bricks.
+    fn add_ranges(
         &self,
         layout: &Layout,
-        sides: &mut [SideData],
-        bins: OccupancyBins,
+        bricks: &mut BTreeMap<BrickId, Brick>,
         (time, channel, level): (u32, u32, Level),
         voxels_of_level: &[f64],
     ) {
@@ -162,42 +191,31 @@ impl TestStore {
                 core.min.to_array().map(|v| v.saturating_sub(1)),
                 std::array::from_fn(|a| (max[a] + 1).min(n[a])),
             );
-            let (mut low, mut high) = range(core);
-            let around = range(padded);
-            let mut mask = if around.0 <= around.1 { bins.mask(around.0, around.1) } else { Default::default() };
+            let (mut core, mut reach) = (range(core), range(padded));
             for child in layout.pyramid.children(level, index) {
-                let finer = &sides[level.index() - 1];
-                let place = layout.brick_place(BrickId { level: Level(level.0 - 1), index: child, ..id });
-                let child = finer.minmax(place);
-                (low, high) = (low.min(child.0), high.max(child.1));
-                mask = mask.union(finer.occupancy[place]);
+                let child = bricks[&BrickId { level: Level(level.0 - 1), index: child, ..id }];
+                core = (core.0.min(child.core.0), core.1.max(child.core.1));
+                reach = (reach.0.min(child.reach.0), reach.1.max(child.reach.1));
             }
-            let side = &mut sides[level.index()];
-            let place = layout.brick_place(id);
-            side.occupancy[place] = mask;
-            let (low, high) = if low <= high { (low, high) } else { (f64::NAN, f64::NAN) };
-            let pair = [self.bytes_of(low), self.bytes_of(high)].concat();
-            side.minmax_bytes_mut(place).copy_from_slice(&pair);
+            bricks.insert(id, Brick { core, reach, hash: 0 });
         }
+    }
+
+    /// A brick's core as it is stored, from the voxels of its level; padding repeats the last voxel.
+    fn core(&self, layout: &Layout, id: BrickId, level: &[f64]) -> Vec<u8> {
+        let (extent, edge) = (layout.pyramid.level(id.level).extent, self.edge);
+        let (n, corner) = (extent.to_array(), layout.pyramid.brick_box(id.level, id.index).min.to_array());
+        let value =
+            |v: [u32; 3]| level[extent.linear(std::array::from_fn(|a| (corner[a] + v[a]).min(n[a] - 1))) as usize];
+        voxels(Extent::new(edge, edge, edge).full_box()).flat_map(|v| self.bytes_of(value(v))).collect()
     }
 
     fn write_shard(&self, store: &Path, layout: &Layout, shard: ShardId, level: &[f64]) -> Fingerprint {
         let codec = BrickCodec::new(self.codec, self.voxel_type, self.edge);
-        let extent = layout.pyramid.level(shard.level).extent;
         let mut file = Vec::new();
         let mut scratch = Scratch::default();
         let range = |slot: usize| {
-            let id = layout.brick_at(shard, slot)?;
-            let region = layout.pyramid.brick_box(shard.level, id.index);
-            let edge = self.edge;
-            let corner = region.min.to_array();
-            let value = |v: [u32; 3]| {
-                // Padding repeats the last voxel.
-                let n = extent.to_array();
-                level[extent.linear(std::array::from_fn(|a| (corner[a] + v[a]).min(n[a] - 1))) as usize]
-            };
-            let core: Vec<u8> =
-                voxels(Extent::new(edge, edge, edge).full_box()).flat_map(|v| self.bytes_of(value(v))).collect();
+            let core = self.core(layout, layout.brick_at(shard, slot)?, level);
             if core.iter().all(|&b| b == 0) {
                 return None;
             }
@@ -244,6 +262,14 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
         return 0.0;
     }
     ((x * 7 + y * 3 + z * 11 + t * 50 + c * 90) % 120) as f64
+}
+
+/// Changes the decoded bytes of a page of side data.
+pub(crate) fn edit_page(array: &SideArray, page: PageId, edit: impl FnOnce(&mut Vec<u8>)) {
+    let mut bytes = array.read_page(page).unwrap();
+    edit(&mut bytes);
+    let (path, file) = array.page_file(page, &bytes);
+    write_file(&path, &file);
 }
 
 fn write_file(path: &Path, bytes: &[u8]) {

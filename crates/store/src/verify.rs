@@ -15,9 +15,10 @@ use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
 use crate::pack::brick::Workspace;
 use crate::shard_file::IoMode;
+use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
-use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, Occupancy, Pyramid, VoxelBox, with_voxel_type};
+use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, PageId, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -102,6 +103,27 @@ struct Buffers<T> {
     coarse: Vec<Vec<T>>,
     brick: Vec<u8>,
     apron: Vec<u8>,
+    hashes: HashPage,
+}
+
+/// The page of hashes that was looked at last; empty if it cannot be read.
+#[derive(Default)]
+struct HashPage(Option<(PageId, bool, Vec<u128>)>);
+
+impl HashPage {
+    /// Compares the hash of a brick's core with the one that is stored.
+    fn check(&mut self, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
+        let (page, place) = store.pyramid().page_of(id);
+        // Pages of two pyramids have the same ids.
+        let is_second = store.layout().second().is_some();
+        if self.0.as_ref().is_none_or(|(of, second, _)| (*of, *second) != (page, is_second)) {
+            self.0 = Some((page, is_second, store.read_hashes(page).unwrap_or_default()));
+        }
+        let stored = *self.0.as_ref()?.2.get(place)?;
+        let what = format!("hashes: expected {computed:032x}, found {stored:032x}");
+        let path = store.layout().side_dir(store.path(), id.level).join("hashes");
+        (stored != computed).then(|| VerifyProblem { brick: Some(id), path, what })
+    }
 }
 
 impl<'a> Verifier<'a> {
@@ -113,16 +135,21 @@ impl<'a> Verifier<'a> {
     fn run<T: Measure>(&self) -> VerifyReport {
         let mut report = VerifyReport { bricks: self.brick_count(), ..VerifyReport::default() };
         for (store, level) in self.levels() {
+            report.problems.par_extend(check_pages(store, level));
             for chunks in store.chunks() {
-                let (shards, bytes) = chunks.files(level).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes));
+                let pages = (0..chunks.fingerprint_pages(level)).into_par_iter();
+                // A page that cannot be read is a problem of the shards in it.
+                let files = pages.filter_map(|page| chunks.files_of_page(level, page).ok());
+                let (shards, bytes) = files.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
                 report.shards += shards;
                 report.bytes += bytes;
-                let shards: Vec<ShardId> = store.layout().shards(level).collect();
-                report.problems.par_extend(shards.into_par_iter().filter_map(|id| check_shard(chunks, id)));
+                let shards = (0..chunks.layout().level_shards(level)).into_par_iter();
+                let shards = shards.map(|i| chunks.layout().shard_at(level, i));
+                report.problems.par_extend(shards.filter_map(|id| check_shard(chunks, id)));
             }
         }
         let buffers = || self.buffers::<T>();
-        let in_blocks = self.blocks().into_par_iter().map_init(buffers, |b, block| self.check_block(b, block));
+        let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
         report.problems.par_extend(in_blocks.flatten());
         if !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
@@ -162,26 +189,27 @@ impl<'a> Verifier<'a> {
         let workspace = Workspace::new(self.pyramid().edge() as usize);
         let coarse = self.views.iter().map(|_| Vec::new()).collect();
         let apron = vec![0; self.views[0].aprons().map_or(0, Chunks::chunk_bytes)];
-        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()], apron }
+        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()], apron, hashes: HashPage::default() }
     }
 
-    fn blocks(&self) -> Vec<Block<'a>> {
+    /// All blocks, in order.
+    fn blocks(&self) -> impl ParallelIterator<Item = Block<'a>> {
         const BLOCK_EDGE: u32 = 256;
-        let mut blocks = Vec::new();
-        for time in 0..self.views[0].times() {
-            for channel in 0..self.views[0].channels() {
-                for (store, level) in self.levels() {
-                    let whole = self.pyramid().level(level).extent.full_box();
-                    // Brick edges divide 256, so blocks are whole bricks.
-                    for index in bricks_of(whole, BLOCK_EDGE) {
-                        let corner = index.to_array().map(|i| i * BLOCK_EDGE);
-                        let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(BLOCK_EDGE)));
-                        blocks.push(Block { store, time, channel, level, core: core.intersect(whole) });
-                    }
-                }
-            }
-        }
-        blocks
+        let levels: Vec<_> = self.levels().collect();
+        let (pyramid, channels) = (self.pyramid(), self.views[0].channels());
+        let volumes = 0..self.views[0].times() as usize * channels as usize;
+        (0..volumes.len() * levels.len()).into_par_iter().flat_map(move |i| {
+            let ((store, level), volume) = (levels[i % levels.len()], (i / levels.len()) as u32);
+            let whole = pyramid.level(level).extent.full_box();
+            // Brick edges divide 256, so blocks are whole bricks.
+            let grid = Extent::from_array(whole.max.to_array().map(|n| n.div_ceil(BLOCK_EDGE)));
+            (0..grid.volume()).into_par_iter().map(move |i| {
+                let (x, y) = (grid.x as u64, grid.y as u64);
+                let corner = [i % x, i / x % y, i / x / y].map(|i| i as u32 * BLOCK_EDGE);
+                let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(BLOCK_EDGE))).intersect(whole);
+                Block { store, time: volume / channels, channel: volume % channels, level, core }
+            })
+        })
     }
 
     fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block<'a>) -> Vec<VerifyProblem> {
@@ -232,8 +260,11 @@ impl<'a> Verifier<'a> {
             return false;
         }
         let zero = T::range(&[T::default()]);
+        buffers.brick.fill(0);
+        let fill = core_hash(&buffers.brick);
         for index in bricks_of(block.core, edge) {
             check_entry(block.store, block.brick(index), zero, Some(zero), problems);
+            problems.extend(buffers.hashes.check(block.store, block.brick(index), fill));
         }
         if block.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -260,7 +291,12 @@ impl<'a> Verifier<'a> {
         for index in bricks_of(region, edge) {
             let id = block.brick(index);
             match store.read_core(id, &mut buffers.brick) {
-                Ok(()) => store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine)),
+                Ok(()) => {
+                    if own.contains(&index) {
+                        problems.extend(buffers.hashes.check(store, id, core_hash(&buffers.brick)));
+                    }
+                    store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine));
+                }
                 Err(error) => {
                     unread.insert(index);
                     self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
@@ -408,7 +444,8 @@ impl Block<'_> {
     }
 }
 
-/// Compares what is stored of a brick with its voxels' and its children's.
+/// Compares the ranges that are stored of a brick with its voxels' and its children's. Those of a page that cannot be read are
+/// left out: the page has been reported.
 fn check_entry<T: Measure>(
     store: &Store,
     id: BrickId,
@@ -416,37 +453,45 @@ fn check_entry<T: Measure>(
     reach: Option<Range<T>>,
     problems: &mut Vec<VerifyProblem>,
 ) {
-    let mut range = core.to_f64();
-    let mut children = Occupancy::NONE;
+    let Ok((page, place)) = store.sides().ranges_of(id) else { return };
+    let (mut core, mut reach) = (core.to_f64(), reach.map(Range::to_f64));
     for child in store.pyramid().children(id.level, id.index) {
         let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
-        let below = Some(store.minmax(child)).filter(|(low, high)| low <= high);
-        range = match (range, below) {
-            (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
-            (a, b) => a.or(b),
-        };
-        children = children.union(store.occupancy(child));
+        let Ok((page, place)) = store.sides().ranges_of(child) else { return };
+        core = join(core, page.core(place));
+        reach = reach.map(|reach| join(reach, page.reach(place)));
     }
-    let mut problem = |array: &str, expected: String, found: String| {
-        let path = store.layout().side_dir(store.path(), id.level).join(array);
-        let what = format!("{array}: expected {expected}, found {found}");
-        problems.push(VerifyProblem { brick: Some(id), path, what });
-    };
-    let stored = Some(store.minmax(id)).filter(|(low, high)| low <= high);
-    if stored != range {
-        let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
-        problem("minmax", show(range), show(stored));
-    }
-    if let Some(reach) = reach {
-        let bins = store.occupancy_bins();
-        let own = reach.to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
-        let (expected, found) = (own.union(children).0, store.occupancy(id).0);
-        // Between what must be set and everything from the first such bin to the last.
-        let most = if expected == 0 { 0 } else { Occupancy::span(expected.trailing_zeros(), expected.ilog2()).0 };
-        if expected & !found != 0 || found & !most != 0 {
-            problem("occupancy", format!("{expected:016x}"), format!("{found:016x}"));
+    let checked = [("core", Some(core), page.core(place)), ("core and its surroundings", reach, page.reach(place))];
+    for (of, computed, stored) in checked {
+        if let Some(computed) = computed.filter(|computed| *computed != stored) {
+            let show = |r: Option<(f64, f64)>| r.map_or("none".into(), |(low, high)| format!("{low} to {high}"));
+            let path = store.layout().side_dir(store.path(), id.level).join("ranges");
+            let what = format!("range of the {of}: expected {}, found {}", show(computed), show(stored));
+            problems.push(VerifyProblem { brick: Some(id), path, what });
         }
     }
+}
+
+fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+        (a, b) => a.or(b),
+    }
+}
+
+/// The pages of a level's side data, and of its aprons', that cannot be read.
+fn check_pages(store: &Store, level: Level) -> impl ParallelIterator<Item = VerifyProblem> {
+    let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
+    let of_aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
+    let arrays: Vec<SideArray> = arrays.into_iter().chain(of_aprons).collect();
+    arrays.into_par_iter().flat_map(move |array| {
+        (0..array.page_count()).into_par_iter().filter_map(move |i| {
+            let page = array.page_at(level, i);
+            let (path, error) = (array.page_path(page), array.read_page(page).err()?);
+            let what = without_path(&error, &path);
+            Some(VerifyProblem { brick: None, path, what })
+        })
+    })
 }
 
 fn shard_path(store: &Store, id: BrickId) -> PathBuf {
@@ -463,6 +508,8 @@ fn check_shard(chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
     let what = match chunks.shard(id) {
         Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
         Ok(_) => return None,
+        // A page of side data that cannot be read has been reported by itself.
+        Err(error) if error.path() != path => return None,
         Err(error) => without_path(&error, &path),
     };
     Some(VerifyProblem { brick: None, path, what })
@@ -533,7 +580,7 @@ mod tests {
     use crate::metadata::document_bytes;
     use crate::scratch::Scratch;
     use crate::shard::{BrickRange, encode_index, index_bytes};
-    use crate::test_store::{TestStore, bumps};
+    use crate::test_store::{TestStore, bumps, edit_page};
     use brickyard_volume::VoxelType;
 
     fn problems(path: &Path) -> Vec<String> {
@@ -634,12 +681,9 @@ mod tests {
         file.extend_from_slice(&index);
         assert_eq!(index.len(), index_bytes(1));
         std::fs::write(&path, &file).unwrap();
-        let layout = spec.layout();
-        let mut side = Store::open(dir.path()).unwrap().side(Level(1)).clone();
-        side.shards[0] = crate::shard::Fingerprint { file_bytes: file.len() as u64, index_crc: crc.into() };
-        for (path, bytes) in side.files(&layout, Level(1)) {
-            std::fs::write(dir.path().join(path), bytes).unwrap();
-        }
+        let array = SideArray::fingerprints(dir.path(), &spec.layout(), Level(1));
+        let fingerprint = crate::shard::Fingerprint { file_bytes: file.len() as u64, index_crc: crc.into() };
+        edit_page(&array, array.page_at(Level(1), 0), |bytes| bytes.copy_from_slice(bytemuck::bytes_of(&fingerprint)));
         let found = problems(dir.path());
         assert!(
             found.iter().any(|p| p.contains("level 1 brick (0,0,0): ") && p.contains("are not the mean")),
@@ -648,23 +692,44 @@ mod tests {
     }
 
     #[test]
+    fn damaged_and_missing_pages_are_named_once() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore { times: 2, ..TestStore::default() }.write(dir.path(), bumps);
+        let page = |array: &str| dir.path().join("0/.brickyard").join(array).join("c/1/0/0/0/0/0");
+        for array in ["ranges", "hashes", "shards"] {
+            let mut bytes = std::fs::read(page(array)).unwrap();
+            bytes[5] ^= 1;
+            std::fs::write(page(array), bytes).unwrap();
+        }
+        std::fs::remove_file(dir.path().join("1/.brickyard/hashes/c/0/0/0/0/0/0")).unwrap();
+        let found = problems(dir.path());
+        assert_eq!(found.len(), 4, "{found:#?}");
+        for (problem, named) in found.iter().zip(["ranges", "hashes", "shards", "1/.brickyard/hashes/c/0"]) {
+            assert!(problem.contains(named), "{problem}");
+        }
+    }
+
+    #[test]
     fn wrong_statistics_are_found() {
         let dir = tempfile::tempdir().unwrap();
         let spec = TestStore::default();
         spec.write(dir.path(), bumps);
-        let mut side = Store::open(dir.path()).unwrap().side(Level(0)).clone();
-        side.occupancy[7].0 ^= 1 << 40;
-        side.minmax_bytes_mut(9)[0] ^= 1;
-        for (path, bytes) in side.files(&spec.layout(), Level(0)) {
-            std::fs::write(dir.path().join(path), bytes).unwrap();
-        }
+        let [ranges, hashes, _] = level_arrays(dir.path(), &spec.layout(), Level(0), spec.voxel_type);
+        let page = ranges.page_at(Level(0), 0);
+        // Four voxels of two bytes per brick, five bricks in a row, three rows.
+        edit_page(&ranges, page, |bytes| {
+            bytes[7 * 8 + 6] ^= 1;
+            bytes[9 * 8] ^= 1;
+        });
+        edit_page(&hashes, page, |bytes| bytes[11 * 16] ^= 1);
         let root = dir.path().join("zarr.json");
         let mut document: serde_json::Value = serde_json::from_slice(&std::fs::read(&root).unwrap()).unwrap();
         document["attributes"]["brickyard"]["channels"][0]["percentiles"]["95"] = serde_json::json!(3.5);
         std::fs::write(&root, document_bytes(&document)).unwrap();
         let found = problems(dir.path()).join("\n");
-        assert!(found.contains("level 0 brick (2,1,0): occupancy: expected"), "{found}");
-        assert!(found.contains("level 0 brick (4,1,0): minmax: expected"), "{found}");
+        assert!(found.contains("level 0 brick (2,1,0): range of the core and its surroundings: expected"), "{found}");
+        assert!(found.contains("level 0 brick (4,1,0): range of the core: expected"), "{found}");
+        assert!(found.contains("level 0 brick (1,2,0): hashes: expected"), "{found}");
         assert!(found.contains("channels[0]: percentiles: expected"), "{found}");
     }
 }

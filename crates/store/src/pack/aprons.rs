@@ -18,25 +18,17 @@ use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage};
 use crate::pack::shards::{ShardWriter, settle};
 use crate::pack::shells::ApronMaker;
+use crate::pack::side_pages::ShardPages;
 use crate::pack::{PackOptions, Progress};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
-use crate::side::SideData;
 use crate::store::bricks_of;
 use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox, VoxelType};
 use lru::LruCache;
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
-
-/// What the pass leaves besides the shards.
-#[derive(Default)]
-pub(crate) struct MadeAprons {
-    /// Per stage, of its shards of aprons.
-    pub(crate) fingerprints: Vec<Vec<Fingerprint>>,
-    pub(crate) written_bytes: u64,
-}
 
 /// Everything about the pass that does not change while it runs.
 pub(crate) struct ApronPass<'a> {
@@ -58,17 +50,17 @@ struct Made {
 }
 
 impl ApronPass<'_> {
-    /// Makes the aprons of all stages. On failure what is finished stays, noted in the journal.
-    pub(crate) fn run(&self, sides: &[SideData], journal: &mut Journal) -> Result<MadeAprons, (Stop, Reached)> {
+    /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure what is finished stays, noted in
+    /// the journal.
+    pub(crate) fn run(&self, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
         let mut made = Made::default();
-        let mut fingerprints = Vec::new();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
         let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(&made)))?;
-        for (stage, side) in self.plan.stages.iter().zip(sides) {
-            let of_stage = pool.install(|| StagePass::new(self, stage, side).run(journal, &mut made));
-            fingerprints.push(of_stage.map_err(|stop| (stop, self.reached(&made)))?);
+        for stage in &self.plan.stages {
+            let of_stage = pool.install(|| StagePass::new(self, stage).run(journal, &mut made));
+            of_stage.map_err(|stop| (stop, self.reached(&made)))?;
         }
-        Ok(MadeAprons { fingerprints, written_bytes: made.written_bytes })
+        Ok(made.written_bytes)
     }
 
     fn reached(&self, made: &Made) -> Reached {
@@ -99,14 +91,12 @@ struct StagePass<'a> {
 }
 
 impl<'a> StagePass<'a> {
-    fn new(pass: &'a ApronPass<'a>, stage: &Stage, side: &SideData) -> Self {
+    fn new(pass: &'a ApronPass<'a>, stage: &Stage) -> Self {
         let ApronPass { options, voxel_type, apron, .. } = *pass;
         let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
-        let of_level = |k| if k == stage.level.index() { &side.shards[..] } else { &[] };
-        let fingerprints = (0..=stage.level.index()).map(of_level);
         Self {
             pass,
-            cores: Chunks::new(pass.store, stage.layout.clone(), codec, IoMode::Mmap, fingerprints),
+            cores: Chunks::new(pass.store, stage.layout.clone(), codec, IoMode::Mmap),
             layout: stage.layout.of_aprons(),
             level: stage.level,
             grid: stage.grid().bricks,
@@ -117,17 +107,22 @@ impl<'a> StagePass<'a> {
     }
 
     /// Makes the stage's shards of aprons, as far as they are not there already.
-    fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<Vec<Fingerprint>, Stop> {
-        let total_bytes = self.pass.plan.apron_bytes;
-        let mut fingerprints = Vec::new();
-        for id in self.layout.shards(self.level) {
+    fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<(), Stop> {
+        let ApronPass { store, disk, plan, progress, .. } = *self.pass;
+        let (mut shard_pages, mut pages) = (ShardPages::new(store, &self.layout, self.level), Vec::new());
+        for i in 0..self.layout.level_shards(self.level) {
+            let id = self.layout.shard_at(self.level, i);
             let earlier = journal.finished(&self.layout, id);
-            fingerprints.push(earlier.map_or_else(|| self.shard(id, journal, made), Ok)?);
+            let fingerprint = earlier.map_or_else(|| self.shard(id, journal, made), Ok)?;
+            shard_pages.add(id, fingerprint, &mut pages);
+            for (path, bytes) in pages.drain(..) {
+                disk.write_with_parents(&path, &bytes).map_err(Stop::Disk)?;
+            }
             made.shards += 1;
             made.bricks += self.bricks(id).extent().volume();
-            self.pass.progress.aprons(made.bricks * self.maker.apron_bytes() as u64, total_bytes);
+            progress.aprons(made.bricks * self.maker.apron_bytes() as u64, plan.apron_bytes);
         }
-        Ok(fingerprints)
+        Ok(())
     }
 
     /// The bricks of a shard, as a box of the level's grid.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! source ──► workers (one brick each) ──► sequence ──► writer ──► shard files ──► settler (sync, rename, journal)
-//!               ▲        │ coarse part                   └─► statistics
+//!               ▲        │ coarse part                   └─► side data ──► pages ──┘
 //!               └── coarser windows ◄┘
 //! ```
 //!
@@ -17,28 +17,26 @@ use crate::metadata::ChannelStatistics;
 use crate::pack::brick::{Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
-use crate::pack::parts::directions;
 use crate::pack::plan::{PackPlan, Stage, bricks_ahead};
 use crate::pack::sequence::Sequence;
 use crate::pack::shards::{Finished, ShardWriter, settle};
+use crate::pack::side_pages::{BrickPages, PageFile, ShardPages};
 use crate::pack::window::Window;
 use crate::pack::{PackError, PackOptions, Progress};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
-use crate::side::SideData;
-use crate::stats::{ChannelTotals, Measure, Range, Tally, occupancy_bins};
+use crate::side::core_hash;
+use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use brickyard_import::{Access, ImportError, Source};
-use brickyard_volume::{BrickId, BrickIndex, Level, Occupancy, OccupancyBins, VoxelBox};
+use brickyard_volume::{BrickId, BrickIndex, Level, VoxelBox};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
 
-/// What a whole pass leaves besides the shards.
+/// What a whole pass leaves besides the files.
 pub(crate) struct Passed {
-    pub(crate) sides: Vec<SideData>,
     pub(crate) channels: Vec<ChannelStatistics>,
-    pub(crate) bins: OccupancyBins,
     pub(crate) written_bytes: u64,
 }
 
@@ -92,8 +90,18 @@ struct Packed<T> {
     id: BrickId,
     summary: Summary<T>,
     voxels: u64,
+    /// Of the decoded core; `None` if it is all fill.
+    hash: Option<u128>,
     /// `None` if it is all fill, or its shard is there already.
     encoded: Option<Vec<u8>>,
+}
+
+/// What the settler makes last, in order.
+enum Settle {
+    /// A stage's shard.
+    Shard(usize, Finished),
+    /// A page of side data.
+    Page(PageFile),
 }
 
 /// One thread's state.
@@ -167,10 +175,12 @@ impl Pass<'_> {
         if let Some(stop) = shared.stop.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err((stop, self.reached(earlier_shards + settled_shards, &written)));
         }
-        let bins = occupancy_bins(T::TYPE, channels_with_ranges(&mut channels, &statistics));
-        let sides = statistics.finish(self.plan, bins);
+        for (channel, seen) in channels.iter_mut().zip(&statistics) {
+            channel.add_range(seen.0.to_f64());
+            channel.add_tally(&seen.1);
+        }
         let channels = channels.iter().map(ChannelTotals::finish).collect();
-        Ok(Passed { sides, channels, bins, written_bytes: written.bytes })
+        Ok(Passed { channels, written_bytes: written.bytes })
     }
 
     fn reached(&self, shards: u64, written: &Written) -> Reached {
@@ -178,18 +188,6 @@ impl Pass<'_> {
         let done = (cores as f64 * written.voxels as f64 / self.plan.input_voxels() as f64) as u64;
         Reached::new(shards, written.bytes, done, self.plan.output_bytes_at_most - done)
     }
-}
-
-/// Puts what only the writer saw, in order, into the channels.
-fn channels_with_ranges<'a, T: Measure>(
-    channels: &'a mut [ChannelTotals],
-    statistics: &Statistics<T>,
-) -> &'a [ChannelTotals] {
-    for (channel, seen) in channels.iter_mut().zip(&statistics.channels) {
-        channel.add_range(seen.0.to_f64());
-        channel.add_tally(&seen.1);
-    }
-    channels
 }
 
 impl<T: Measure> Shared<'_, T> {
@@ -225,28 +223,36 @@ impl<T: Measure> Shared<'_, T> {
         plan.stages.iter().map(window).collect()
     }
 
-    /// The writer: shards and statistics, brick by brick in order.
-    fn write(&self, to_settler: mpsc::Sender<(usize, Finished)>, written: &mut Written) -> Statistics<T> {
+    /// The writer: shards and statistics, brick by brick in order. Returns each channel's range and tally of level 0.
+    fn write(&self, to_settler: mpsc::Sender<Settle>, written: &mut Written) -> Vec<(Range<T>, Tally)> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
         let total = plan.input_voxels();
-        let mut statistics = Statistics::new(plan);
+        let mut channels = vec![(T::EMPTY, Tally::default()); plan.layout.channels as usize];
+        let mut brick_pages = BrickPages::new(plan, store);
+        let shard_pages = |stage: &Stage| ShardPages::new(store, &stage.layout, stage.level);
+        let mut shard_pages: Vec<_> = plan.stages.iter().map(shard_pages).collect();
         let mut writers: Vec<_> =
             plan.stages.iter().map(|stage| ShardWriter::new(disk, store, &stage.layout)).collect();
+        let mut pages = Vec::new();
         while let Some(brick) = self.sequence.take() {
             let s = brick.stage;
-            statistics.add(plan, &brick);
+            brick_pages.add(s, brick.id, &brick.summary.parts, brick.hash, &mut pages);
             let done_before = |shard| self.earlier[s].get(&shard).copied();
             match writers[s].add(brick.id, brick.encoded.as_deref(), done_before) {
                 Ok(Some(finished)) => {
-                    statistics.sides[s].shards[plan.layout.shard_place(finished.id)] = finished.fingerprint;
+                    shard_pages[s].add(finished.id, finished.fingerprint, &mut pages);
                     // The settler is gone only after it failed, which stops the sequence.
-                    let _ = to_settler.send((s, finished));
+                    let _ = to_settler.send(Settle::Shard(s, finished));
                 }
                 Ok(None) => {}
                 Err(error) => self.fail(Stop::Disk(error)),
             }
+            pages.drain(..).for_each(|page| drop(to_settler.send(Settle::Page(page))));
             written.bytes = writers.iter().map(|writer| writer.written_bytes).sum();
             if s == 0 {
+                let channel = &mut channels[brick.id.channel as usize];
+                channel.0 = channel.0.join(brick.summary.parts.whole());
+                channel.1.add(&brick.summary.tally);
                 written.voxels += brick.voxels;
                 progress.advanced(written.voxels, total);
             }
@@ -255,20 +261,23 @@ impl<T: Measure> Shared<'_, T> {
                 lock(&self.spare).push(buffer);
             }
         }
-        statistics
+        channels
     }
 
-    /// The settler: makes shards last. Returns how many.
-    fn settle(&self, finished: mpsc::Receiver<(usize, Finished)>, journal: &mut Journal) -> u64 {
+    /// The settler: makes shards and pages last. Returns how many shards.
+    fn settle(&self, finished: mpsc::Receiver<Settle>, journal: &mut Journal) -> u64 {
         let Pass { plan, store, disk, .. } = *self.pass;
         let mut settled = 0;
-        for (s, shard) in finished {
-            match settle(disk, store, &plan.stages[s].layout, journal, &shard) {
-                Ok(made) => settled += made as u64,
-                Err(error) => {
-                    self.fail(Stop::Disk(error));
-                    break;
+        for next in finished {
+            let made = match next {
+                Settle::Shard(s, shard) => {
+                    settle(disk, store, &plan.stages[s].layout, journal, &shard).map(|made| settled += made as u64)
                 }
+                Settle::Page((path, bytes)) => disk.write_with_parents(&path, &bytes),
+            };
+            if let Err(error) = made {
+                self.fail(Stop::Disk(error));
+                break;
             }
         }
         settled
@@ -480,6 +489,7 @@ impl<'a, T: Measure> Volume<'a, T> {
             let part = bytemuck::cast_slice(&workspace.coarse[..voxels]);
             self.windows[coarser].write().unwrap_or_else(PoisonError::into_inner).write_box(region, part);
         }
+        let hash = (!summary.is_fill).then(|| core_hash(bytemuck::cast_slice(workspace.core(i))));
         let is_finished = shared.earlier[s].contains_key(&stage.layout.shard_of(id).0);
         let encoded = (!summary.is_fill && !is_finished).then(|| {
             let mut encoded = lock(&shared.spare).pop().unwrap_or_default();
@@ -487,7 +497,7 @@ impl<'a, T: Measure> Volume<'a, T> {
             encoded
         });
         let voxels = core.extent().volume();
-        shared.sequence.put(number, Packed { stage: s, id, summary, voxels, encoded })
+        shared.sequence.put(number, Packed { stage: s, id, summary, voxels, hash, encoded })
     }
 
     /// Fetches the cores of a run from where they lie in memory, if they do.
@@ -544,84 +554,6 @@ fn coarse_box(core: VoxelBox, factor: [usize; 3]) -> VoxelBox {
         std::array::from_fn(|a| min[a] / factor[a] as u32),
         std::array::from_fn(|a| max[a].div_ceil(factor[a] as u32)),
     )
-}
-
-/// What the writer collects, per stage.
-struct Statistics<T> {
-    sides: Vec<SideData>,
-    /// Per brick, the range of the brick and one voxel around it.
-    reach: Vec<Vec<Range<T>>>,
-    core: Vec<Vec<Range<T>>>,
-    /// Per channel, of level 0.
-    channels: Vec<(Range<T>, Tally)>,
-}
-
-impl<T: Measure> Statistics<T> {
-    fn new(plan: &PackPlan) -> Self {
-        let side = |stage: &Stage| SideData::new(&stage.layout, stage.level, T::TYPE);
-        let sides: Vec<_> = plan.stages.iter().map(side).collect();
-        let empty: Vec<_> = sides.iter().map(|side| vec![T::EMPTY; side.occupancy.len()]).collect();
-        let channels = vec![(T::EMPTY, Default::default()); plan.layout.channels as usize];
-        Self { sides, reach: empty.clone(), core: empty, channels }
-    }
-
-    fn add(&mut self, plan: &PackPlan, brick: &Packed<T>) {
-        let (s, layout) = (brick.stage, &plan.layout);
-        let whole = brick.summary.parts.whole();
-        self.core[s][layout.brick_place(brick.id)] = whole;
-        let (index, bricks) = (brick.id.index.to_array(), plan.stages[s].grid().bricks.to_array());
-        for d in directions() {
-            let neighbour: [_; 3] =
-                std::array::from_fn(|a| index[a].checked_add_signed(d[a]).filter(|&i| i < bricks[a]));
-            if let [Some(x), Some(y), Some(z)] = neighbour {
-                let neighbour = BrickId { index: BrickIndex::new(x, y, z), ..brick.id };
-                let reach = &mut self.reach[s][layout.brick_place(neighbour)];
-                *reach = reach.join(brick.summary.parts.toward(d));
-            }
-        }
-        if s == 0 {
-            let channel = &mut self.channels[brick.id.channel as usize];
-            channel.0 = channel.0.join(whole);
-            channel.1.add(&brick.summary.tally);
-        }
-    }
-
-    /// The side data: parents' ranges cover their children's; ranges become masks.
-    fn finish(mut self, plan: &PackPlan, bins: OccupancyBins) -> Vec<SideData> {
-        for s in 0..self.sides.len() {
-            self.cover_children(plan, s);
-            for place in 0..self.reach[s].len() {
-                let mask = self.reach[s][place].to_f64().map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high));
-                self.sides[s].occupancy[place] = mask;
-                let core = self.core[s][place];
-                let [low, high] = if core.is_empty() { [T::INVALID; 2] } else { [core.low, core.high] };
-                let bytes = self.sides[s].minmax_bytes_mut(place);
-                let (first, second) = bytes.split_at_mut(size_of::<T>());
-                first.copy_from_slice(bytemuck::bytes_of(&low));
-                second.copy_from_slice(bytemuck::bytes_of(&high));
-            }
-        }
-        self.sides
-    }
-
-    fn cover_children(&mut self, plan: &PackPlan, s: usize) {
-        let Stage { layout, level, from: Some((finer, _)), .. } = &plan.stages[s] else { return };
-        let (level, finer) = (*level, *finer);
-        let grid = layout.pyramid.level(level).bricks;
-        for (time, channel) in (0..layout.times).flat_map(|t| (0..layout.channels).map(move |c| (t, c))) {
-            for i in 0..grid.volume() {
-                let (x, y) = (i % grid.x as u64, i / grid.x as u64 % grid.y as u64);
-                let index = BrickIndex::new(x as u32, y as u32, (i / grid.x as u64 / grid.y as u64) as u32);
-                let place = layout.brick_place(BrickId { time, channel, level, index });
-                for child in layout.pyramid.children(level, index) {
-                    let child = BrickId { time, channel, level: Level(level.0 - 1), index: child };
-                    let child = layout.brick_place(child);
-                    self.reach[s][place] = self.reach[s][place].join(self.reach[finer][child]);
-                    self.core[s][place] = self.core[s][place].join(self.core[finer][child]);
-                }
-            }
-        }
-    }
 }
 
 impl From<DiskError> for PackError {

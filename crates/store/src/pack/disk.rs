@@ -109,6 +109,13 @@ impl Disk {
         self.sync(&temporary, &file)?;
         self.rename(&temporary, path)
     }
+
+    /// The same in a folder that may not be there yet.
+    pub(crate) fn write_with_parents(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let missing = path.parent().filter(|parent| !parent.exists());
+        missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
+        self.write(path, bytes)
+    }
 }
 
 /// The name under which a file is written until it is whole.

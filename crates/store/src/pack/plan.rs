@@ -3,7 +3,8 @@
 //! ```text
 //! memory = fixed + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + bricks of all stages * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
+//!        + side data on their way + open shards' indexes + channels * 512 KiB
+//! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes
 //! stages = level 0, and levels k >= 1 of each pyramid
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
@@ -13,22 +14,26 @@
 //! Where aprons are stored, the second pass has no windows, and needs instead
 //!
 //! ```text
-//! threads * (core + apron + compressor) + bricks of all stages * (2 voxels + 40 bytes)
+//! threads * (core + apron + compressor) + the caches of an open store
 //!        + a shard's layer of encoded aprons + shells (at least those of a shard's layer and its neighbours) + 24 MiB
 //! ```
 //!
 //! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
 //! rings of the same size in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
 
+use crate::chunks::Chunks;
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
 use crate::layout::Layout;
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
+use crate::pack::side_pages::waiting_bytes;
 use crate::pack::{PackError, PackOptions};
+use crate::shard_file::IoMode;
 use brickyard_import::{Access, Source};
 use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
+use std::path::Path;
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
@@ -184,15 +189,16 @@ impl ApronMemory {
             let size = stage.layout.shard_bricks(stage.level);
             size.x as u64 * size.y as u64
         };
-        let most = |of: fn(&Stage) -> u64| plan.stages.iter().map(of).max().unwrap_or(0);
+        let most = |of: &dyn Fn(&Stage) -> u64| plan.stages.iter().map(of).max().unwrap_or(0);
         let threads =
             options.threads as u64 * (core + maker.apron_bytes() as u64 + compressor_bytes(core, options.codec));
-        let bricks = plan.brick_count() * (2 * voxel_type.bytes() as u64 + 40);
+        let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
+        let chunks = |stage: &Stage| Chunks::new(Path::new(""), stage.layout.clone(), codec, IoMode::Mmap).cache_bytes();
         Self {
-            fixed: threads + bricks + most(in_layer) * encoded + PROGRAM_BYTES,
+            fixed: threads + most(&chunks) + most(&in_layer) * encoded + PROGRAM_BYTES,
             shell: maker.shell_bytes() as u64 + SHELL_ENTRY_BYTES,
-            least_shells: most(least_shells),
-            most_shells: plan.volumes() * most(|stage| stage.grid().bricks.volume()),
+            least_shells: most(&least_shells),
+            most_shells: plan.volumes() * most(&|stage: &Stage| stage.grid().bricks.volume()),
         }
     }
 
@@ -240,14 +246,14 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let buffers = Workspace::<u8>::bytes(edge, voxel_type.bytes()) as u64;
     let compressor = compressor_bytes(codec.core_bytes() as u64, options.codec);
     let in_flight = (bricks_ahead(options.threads) + threads + 2) * codec.encoded_cap();
-    let bricks = plan.brick_count() * (4 * voxel_type.bytes() as u64 + 40);
+    let side_data = plan.stages.iter().map(|stage| waiting_bytes(stage, voxel_type.bytes() as u64)).sum::<u64>();
     let open_shards = |stage: &Stage| {
         let grid = stage.layout.shard_grid(stage.level);
         grid.x as u64 * grid.y as u64 * stage.layout.shard_bricks(stage.level).volume()
     };
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
     let channels = plan.layout.channels as u64 * (MIB / 2);
-    threads * (buffers + compressor) + in_flight + bricks + indexes + channels
+    threads * (buffers + compressor) + in_flight + side_data + indexes + channels
 }
 
 /// The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.

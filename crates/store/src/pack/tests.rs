@@ -411,11 +411,11 @@ fn constant_and_fill_bricks_cost_next_to_nothing() {
     assert!(!store.is_stored(id(0)).unwrap() && store.is_stored(id(2)).unwrap());
     // 40 bricks of 8 KiB: 100 bytes each are plenty for a constant one, and each shard has an index of 132.
     assert!(report.written_bytes < 40 * 100 + 8 * 132, "{}", report.written_bytes);
-    assert_eq!(store.minmax(id(3)), (700.0, 700.0));
+    assert_eq!(store.minmax(id(3)).unwrap(), Some((700.0, 700.0)));
     // Its neighbour's first voxel lies in reach of the last fill brick.
-    let bins = store.occupancy_bins();
-    assert_eq!(store.occupancy(id(0)), bins.mask(0.0, 0.0));
-    assert_eq!(store.occupancy(id(1)), bins.mask(0.0, 700.0));
+    let bins = store.occupancy_bins(0);
+    assert_eq!(store.occupancy(id(0)).unwrap(), bins.mask(0.0, 0.0));
+    assert_eq!(store.occupancy(id(1)).unwrap(), bins.mask(0.0, 700.0));
 }
 
 /// A source that knows its constant boxes packs to the same bytes.
@@ -733,7 +733,7 @@ proptest! {
         pack(&Array::new(extent, random), &path, &options, &()).unwrap();
         let method = if seed % 2 == 0 { Downsample::Mean } else { Downsample::Max };
         let store = Store::open_reduced(&path, method, IoMode::default()).unwrap();
-        let bins = store.occupancy_bins();
+        let bins = store.occupancy_bins(0);
         let pyramid = Pyramid::new(Extent::from_array(extent), [1.0; 3], 8);
         for k in 0..pyramid.levels().len() {
             let level = Level(k as u8);
@@ -750,7 +750,7 @@ proptest! {
                     let (low, high) = (value - 1e-9, value + 1e-9);
                     let mut id = BrickId { time: 0, channel: 0, level, index };
                     loop {
-                        prop_assert!(store.occupancy(id).meets(bins.mask(low, high)), "{} {:?} {}", id, at, value);
+                        prop_assert!(store.occupancy(id).unwrap().meets(bins.mask(low, high)), "{} {:?} {}", id, at, value);
                         let Some(parent) = pyramid.parent(id.level, id.index) else { break };
                         id = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
                     }
@@ -780,5 +780,5 @@ fn occupancy_bins_of_bytes_are_four_values_wide() {
     let path = dir.path().join("s.zarr");
     pack(&source, &path, &options(VoxelType::U8), &()).unwrap();
     let store = Store::open(&path).unwrap();
-    assert_eq!(store.occupancy_bins(), OccupancyBins { low: 0.0, width: 4.0 });
+    assert_eq!(store.occupancy_bins(0), OccupancyBins { low: 0.0, width: 4.0 });
 }

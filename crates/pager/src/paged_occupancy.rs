@@ -1,0 +1,324 @@
+//! What bricks can show, for a planner that never waits: pages are read by a thread of their own when a plan asks for them, and
+//! kept within a budget.
+//!
+//! A brick whose page is not there yet is answered for by its nearest ancestor whose page is: an ancestor's entry covers its
+//! descendants', so a plan may want a brick that is empty, but leaves none out. When the page has come, the plan is made anew
+//! ([`PagedOccupancy::version`]). A page that cannot be read stays answered for by ancestors while it is kept.
+//!
+//! A page that has been asked for since the view changed is not given up for another one; where no more fit, ancestors answer for
+//! the rest. So a view whose pages do not fit comes to rest, too.
+//!
+//! Cost: about 60 ns a question; 8 bytes a brick of the pages that are kept.
+
+use crate::source::{BrickError, BrickSource};
+use brickyard_volume::{BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType};
+use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
+use lru::LruCache;
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+/// A source whose occupancy is asked for page by page.
+pub(crate) struct PagedOccupancy {
+    source: Arc<dyn BrickSource>,
+    pages: Mutex<Pages>,
+}
+
+struct Pages {
+    kept: LruCache<PageId, Page>,
+    /// `None` once nobody is to read any more.
+    asked: Option<Sender<PageId>>,
+    /// Pages that have been asked for and have not come.
+    waiting: usize,
+    /// Counts views.
+    view: u64,
+    version: u64,
+}
+
+struct Page {
+    content: Content,
+    /// The view that asked last.
+    view: u64,
+}
+
+#[derive(Clone)]
+enum Content {
+    Asked,
+    Known(Arc<[Occupancy]>),
+    Unreadable,
+}
+
+/// Bytes of a page of bricks, at most.
+const PAGE_BYTES: u64 = (PAGE_EDGE_BRICKS as u64).pow(3) * size_of::<Occupancy>() as u64 + 128;
+
+/// Of a host budget, the bytes of pages that are kept: as many as there are, or a 64th, but so many pages at least.
+pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
+    const LEAST_PAGES: u64 = 8;
+    let volumes = source.times() as u64 * source.channels() as u64;
+    let all = source.pyramid().page_count().saturating_mul(volumes);
+    // Small levels have small pages.
+    let of_bricks = source.pyramid().brick_count().saturating_mul(volumes * size_of::<Occupancy>() as u64);
+    let all_bytes = of_bricks.saturating_add(all.saturating_mul(256)).min(all.saturating_mul(PAGE_BYTES));
+    (host_bytes / 64).max(LEAST_PAGES * PAGE_BYTES).min(all_bytes)
+}
+
+impl PagedOccupancy {
+    /// That of a source, none of it read yet; and the thread that reads it. At most so many bytes of pages are kept.
+    pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
+        let (asked, pages) = unbounded();
+        let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
+        let kept = LruCache::new(capacity);
+        let pages_kept = Pages { kept, asked: Some(asked), waiting: 0, view: 0, version: 0 };
+        let paged = Arc::new(Self { source, pages: Mutex::new(pages_kept) });
+        let reader = PageReader::start(paged.clone(), pages)?;
+        Ok((paged, reader))
+    }
+
+    /// A number that changes whenever more is known than before.
+    pub(crate) fn version(&self) -> u64 {
+        self.lock().version
+    }
+
+    /// Whether something that was asked for has not come yet.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.lock().waiting > 0
+    }
+
+    /// Says that another view is planned for: what earlier ones asked for may go.
+    pub(crate) fn begin_view(&self) {
+        self.lock().view += 1;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Pages> {
+        self.pages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Reads a page that was asked for.
+    fn read(&self, page: PageId) {
+        if !self.lock().is_asked(page) {
+            return;
+        }
+        let content = match self.source.read_occupancy(page) {
+            Ok(occupancy) => Content::Known(occupancy.into()),
+            Err(error) => {
+                tracing::warn!(%error, "coarser bricks answer for what these can show");
+                Content::Unreadable
+            }
+        };
+        self.lock().arrive(page, content);
+    }
+}
+
+impl Pages {
+    fn is_asked(&self, page: PageId) -> bool {
+        self.kept.peek(&page).is_some_and(|page| matches!(page.content, Content::Asked))
+    }
+
+    fn arrive(&mut self, page: PageId, content: Content) {
+        // It may have been given up for another view's meanwhile.
+        if let Some(page) = self.kept.peek_mut(&page).filter(|page| matches!(page.content, Content::Asked)) {
+            page.content = content;
+            self.waiting -= 1;
+            self.version += 1;
+        }
+    }
+
+    /// What is known of a page, which is asked for if there is room.
+    fn content(&mut self, id: PageId) -> Content {
+        let view = self.view;
+        if let Some(page) = self.kept.get_mut(&id) {
+            page.view = view;
+            return page.content.clone();
+        }
+        let is_full = self.kept.len() == self.kept.cap().get();
+        if is_full && self.kept.peek_lru().is_some_and(|(_, oldest)| oldest.view == view) {
+            return Content::Unreadable;
+        }
+        let is_sent = self.asked.as_ref().is_some_and(|asked| asked.send(id).is_ok());
+        let content = if is_sent { Content::Asked } else { Content::Unreadable };
+        self.waiting += is_sent as usize;
+        let gone = self.kept.push(id, Page { content: content.clone(), view });
+        self.waiting -= gone.is_some_and(|(_, page)| matches!(page.content, Content::Asked)) as usize;
+        content
+    }
+}
+
+impl BrickSource for PagedOccupancy {
+    fn pyramid(&self) -> &Pyramid {
+        self.source.pyramid()
+    }
+    fn geometry(&self) -> &Geometry {
+        self.source.geometry()
+    }
+    fn voxel_type(&self) -> VoxelType {
+        self.source.voxel_type()
+    }
+    fn value_range(&self) -> (f64, f64) {
+        self.source.value_range()
+    }
+    fn has_non_finite(&self) -> bool {
+        self.source.has_non_finite()
+    }
+    fn times(&self) -> u32 {
+        self.source.times()
+    }
+    fn channels(&self) -> u32 {
+        self.source.channels()
+    }
+    fn occupancy_bins(&self, channel: u32) -> OccupancyBins {
+        self.source.occupancy_bins(channel)
+    }
+
+    /// That of the brick, or of its nearest ancestor whose page is there. Never waits.
+    fn occupancy(&self, id: BrickId) -> Occupancy {
+        let (pyramid, mut brick) = (self.source.pyramid(), id);
+        let mut pages = self.lock();
+        loop {
+            let (page, place) = pyramid.page_of(brick);
+            if let Content::Known(occupancy) = pages.content(page) {
+                return occupancy[place];
+            }
+            let Some(index) = pyramid.parent(brick.level, brick.index) else { return Occupancy::ALL };
+            brick = BrickId { level: Level(brick.level.0 + 1), index, ..brick };
+        }
+    }
+
+    fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
+        self.source.read_occupancy(page)
+    }
+    fn advise(&self, ids: &[BrickId]) {
+        self.source.advise(ids);
+    }
+    fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        self.source.read_core(id, out)
+    }
+    fn stored_apron(&self) -> u32 {
+        self.source.stored_apron()
+    }
+    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        self.source.read_apron(id, out)
+    }
+    fn bytes_read(&self) -> u64 {
+        self.source.bytes_read()
+    }
+    fn cache_bytes(&self) -> u64 {
+        self.source.cache_bytes()
+    }
+}
+
+/// The thread that reads pages.
+pub(crate) struct PageReader {
+    occupancy: Arc<PagedOccupancy>,
+    arrivals: Receiver<()>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl PageReader {
+    fn start(occupancy: Arc<PagedOccupancy>, asked: Receiver<PageId>) -> std::io::Result<Self> {
+        let (arrived, arrivals) = bounded(1);
+        let reading = occupancy.clone();
+        let work = move || {
+            for page in asked {
+                reading.read(page);
+                // One sign is enough for any number of pages.
+                let _ = arrived.try_send(());
+            }
+        };
+        let thread = Some(std::thread::Builder::new().name("page-reader".into()).spawn(work)?);
+        Ok(Self { occupancy, arrivals, thread })
+    }
+
+    /// Where a sign comes from when pages have come.
+    pub(crate) fn arrivals(&self) -> &Receiver<()> {
+        &self.arrivals
+    }
+}
+
+impl Drop for PageReader {
+    fn drop(&mut self) {
+        let mut pages = self.occupancy.lock();
+        pages.asked = None;
+        // So that what is still in the channel is not read any more.
+        pages.kept.clear();
+        pages.waiting = 0;
+        drop(pages);
+        if let Some(thread) = self.thread.take() {
+            // Its own panic has been printed; there is nothing to add while dropping.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_source::TestSource;
+    use brickyard_volume::BrickIndex;
+    use std::time::Duration;
+
+    fn brick(level: u8, x: u32) -> BrickId {
+        BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) }
+    }
+
+    /// Asks until nothing is on its way; returns the last answer.
+    fn settled(paged: &PagedOccupancy, reader: &PageReader, id: BrickId) -> Occupancy {
+        loop {
+            let answer = paged.occupancy(id);
+            if !paged.is_waiting() {
+                return answer;
+            }
+            let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+        }
+    }
+
+    /// 512 bricks in a row: pages of 16, and some coarser levels'.
+    fn row() -> TestSource {
+        let mut source = TestSource::row(512);
+        source.empty = (0..256).map(|x| brick(0, x)).chain([brick(1, 3)]).collect();
+        source
+    }
+
+    #[test]
+    fn ancestors_answer_until_the_page_has_come() {
+        let (paged, reader) = PagedOccupancy::start(Arc::new(row()), 1 << 20).unwrap();
+        assert_eq!(paged.occupancy(brick(0, 7)), Occupancy::ALL, "nothing is known yet");
+        let version = paged.version();
+        assert_eq!(settled(&paged, &reader, brick(0, 7)), Occupancy::NONE);
+        assert!(paged.version() > version);
+        // Another page of level 0, whose parent's page has come.
+        assert_eq!(paged.occupancy(brick(0, 300)), Occupancy::ALL);
+        assert_eq!(settled(&paged, &reader, brick(0, 300)), Occupancy::ALL);
+    }
+
+    #[test]
+    fn a_page_that_cannot_be_read_is_answered_for_by_coarser_ones() {
+        let mut source = row();
+        source.failing_pages = [source.pyramid().page_of(brick(0, 6)).0].into();
+        let (paged, reader) = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
+        assert_eq!(settled(&paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
+        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
+    }
+
+    #[test]
+    fn a_view_that_wants_more_pages_than_fit_comes_to_rest() {
+        let source = Arc::new(row());
+        let (paged, reader) = PagedOccupancy::start(source.clone(), 8 * PAGE_BYTES).unwrap();
+        for view in 0..3 {
+            paged.begin_view();
+            let answers = || (0..512).map(|x| paged.occupancy(brick(0, x))).collect::<Vec<_>>();
+            let deadline = std::time::Instant::now() + Duration::from_secs(20);
+            while { answers(); paged.is_waiting() } {
+                let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
+                assert!(std::time::Instant::now() < deadline, "view {view} does not come to rest");
+            }
+            let version = paged.version();
+            let last = answers();
+            assert!(!paged.is_waiting() && paged.version() == version);
+            let known = last.iter().filter(|answer| **answer == Occupancy::NONE).count();
+            assert!((16..256).contains(&known), "{known}");
+            // What is said to be empty is.
+            assert!(last.iter().zip(0..).all(|(answer, x)| *answer == Occupancy::ALL || source.empty.contains(&brick(0, x))));
+            assert!(paged.lock().kept.len() <= 8);
+        }
+    }
+}

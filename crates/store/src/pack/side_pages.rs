@@ -1,0 +1,249 @@
+//! Side data while packing: what is known of bricks and shards comes in as they are made, and goes out page by page, so that
+//! memory does not grow with the volume's height, or with its time steps and channels.
+//!
+//! A brick's ranges are final when its neighbours have been packed and its children's ranges are final. So a layer of bricks waits
+//! for the next one of its stage, and for the layers below it in the octree; then it is joined to its parents, and kept until
+//! all layers of its pages are there: up to 16, and some four that wait.
+
+use crate::pack::parts::{Parts, directions};
+use crate::pack::plan::{PackPlan, Stage};
+use crate::shard::Fingerprint;
+use crate::side::{SideArray, core_hash};
+use crate::stats::{Measure, Range};
+use crate::layout::{Layout, ShardId};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PAGE_EDGE_BRICKS, PageId};
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+/// A file of side data: path and content.
+pub(crate) type PageFile = (PathBuf, Vec<u8>);
+
+/// Layers of bricks that wait for their neighbours and children, at most.
+const WAITING_LAYERS: u32 = 4;
+
+/// Bytes that side data on their way take for a stage, whose voxels have so many bytes.
+pub(crate) fn waiting_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
+    let (bricks, shards) = (stage.grid().bricks, stage.layout.shard_grid(stage.level));
+    let cells = |grid: Extent, layers: u32| grid.x as u64 * grid.y as u64 * grid.z.min(layers) as u64;
+    cells(bricks, PAGE_EDGE_BRICKS + WAITING_LAYERS) * (4 * voxel_bytes + size_of::<u128>() as u64)
+        + cells(shards, PAGE_EDGE_BRICKS) * size_of::<Fingerprint>() as u64
+}
+
+/// The ranges and hashes of all stages' bricks, on their way to pages.
+pub(crate) struct BrickPages<'a, T> {
+    plan: &'a PackPlan,
+    stages: Vec<StagePages<T>>,
+    /// Of a brick that is not stored.
+    fill_hash: u128,
+}
+
+/// Those of one stage.
+struct StagePages<T> {
+    ranges: SideArray,
+    hashes: SideArray,
+    bricks: Extent,
+    /// The first layer that is not final.
+    first: u32,
+    /// That layer, and those after it of which something is known.
+    waiting: VecDeque<Layer<T>>,
+    /// Final layers of the row of pages at hand.
+    finished: Vec<Layer<T>>,
+}
+
+/// One layer of bricks, x fastest.
+struct Layer<T> {
+    core: Vec<Range<T>>,
+    /// Of the core and one voxel around it.
+    reach: Vec<Range<T>>,
+    hashes: Vec<u128>,
+    /// Bricks still to come.
+    bricks: u64,
+    /// Layers of children that are not final.
+    children: u32,
+}
+
+impl<'a, T: Measure> BrickPages<'a, T> {
+    pub(crate) fn new(plan: &'a PackPlan, store: &Path) -> Self {
+        let stage = |Stage { layout, level, .. }: &Stage| StagePages {
+            ranges: SideArray::ranges(store, layout, *level, T::TYPE),
+            hashes: SideArray::hashes(store, layout, *level),
+            bricks: layout.pyramid.level(*level).bricks,
+            first: 0,
+            waiting: VecDeque::new(),
+            finished: Vec::new(),
+        };
+        let fill = vec![0; (plan.layout.pyramid.edge() as usize).pow(3) * size_of::<T>()];
+        Self { plan, stages: plan.stages.iter().map(stage).collect(), fill_hash: core_hash(&fill) }
+    }
+
+    /// Takes in the next brick of stage `s`: its ranges by part, and its core's hash, if it is not all fill. Pages that
+    /// it completes go to `out`.
+    pub(crate) fn add(&mut self, s: usize, id: BrickId, parts: &Parts<T>, hash: Option<u128>, out: &mut Vec<PageFile>) {
+        let (index, bricks) = (id.index.to_array(), self.stages[s].bricks.to_array());
+        let at = (id.index.y * bricks[0] + id.index.x) as usize;
+        let hash = hash.unwrap_or(self.fill_hash);
+        let layer = self.layer(s, id.index.z);
+        layer.core[at] = layer.core[at].join(parts.whole());
+        layer.hashes[at] = hash;
+        layer.bricks -= 1;
+        let is_complete = layer.bricks == 0;
+        for d in directions() {
+            let neighbour: [_; 3] =
+                std::array::from_fn(|a| index[a].checked_add_signed(d[a]).filter(|&i| i < bricks[a]));
+            if let [Some(x), Some(y), Some(z)] = neighbour {
+                let reach = &mut self.layer(s, z).reach[(y * bricks[0] + x) as usize];
+                *reach = reach.join(parts.toward(d));
+            }
+        }
+        if is_complete {
+            self.advance(s, (id.time, id.channel), out);
+        }
+    }
+
+    /// A layer that is not final.
+    fn layer(&mut self, s: usize, z: u32) -> &mut Layer<T> {
+        let StagePages { bricks, first, .. } = self.stages[s];
+        let cells = bricks.x as u64 * bricks.y as u64;
+        while first + self.stages[s].waiting.len() as u32 <= z {
+            let z = first + self.stages[s].waiting.len() as u32;
+            let layer = Layer {
+                core: vec![T::EMPTY; cells as usize],
+                reach: vec![T::EMPTY; cells as usize],
+                hashes: vec![0; cells as usize],
+                bricks: cells,
+                children: self.child_layers(s, z),
+            };
+            self.stages[s].waiting.push_back(layer);
+        }
+        &mut self.stages[s].waiting[(z - first) as usize]
+    }
+
+    /// How many layers of the finer stage have their parents in a layer.
+    fn child_layers(&self, s: usize, z: u32) -> u32 {
+        let stage = &self.plan.stages[s];
+        let Some((finer, _)) = stage.from else { return 0 };
+        let finer = self.plan.stages[finer].grid();
+        let ratio = stage.grid().factor[2] / finer.factor[2];
+        ((z + 1) * ratio).min(finer.bricks.z) - z * ratio
+    }
+
+    /// Finishes the layers of stage `s` that wait for nothing any more, and then those of coarser stages.
+    fn advance(&mut self, s: usize, volume: (u32, u32), out: &mut Vec<PageFile>) {
+        loop {
+            let stage = &mut self.stages[s];
+            let is_last = stage.first + 1 == stage.bricks.z;
+            let next_is_there = is_last || stage.waiting.get(1).is_some_and(|next| next.bricks == 0);
+            if !next_is_there || stage.waiting.front().is_none_or(|layer| layer.bricks > 0 || layer.children > 0) {
+                return;
+            }
+            let Some(layer) = stage.waiting.pop_front() else { return };
+            let z = stage.first;
+            stage.first = if is_last { 0 } else { z + 1 };
+            let coarser: Vec<usize> = self.plan.coarser(s).map(|(coarser, _)| coarser).collect();
+            coarser.iter().for_each(|&coarser| self.join(s, z, &layer, coarser));
+            self.stages[s].finish(z, layer, volume, self.plan.stages[s].level, out);
+            coarser.iter().for_each(|&coarser| self.advance(coarser, volume, out));
+            if is_last {
+                return;
+            }
+        }
+    }
+
+    /// Joins a final layer's ranges to those of its parents.
+    fn join(&mut self, s: usize, z: u32, layer: &Layer<T>, coarser: usize) {
+        let Stage { layout, level, .. } = &self.plan.stages[s];
+        let (width, parents) = (self.stages[s].bricks.x, self.stages[coarser].bricks.x);
+        let parent = |x, y| layout.pyramid.parent(*level, BrickIndex::new(x, y, z)).unwrap_or_default();
+        let above = self.layer(coarser, parent(0, 0).z);
+        above.children -= 1;
+        for (i, (&core, &reach)) in layer.core.iter().zip(&layer.reach).enumerate() {
+            let parent = parent(i as u32 % width, i as u32 / width);
+            let at = (parent.y * parents + parent.x) as usize;
+            above.core[at] = above.core[at].join(core);
+            above.reach[at] = above.reach[at].join(reach);
+        }
+    }
+}
+
+impl<T: Measure> StagePages<T> {
+    /// Keeps a final layer; makes a row of pages once all of its layers are there.
+    fn finish(&mut self, z: u32, layer: Layer<T>, (time, channel): (u32, u32), level: Level, out: &mut Vec<PageFile>) {
+        self.finished.push(layer);
+        let paging = self.ranges.paging();
+        let depth = paging.page_extent().z;
+        if z + 1 < self.bricks.z && !(z + 1).is_multiple_of(depth) {
+            return;
+        }
+        let grid = paging.page_grid();
+        for (y, x) in (0..grid.y).flat_map(|y| (0..grid.x).map(move |x| (y, x))) {
+            let page = PageId { time, channel, level, z: z / depth, y, x };
+            let (ranges, hashes) = self.page(page);
+            out.push(self.ranges.page_file(page, &ranges));
+            out.push(self.hashes.page_file(page, &hashes));
+        }
+        self.finished.clear();
+    }
+
+    /// The content of a page, whose layers are there.
+    fn page(&self, page: PageId) -> (Vec<u8>, Vec<u8>) {
+        let paging = self.ranges.paging();
+        let (mut ranges, mut hashes) = (vec![0; self.ranges.page_bytes()], vec![0; self.hashes.page_bytes()]);
+        let bricks = paging.cells([page.x, page.y, page.z]);
+        for (z, layer) in (bricks.min.z..bricks.max.z).zip(&self.finished) {
+            for (y, x) in (bricks.min.y..bricks.max.y).flat_map(|y| (bricks.min.x..bricks.max.x).map(move |x| (y, x))) {
+                let (at, place) = ((y * self.bricks.x + x) as usize, paging.locate([x, y, z]).1);
+                let ends = |range: Range<T>| if range.is_empty() { [T::INVALID; 2] } else { [range.low, range.high] };
+                let [core, reach] = [layer.core[at], layer.reach[at]].map(ends);
+                let voxels = [core[0], core[1], reach[0], reach[1]];
+                ranges[place * size_of_val(&voxels)..][..size_of_val(&voxels)].copy_from_slice(bytemuck::cast_slice(&voxels));
+                hashes[place * 16..][..16].copy_from_slice(&layer.hashes[at].to_le_bytes());
+            }
+        }
+        (ranges, hashes)
+    }
+}
+
+/// The fingerprints of a stage's shards, or of those of its aprons, on their way to pages. They come layer by layer.
+pub(crate) struct ShardPages {
+    array: SideArray,
+    grid: Extent,
+    /// Those of the row of pages at hand, x fastest.
+    row: Vec<Fingerprint>,
+    /// How many of them are there.
+    known: usize,
+}
+
+impl ShardPages {
+    pub(crate) fn new(store: &Path, layout: &Layout, level: Level) -> Self {
+        let array = SideArray::fingerprints(store, layout, level);
+        Self { array, grid: layout.shard_grid(level), row: Vec::new(), known: 0 }
+    }
+
+    /// Takes in a finished shard. Pages that it completes go to `out`.
+    pub(crate) fn add(&mut self, id: ShardId, fingerprint: Fingerprint, out: &mut Vec<PageFile>) {
+        let paging = self.array.paging();
+        let depth = paging.page_extent().z;
+        let first = id.z / depth * depth;
+        let layers = (self.grid.z - first).min(depth);
+        let slab = Extent::new(self.grid.x, self.grid.y, layers);
+        self.row.resize(slab.volume() as usize, Fingerprint::default());
+        self.row[slab.linear([id.x, id.y, id.z - first]) as usize] = fingerprint;
+        self.known += 1;
+        if self.known < self.row.len() {
+            return;
+        }
+        let grid = paging.page_grid();
+        for (y, x) in (0..grid.y).flat_map(|y| (0..grid.x).map(move |x| (y, x))) {
+            let page = PageId { time: id.time, channel: id.channel, level: id.level, z: id.z / depth, y, x };
+            let mut fingerprints = vec![Fingerprint::default(); paging.page_cells()];
+            let cells = paging.cells([x, y, page.z]);
+            for shard in crate::store::bricks_of(cells, 1) {
+                let at = slab.linear([shard.x, shard.y, shard.z - first]) as usize;
+                fingerprints[paging.locate(shard.to_array()).1] = self.row[at];
+            }
+            out.push(self.array.page_file(page, bytemuck::cast_slice(&fingerprints)));
+        }
+        self.row.clear();
+        self.known = 0;
+    }
+}
