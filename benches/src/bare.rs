@@ -2,7 +2,7 @@
 //! no file, no index, no checksum, no cache.
 
 use brickyard_store::shard::{ShardIndex, index_bytes};
-use brickyard_store::{BrickCodec, Codec, ShardId, Store};
+use brickyard_store::{BrickCodec, Codec, ShardError, ShardId, Store};
 use brickyard_volume::BrickId;
 use std::ops::Range;
 
@@ -42,7 +42,8 @@ impl EncodedBricks {
         for of_one_shard in order.chunk_by(|&a, &b| place(a).0 == place(b).0) {
             let shard = Shard::read(store, place(of_one_shard[0]).0)?;
             for &i in of_one_shard {
-                let range = shard.index.range(place(i).1).ok_or_else(|| format!("{} is not stored", ids[i]))?;
+                let range = shard.index().and_then(|index| index.range(place(i).1)).map_err(|e| e.to_string())?;
+                let range = range.ok_or_else(|| format!("{} is not stored", ids[i]))?;
                 let encoded = &shard.file[range.as_range()];
                 let start = bytes.len();
                 bytes.extend_from_slice(&encoded[..encoded.len() - CRC_BYTES]);
@@ -135,7 +136,9 @@ fn unshuffle<const N: usize>(planes: &[u8], out: &mut [u8]) {
 
 struct Shard {
     file: Vec<u8>,
-    index: ShardIndex,
+    bricks: usize,
+    /// The greatest length of an encoded brick.
+    cap: u64,
 }
 
 impl Shard {
@@ -145,8 +148,13 @@ impl Shard {
         let file = std::fs::read(&path).map_err(|e| fail(&e))?;
         let bricks = store.layout().shard_bricks(id.level).volume() as usize;
         let cap = BrickCodec::new(store.info().codec, store.voxel_type(), store.info().edge).encoded_cap();
-        let tail = file.len().saturating_sub(index_bytes(bricks));
-        let index = ShardIndex::parse(&file[tail..], file.len() as u64, bricks, cap).map_err(|e| fail(&e))?;
-        Ok(Self { file, index })
+        let shard = Self { file, bricks, cap };
+        shard.index().and_then(|index| index.check()).map_err(|e| fail(&e))?;
+        Ok(shard)
+    }
+
+    fn index(&self) -> Result<ShardIndex<'_>, ShardError> {
+        let tail = &self.file[self.file.len().saturating_sub(index_bytes(self.bricks))..];
+        ShardIndex::new(tail, self.file.len() as u64, self.bricks, self.cap)
     }
 }

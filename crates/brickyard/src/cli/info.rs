@@ -2,7 +2,7 @@
 
 use super::failure::Failure;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::store::Store;
+use brickyard::store::{ReadError, Store};
 use brickyard::volume::Level;
 use clap::Args;
 use serde::Serialize;
@@ -54,14 +54,14 @@ struct LevelInfo {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &InfoArguments) -> Result<(), Failure> {
     let store = store_errors::open(&arguments.store)?;
-    let info = describe(&arguments.store, &store);
+    let info = describe(&arguments.store, &store).map_err(|error| store_errors::read_failure(&error))?;
     if arguments.json {
         return print_json(&info);
     }
     print_line(&text(&info, &store))
 }
 
-fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
+fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>, ReadError> {
     let geometry = store.geometry();
     let level = |l: &brickyard::volume::LevelGrid| {
         let (spacing, origin) = geometry.level_placement(l.factor);
@@ -72,7 +72,7 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
             bricks: l.bricks.volume(),
         }
     };
-    Info {
+    Ok(Info {
         path,
         axes: store.layout().axes().concat(),
         times: store.times(),
@@ -83,9 +83,9 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Info<'a> {
         unit: geometry.unit.as_deref(),
         calibrated: store.info().calibrated,
         levels: store.pyramid().levels().iter().map(level).collect(),
-        apron_bytes: store.apron_file_bytes(),
+        apron_bytes: store.apron_file_bytes()?,
         store: store.info(),
-    }
+    })
 }
 
 fn text(info: &Info<'_>, store: &Store) -> String {
