@@ -3,6 +3,7 @@
 //! ```text
 //! STORE/zarr.json                      root group, written last: the completion marker
 //! STORE/.brickyard-journal             only while packing
+//! STORE/.brickyard-lock                only while packing, and after one that was killed
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
 //! STORE/K/.brickyard/{minmax,occupancy,shards}/   its side data
@@ -21,8 +22,11 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 /// number of shards to come; every further complete line is one finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
+/// Present in a store directory while somebody packs into it: locked, with the name of who does.
+pub const LOCK_NAME: &str = ".brickyard-lock";
+
 /// The folder inside a level's own that other readers leave alone.
-const SIDE_NAME: &str = ".brickyard";
+pub(crate) const SIDE_NAME: &str = ".brickyard";
 
 /// The folder of a level's aprons, among its side data.
 const APRONS_NAME: &str = "aprons";

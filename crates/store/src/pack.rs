@@ -21,6 +21,8 @@ pub(crate) mod brick;
 mod cascade;
 mod disk;
 mod journal;
+mod lock;
+mod ours;
 mod output;
 mod parts;
 mod plan;
@@ -31,6 +33,7 @@ mod shells;
 mod tests;
 mod window;
 
+pub use lock::Holder;
 pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
@@ -195,11 +198,52 @@ pub enum PackError {
         /// Which setting, then and now.
         difference: String,
     },
-    /// Another process is packing into it.
-    #[error("{store}: another process is packing into it; wait for it or stop it", store = store.display())]
-    Busy {
+    /// Overwriting would delete what packing did not write.
+    #[error(
+        "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
+         another name",
+        store = store.display(), found = found.display()
+    )]
+    Foreign {
         /// The store.
         store: PathBuf,
+        /// What is inside of it.
+        found: PathBuf,
+    },
+    /// The place where the successor of a finished store is made is taken.
+    #[error(
+        "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
+        path = path.display(), store = store.display()
+    )]
+    InTheWay {
+        /// What is there.
+        path: PathBuf,
+        /// The output.
+        store: PathBuf,
+    },
+    /// Another pack is at work there.
+    #[error(
+        "{store}: another pack is at work there{}; wait for it or stop it",
+        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
+    )]
+    Busy {
+        /// Where it packs.
+        store: PathBuf,
+        /// Who it is, if known.
+        holder: Option<Holder>,
+    },
+    /// Two packs could not be told apart there.
+    #[error(
+        "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
+         to a local disk or to NFS and move the store from there",
+        path = path.display()
+    )]
+    NoLock {
+        /// Where the store was to be made.
+        path: PathBuf,
+        /// What the operating system said.
+        #[source]
+        error: std::io::Error,
     },
     /// The source failed midway. What was packed stays.
     #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with --resume", store = store.display())]
@@ -327,9 +371,13 @@ fn pack_on(
     let written_bytes = passed.written_bytes + aprons.written_bytes;
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, (passed, aprons));
     let dir = output.dir.clone();
-    finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
-        let needed_bytes = plan.brick_count() * 24;
-        PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
+    let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
+    finished.map_err(|error| match error {
+        PackError::Io { path, error } => {
+            let needed_bytes = plan.brick_count() * 24;
+            PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
+        }
+        other => other,
     })?;
     Ok(report(resumed, written_bytes, non_finite, false))
 }
@@ -344,6 +392,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "channels": info.channels,
         "voxel_type": info.voxel_type,
         "geometry": info.geometry,
+        "calibrated": info.calibrated,
         "orientation": info.orientation,
         "brick": options.edge,
         "shard": options.shard_edge,

@@ -41,10 +41,14 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
         | PackError::Memory { .. }
         | PackError::Exists { .. }
         | PackError::NotOurs { .. }
+        | PackError::Foreign { .. }
+        | PackError::InTheWay { .. }
         | PackError::Mismatch { .. } => ExitKind::Usage,
-        PackError::Busy { .. } | PackError::ReadBack { .. } | PackError::Io { .. } | PackError::Threads(_) => {
-            ExitKind::Failed
-        }
+        PackError::Busy { .. }
+        | PackError::NoLock { .. }
+        | PackError::ReadBack { .. }
+        | PackError::Io { .. }
+        | PackError::Threads(_) => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }
