@@ -51,6 +51,7 @@ use output::{Output, Start};
 use plan::Stage;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// What to do if the output is there already.
@@ -287,6 +288,22 @@ pub enum PackError {
         /// The store.
         store: PathBuf,
     },
+    /// A thread has panicked.
+    #[error(
+        "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
+         and --resume goes on; please report this",
+        store = store.display()
+    )]
+    Panic {
+        /// What it said.
+        words: String,
+        /// The store.
+        store: PathBuf,
+        /// Finished shards.
+        done: u64,
+        /// All shards.
+        total: u64,
+    },
     /// The operating system refused before anything was packed, or after all was.
     #[error("{path}: {error}", path = path.display())]
     Io {
@@ -363,7 +380,9 @@ fn pack_on(
     let voxel_type = source.info().voxel_type;
     let aprons = options.apron().map(|apron| {
         let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
-        pass.run(&passed.sides, &mut output.journal)
+        let run = AssertUnwindSafe(|| pass.run(&passed.sides, &mut output.journal));
+        let cores = plan.core_shard_count();
+        catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(cores, 0, 0, plan.apron_bytes))))
     });
     let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let aprons = aprons.unwrap_or_default();
@@ -415,6 +434,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
         Stop::Threads(problem) => PackError::Threads(problem),
         Stop::Source(error) => PackError::Source { error, store, done, total },
         Stop::ReadBack(error) => PackError::ReadBack { error, store },
+        Stop::Panic(words) => PackError::Panic { words, store, done, total },
         Stop::Disk(disk::DiskError { path, error }) => {
             PackError::Incomplete { path, error, store, done, total, needed_bytes: reached.needed_bytes }
         }

@@ -47,6 +47,7 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
         PackError::Busy { .. }
         | PackError::NoLock { .. }
         | PackError::ReadBack { .. }
+        | PackError::Panic { .. }
         | PackError::Io { .. }
         | PackError::Threads(_) => ExitKind::Failed,
     };

@@ -1,6 +1,7 @@
 //! Whole packs of small volumes, against plain loops and against each other.
 
 mod output;
+mod panics;
 
 use super::disk::Disk;
 use super::*;
