@@ -39,7 +39,7 @@ pub use plan::{PackPlan, plan};
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::ReadError;
-use crate::layout::{DEFAULT_SHARD_EDGE, Layout};
+use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
 use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
 use crate::side::fingerprint_files;
 use aprons::{ApronPass, MadeAprons};
@@ -111,12 +111,13 @@ impl PackOptions {
     }
 
     fn check(&self) -> Result<(), PackError> {
-        let problem = if !(8..=256).contains(&self.edge) || !self.edge.is_power_of_two() {
-            format!("--brick {}: expected a power of two from 8 to 256", self.edge)
-        } else if self.shard_edge == 0 || !self.shard_edge.is_multiple_of(self.edge) {
-            format!("--shard {}: expected a multiple of --brick {}", self.shard_edge, self.edge)
+        let problem = if let Err((field, expected)) = check_edges(self.edge, self.shard_edge) {
+            let (option, found) = if field == "edge" { ("brick", self.edge) } else { ("shard", self.shard_edge) };
+            format!("--{option} {found}: expected {expected}")
         } else if self.aprons > MAX_APRON {
             format!("--aprons {}: expected 1 or {MAX_APRON} voxels", self.aprons)
+        } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
+            format!("--codec {}: {problem}", self.codec)
         } else if self.threads == 0 {
             "-j 0: expected at least one thread".into()
         } else {
@@ -166,8 +167,7 @@ pub enum PackError {
     Options(String),
     /// The budget is smaller than the least a pack can do with.
     #[error(
-        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more, or use fewer threads (-j) or \
-         smaller bricks",
+        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
@@ -175,6 +175,20 @@ pub enum PackError {
         needed_bytes: u64,
         /// What was allowed.
         given_bytes: u64,
+        /// Which other options would do with that, if there are any.
+        advice: String,
+    },
+    /// The input says of itself what no store can hold.
+    #[error("the input's {what} {found}: expected {expected}; {cure}")]
+    Unfit {
+        /// Which property.
+        what: &'static str,
+        /// As the input gives it.
+        found: String,
+        /// What can be stored.
+        expected: String,
+        /// What to do.
+        cure: &'static str,
     },
     /// The output is there, and nothing was said about that.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },

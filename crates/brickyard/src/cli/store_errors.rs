@@ -36,7 +36,7 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
 pub(crate) fn pack_failure(error: PackError) -> Failure {
     let kind = match &error {
         PackError::Incomplete { .. } => ExitKind::Incomplete,
-        PackError::Source { .. } => ExitKind::BadInput,
+        PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }
         | PackError::Exists { .. }
