@@ -182,6 +182,9 @@ impl StoreInfo {
 
 /// The root group's document, from the layout of the main pyramid.
 ///
+/// `attributes.brickyard.checksum` is of the rest, as it is here: for `verify`, which makes the document anew from what it
+/// reads. Others may change the rest, so opening does not look.
+///
 /// A second pyramid's multiscale stands in `attributes.brickyard`, since not every reader of `attributes.ome` keeps to
 /// the first one.
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
@@ -200,7 +203,11 @@ pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> 
     if let Some(second) = info.downsample.second() {
         ours["multiscales"] = multiscale(&layout.of_second(second), second);
     }
-    json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } })
+    let mut document =
+        json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } });
+    let checksum = xxhash_rust::xxh3::xxh3_64(document.to_string().as_bytes());
+    document["attributes"]["brickyard"]["checksum"] = json!(format!("{checksum:016x}"));
+    document
 }
 
 fn axes(layout: &Layout, geometry: &Geometry) -> Value {
