@@ -11,7 +11,9 @@
 //! Cost: about 60 ns a question; 8 bytes a brick of the pages that are kept.
 
 use crate::source::{BrickError, BrickSource};
-use brickyard_volume::{BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType};
+use brickyard_volume::{
+    BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
+};
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use lru::LruCache;
 use std::num::NonZeroUsize;
@@ -307,7 +309,10 @@ mod tests {
             paged.begin_view();
             let answers = || (0..512).map(|x| paged.occupancy(brick(0, x))).collect::<Vec<_>>();
             let deadline = std::time::Instant::now() + Duration::from_secs(20);
-            while { answers(); paged.is_waiting() } {
+            while {
+                answers();
+                paged.is_waiting()
+            } {
                 let _ = reader.arrivals().recv_timeout(Duration::from_millis(50));
                 assert!(std::time::Instant::now() < deadline, "view {view} does not come to rest");
             }
@@ -317,7 +322,11 @@ mod tests {
             let known = last.iter().filter(|answer| **answer == Occupancy::NONE).count();
             assert!((16..256).contains(&known), "{known}");
             // What is said to be empty is.
-            assert!(last.iter().zip(0..).all(|(answer, x)| *answer == Occupancy::ALL || source.empty.contains(&brick(0, x))));
+            assert!(
+                last.iter()
+                    .zip(0..)
+                    .all(|(answer, x)| *answer == Occupancy::ALL || source.empty.contains(&brick(0, x)))
+            );
             assert!(paged.lock().kept.len() <= 8);
         }
     }

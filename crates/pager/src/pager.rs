@@ -280,7 +280,8 @@ impl Pager {
         self.motion.see(at, &view.rays);
         let visibility = self.visibility.clone();
         let ahead = self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME));
-        let Outlook { cut, ahead } = self.planner.outlook(Job { view: view.clone(), visibility, ahead, occupancy: occupancy_version });
+        let Outlook { cut, ahead } =
+            self.planner.outlook(Job { view: view.clone(), visibility, ahead, occupancy: occupancy_version });
         let sight = match self.sight.take() {
             Some((last, of, sight)) if last == *view && Arc::ptr_eq(&of, &cut) => sight,
             _ => Sight::new(&*planned_source(&self.source, &self.occupancy), &cut, view),
@@ -290,9 +291,10 @@ impl Pager {
         let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)), at);
         self.last_at = at;
         self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
-        let is_known = self.occupancy.as_ref().is_none_or(|(occupancy, _)| {
-            !occupancy.is_waiting() && occupancy.version() == occupancy_version
-        });
+        let is_known = self
+            .occupancy
+            .as_ref()
+            .is_none_or(|(occupancy, _)| !occupancy.is_waiting() && occupancy.version() == occupancy_version);
         let is_complete = step.settled && self.planner.is_done() && is_known;
         let draw_other_eye = sight.for_other_eye.as_ref().map(|order| step.draw.reordered(&cut, order));
         let lists = std::iter::once(&step.draw).chain(&draw_other_eye);

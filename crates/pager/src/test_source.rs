@@ -5,8 +5,8 @@ use crate::cut::View;
 use crate::planner::Planning;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
-    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, PageId, Placement, Projection,
-    Pyramid, VoxelType,
+    Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, PageId, Placement,
+    Projection, Pyramid, VoxelType,
 };
 use glam::DVec3;
 use std::collections::HashSet;

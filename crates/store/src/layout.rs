@@ -3,6 +3,7 @@
 //! ```text
 //! STORE/zarr.json                      root group, written last: the completion marker
 //! STORE/.brickyard-journal             only while packing
+//! STORE/.brickyard-lock                only while packing, and after one that was killed
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
 //! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
@@ -17,15 +18,44 @@ use std::path::{Path, PathBuf};
 /// Voxels along a shard's edge unless a store says otherwise.
 pub const DEFAULT_SHARD_EDGE: u32 = 512;
 
+/// Most voxels along a shard's edge.
+pub const MAX_SHARD_EDGE: u32 = 8192;
+
 /// Present in a store directory exactly while a pack is unfinished. Its first line is a JSON object whose `shards` is the
 /// number of shards to come; every further complete line is one finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
+/// Present in a store directory while somebody packs into it: locked, with the name of who does.
+pub const LOCK_NAME: &str = ".brickyard-lock";
+
 /// The folder inside a level's own that other readers leave alone.
-const SIDE_NAME: &str = ".brickyard";
+pub(crate) const SIDE_NAME: &str = ".brickyard";
 
 /// The folder of a level's aprons, among its side data.
 const APRONS_NAME: &str = "aprons";
+
+/// A number that no store has: which, and what is expected.
+pub(crate) type Unfit = (&'static str, String);
+
+/// Whether a store may have bricks and shards of such edges. What packs and what opens ask the same.
+pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
+    if !(8..=256).contains(&edge) || !edge.is_power_of_two() {
+        return Err(("edge", "a power of two from 8 to 256".into()));
+    }
+    if !shard.is_multiple_of(edge) || !(edge..=MAX_SHARD_EDGE).contains(&shard) {
+        return Err(("shard", format!("a multiple of the brick's edge, {edge}, at most {MAX_SHARD_EDGE}")));
+    }
+    Ok(())
+}
+
+/// Whether a store may have so many voxels. What packs and what opens ask the same.
+pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<(), Unfit> {
+    let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
+    match voxels {
+        Some(voxels) if (1..=i64::MAX as u64).contains(&voxels) => Ok(()),
+        _ => Err(("shape", "fewer than 2^63 voxels, and some".into())),
+    }
+}
 
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

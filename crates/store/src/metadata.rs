@@ -7,7 +7,7 @@
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
-use crate::layout::Layout;
+use crate::layout::{Layout, check_edges, check_size};
 use brickyard_volume::{Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Pyramid, VoxelType};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -151,11 +151,8 @@ impl StoreInfo {
         let invalid = |field: &str, expected: &str, found: String| {
             Err(OpenError::invalid(path, format!("attributes.brickyard.{field}"), expected, found))
         };
-        if !(8..=256).contains(&self.edge) || !self.edge.is_power_of_two() {
-            return invalid("edge", "a power of two from 8 to 256", self.edge.to_string());
-        }
-        if !self.shard.is_multiple_of(self.edge) || !(self.edge..=8192).contains(&self.shard) {
-            return invalid("shard", "a multiple of edge, at most 8192", self.shard.to_string());
+        if let Err((field, expected)) = check_edges(self.edge, self.shard) {
+            return invalid(field, &expected, if field == "edge" { self.edge } else { self.shard }.to_string());
         }
         if self.aprons > MAX_APRON {
             return invalid("aprons", &format!("at most {MAX_APRON} voxels"), self.aprons.to_string());
@@ -175,7 +172,11 @@ impl StoreInfo {
                 return invalid(&format!("channels[{i}].histogram.counts"), "256 counts", counts.to_string());
             }
             if !(bins.low.is_finite() && bins.width.is_finite() && bins.width > 0.0) {
-                return invalid(&format!("channels[{i}].bins"), "a finite low and a positive width", format!("{bins:?}"));
+                return invalid(
+                    &format!("channels[{i}].bins"),
+                    "a finite low and a positive width",
+                    format!("{bins:?}"),
+                );
             }
         }
         Ok(())
@@ -183,6 +184,9 @@ impl StoreInfo {
 }
 
 /// The root group's document, from the layout of the main pyramid.
+///
+/// `attributes.brickyard.checksum` is of the rest, as it is here: for `verify`, which makes the document anew from what it
+/// reads. Others may change the rest, so opening does not look.
 ///
 /// A second pyramid's multiscale stands in `attributes.brickyard`, since not every reader of `attributes.ome` keeps to
 /// the first one.
@@ -202,7 +206,11 @@ pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> 
     if let Some(second) = info.downsample.second() {
         ours["multiscales"] = multiscale(&layout.of_second(second), second);
     }
-    json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } })
+    let mut document =
+        json!({ "zarr_format": 3, "node_type": "group", "attributes": { "ome": ome, "brickyard": ours } });
+    let checksum = xxhash_rust::xxh3::xxh3_64(document.to_string().as_bytes());
+    document["attributes"]["brickyard"]["checksum"] = json!(format!("{checksum:016x}"));
+    document
 }
 
 fn axes(layout: &Layout, geometry: &Geometry) -> Value {
@@ -393,9 +401,8 @@ pub(crate) fn parse_layout(
     let size = |name: &str| names.iter().position(|n| *n == name).map_or(1, |i| shape[i]);
     let (times, channels) = (size("t"), size("c"));
     let extent = Extent::new(size("x"), size("y"), size("z"));
-    let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
-    if voxels.is_none_or(|v| v > i64::MAX as u64) {
-        return Err(OpenError::invalid(level_path, "shape", "fewer than 2^63 voxels", &level_0["shape"]));
+    if let Err((field, expected)) = check_size(extent, times, channels) {
+        return Err(OpenError::invalid(level_path, field, expected, &level_0["shape"]));
     }
     info.check(root_path, channels)?;
     Ok(Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard))

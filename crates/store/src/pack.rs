@@ -21,6 +21,8 @@ pub(crate) mod brick;
 mod cascade;
 mod disk;
 mod journal;
+mod lock;
+mod ours;
 mod output;
 mod parts;
 mod plan;
@@ -32,12 +34,13 @@ mod side_pages;
 mod tests;
 mod window;
 
+pub use lock::Holder;
 pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::ReadError;
-use crate::layout::{DEFAULT_SHARD_EDGE, Layout};
+use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
 use crate::metadata::{FORMAT_VERSION, Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
 use crate::side::{SideArray, level_arrays};
 use aprons::ApronPass;
@@ -49,6 +52,7 @@ use output::{Output, Start};
 use plan::Stage;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// What to do if the output is there already.
@@ -108,12 +112,13 @@ impl PackOptions {
     }
 
     fn check(&self) -> Result<(), PackError> {
-        let problem = if !(8..=256).contains(&self.edge) || !self.edge.is_power_of_two() {
-            format!("--brick {}: expected a power of two from 8 to 256", self.edge)
-        } else if self.shard_edge == 0 || !self.shard_edge.is_multiple_of(self.edge) {
-            format!("--shard {}: expected a multiple of --brick {}", self.shard_edge, self.edge)
+        let problem = if let Err((field, expected)) = check_edges(self.edge, self.shard_edge) {
+            let (option, found) = if field == "edge" { ("brick", self.edge) } else { ("shard", self.shard_edge) };
+            format!("--{option} {found}: expected {expected}")
         } else if self.aprons > MAX_APRON {
             format!("--aprons {}: expected 1 or {MAX_APRON} voxels", self.aprons)
+        } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
+            format!("--codec {}: {problem}", self.codec)
         } else if self.threads == 0 {
             "-j 0: expected at least one thread".into()
         } else {
@@ -163,8 +168,7 @@ pub enum PackError {
     Options(String),
     /// The budget is smaller than the least a pack can do with.
     #[error(
-        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more, or use fewer threads (-j) or \
-         smaller bricks",
+        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
@@ -172,6 +176,20 @@ pub enum PackError {
         needed_bytes: u64,
         /// What was allowed.
         given_bytes: u64,
+        /// Which other options would do with that, if there are any.
+        advice: String,
+    },
+    /// The input says of itself what no store can hold.
+    #[error("the input's {what} {found}: expected {expected}; {cure}")]
+    Unfit {
+        /// Which property.
+        what: &'static str,
+        /// As the input gives it.
+        found: String,
+        /// What can be stored.
+        expected: String,
+        /// What to do.
+        cure: &'static str,
     },
     /// The output is there, and nothing was said about that.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
@@ -196,11 +214,52 @@ pub enum PackError {
         /// Which setting, then and now.
         difference: String,
     },
-    /// Another process is packing into it.
-    #[error("{store}: another process is packing into it; wait for it or stop it", store = store.display())]
-    Busy {
+    /// Overwriting would delete what packing did not write.
+    #[error(
+        "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
+         another name",
+        store = store.display(), found = found.display()
+    )]
+    Foreign {
         /// The store.
         store: PathBuf,
+        /// What is inside of it.
+        found: PathBuf,
+    },
+    /// The place where the successor of a finished store is made is taken.
+    #[error(
+        "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
+        path = path.display(), store = store.display()
+    )]
+    InTheWay {
+        /// What is there.
+        path: PathBuf,
+        /// The output.
+        store: PathBuf,
+    },
+    /// Another pack is at work there.
+    #[error(
+        "{store}: another pack is at work there{}; wait for it or stop it",
+        holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
+    )]
+    Busy {
+        /// Where it packs.
+        store: PathBuf,
+        /// Who it is, if known.
+        holder: Option<Holder>,
+    },
+    /// Two packs could not be told apart there.
+    #[error(
+        "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
+         to a local disk or to NFS and move the store from there",
+        path = path.display()
+    )]
+    NoLock {
+        /// Where the store was to be made.
+        path: PathBuf,
+        /// What the operating system said.
+        #[source]
+        error: std::io::Error,
     },
     /// The source failed midway. What was packed stays.
     #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with --resume", store = store.display())]
@@ -243,6 +302,22 @@ pub enum PackError {
         error: ReadError,
         /// The store.
         store: PathBuf,
+    },
+    /// A thread has panicked.
+    #[error(
+        "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
+         and --resume goes on; please report this",
+        store = store.display()
+    )]
+    Panic {
+        /// What it said.
+        words: String,
+        /// The store.
+        store: PathBuf,
+        /// Finished shards.
+        done: u64,
+        /// All shards.
+        total: u64,
     },
     /// The operating system refused before anything was packed, or after all was.
     #[error("{path}: {error}", path = path.display())]
@@ -320,16 +395,22 @@ fn pack_on(
     let voxel_type = source.info().voxel_type;
     let aprons = options.apron().map(|apron| {
         let pass = ApronPass { store: &output.dir, voxel_type, apron, options, plan: &plan, disk, progress };
-        pass.run(&mut output.journal)
+        let run = AssertUnwindSafe(|| pass.run(&mut output.journal));
+        let cores = plan.core_shard_count();
+        catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(cores, 0, 0, plan.apron_bytes))))
     });
     let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
     let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
     let dir = output.dir.clone();
-    finished.and_then(|()| output.finish(disk)).map_err(|disk::DiskError { path, error }| {
-        let needed_bytes = plan.brick_count() * 24;
-        PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
+    let finished = finished.map_err(PackError::from).and_then(|()| output.finish(disk));
+    finished.map_err(|error| match error {
+        PackError::Io { path, error } => {
+            let needed_bytes = plan.brick_count() * 24;
+            PackError::Incomplete { path, error, store: dir, done: shards, total: shards, needed_bytes }
+        }
+        other => other,
     })?;
     Ok(report(resumed, written_bytes, non_finite, false))
 }
@@ -344,6 +425,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "channels": info.channels,
         "voxel_type": info.voxel_type,
         "geometry": info.geometry,
+        "calibrated": info.calibrated,
         "orientation": info.orientation,
         "brick": options.edge,
         "shard": options.shard_edge,
@@ -366,6 +448,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
         Stop::Threads(problem) => PackError::Threads(problem),
         Stop::Source(error) => PackError::Source { error, store, done, total },
         Stop::ReadBack(error) => PackError::ReadBack { error, store },
+        Stop::Panic(words) => PackError::Panic { words, store, done, total },
         Stop::Disk(disk::DiskError { path, error }) => {
             PackError::Incomplete { path, error, store, done, total, needed_bytes: reached.needed_bytes }
         }

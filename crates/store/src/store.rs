@@ -609,7 +609,9 @@ mod tests {
             let mut bad = sound.clone();
             bad[what] ^= 1;
             let cut = sound[..3].to_vec();
-            for (bad, named) in [(bad, "checksum"), (cut, "shorter than its checksum"), (vec![0; 1 << 20], "larger than")] {
+            for (bad, named) in
+                [(bad, "checksum"), (cut, "shorter than its checksum"), (vec![0; 1 << 20], "larger than")]
+            {
                 std::fs::write(&path, bad).unwrap();
                 let store = Store::open(dir.path()).unwrap();
                 let id = |time| BrickId { time, channel: 0, level: Level(0), index: BrickIndex::new(3, 1, 1) };
@@ -628,7 +630,13 @@ mod tests {
     /// More shards than are kept open at a time, forwards and backwards.
     #[test]
     fn any_number_of_shards_can_be_read() {
-        let spec = TestStore { extent: [8 * 600, 2, 2], shard: 8, voxel_type: VoxelType::U8, codec: Codec::Zstd(1), ..TestStore::default() };
+        let spec = TestStore {
+            extent: [8 * 600, 2, 2],
+            shard: 8,
+            voxel_type: VoxelType::U8,
+            codec: Codec::Zstd(1),
+            ..TestStore::default()
+        };
         let dir = written(&spec);
         let maps = || std::fs::read_to_string("/proc/self/maps").unwrap().matches(dir.path().to_str().unwrap()).count();
         let store = Store::open(dir.path()).unwrap();

@@ -111,7 +111,8 @@ impl TestStore {
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let [ranges, hashes, fingerprints] = level_arrays(store, &layout, level, self.voxel_type);
-            let pages = |array: &SideArray| (0..array.page_count()).map(|i| array.page_at(level, i)).collect::<Vec<_>>();
+            let pages =
+                |array: &SideArray| (0..array.page_count()).map(|i| array.page_at(level, i)).collect::<Vec<_>>();
             let mut files = [&ranges, &hashes, &fingerprints].map(SideArray::document_file).to_vec();
             for page in pages(&ranges) {
                 let [mut of_ranges, mut of_hashes] = [&ranges, &hashes].map(|array| vec![0; array.page_bytes()]);

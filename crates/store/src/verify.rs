@@ -1,6 +1,6 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
-//! Every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children, that
+//! Every document against the one that packing would write (`verify/documents.rs`), every shard's index, every brick's checksum and length, its range and occupancy, that parents cover their children, that
 //! each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
 //! document; for both pyramids, if there are two, in one pass over level 0. It goes on after a problem and reports them all; a
 //! brick that cannot be read is reported once, not again by what depends on it.
@@ -8,6 +8,8 @@
 //! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is
 //! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing
 //! is stored are not looked at voxel by voxel.
+
+mod documents;
 
 use crate::chunks::Chunks;
 use crate::error::{OpenError, ReadError};
@@ -80,6 +82,8 @@ struct Verifier<'a> {
     level_0_unread: AtomicBool,
     /// Level-0 statistics, per channel.
     totals: Mutex<Vec<ChannelTotals>>,
+    /// What could not be read: shards by their files, bricks by themselves too.
+    unread: Mutex<BTreeSet<(PathBuf, Option<BrickId>)>>,
 }
 
 /// Some bricks of a level that are read together.
@@ -129,13 +133,22 @@ impl HashPage {
 impl<'a> Verifier<'a> {
     fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync)) -> Self {
         let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
-        Self { views, progress, bricks_done: 0.into(), level_0_unread: false.into(), totals: Mutex::new(totals) }
+        let (unread, level_0_unread, bricks_done) = Default::default();
+        Self { views, progress, bricks_done, level_0_unread, totals: Mutex::new(totals), unread }
     }
 
     fn run<T: Measure>(&self) -> VerifyReport {
-        let mut report = VerifyReport { bricks: self.brick_count(), ..VerifyReport::default() };
+        let mut report = self.check_shards();
+        self.check_bricks::<T>(&mut report);
+        report
+    }
+
+    /// Documents, and every shard's file and index.
+    fn check_shards(&self) -> VerifyReport {
+        let problems = documents::check(&self.views[0], self.levels());
+        let mut report = VerifyReport { bricks: self.brick_count(), problems, ..VerifyReport::default() };
         for (store, level) in self.levels() {
-            report.problems.par_extend(check_pages(store, level));
+            report.problems.par_extend(self.check_pages(store, level));
             for chunks in store.chunks() {
                 let pages = (0..chunks.fingerprint_pages(level)).into_par_iter();
                 // A page that cannot be read is a problem of the shards in it.
@@ -145,16 +158,60 @@ impl<'a> Verifier<'a> {
                 report.bytes += bytes;
                 let shards = (0..chunks.layout().level_shards(level)).into_par_iter();
                 let shards = shards.map(|i| chunks.layout().shard_at(level, i));
-                report.problems.par_extend(shards.filter_map(|id| check_shard(chunks, id)));
+                report.problems.par_extend(shards.filter_map(|id| self.check_shard(chunks, id)));
             }
         }
+        report
+    }
+
+    fn check_bricks<T: Measure>(&self, report: &mut VerifyReport) {
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
-        report.problems.par_extend(in_blocks.flatten());
+        let mut found: Vec<VerifyProblem> = in_blocks.flatten().collect();
+        // A brick is read for its neighbours too, and is reported by who comes first.
+        found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
+        report.problems.append(&mut found);
         if !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
         }
-        report
+    }
+
+    fn check_shard(&self, chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
+        let path = chunks.path(id);
+        match chunks.shard(id) {
+            Ok(None) if path.exists() => {
+                let what = "file of a shard that was packed without one (all fill value)".into();
+                Some(VerifyProblem { brick: None, path, what })
+            }
+            Ok(_) => None,
+            Err(error) => self.unread(error),
+        }
+    }
+
+    /// The pages of a level's side data, and of its aprons', that cannot be read.
+    fn check_pages(&self, store: &Store, level: Level) -> impl ParallelIterator<Item = VerifyProblem> {
+        let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
+        let of_aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
+        let arrays: Vec<SideArray> = arrays.into_iter().chain(of_aprons).collect();
+        arrays.into_par_iter().flat_map(move |array| {
+            let pages = (0..array.page_count()).into_par_iter();
+            pages.filter_map(move |i| self.unread(array.read_page(array.page_at(level, i)).err()?))
+        })
+    }
+
+    /// The problem of what cannot be read, unless it is known: a brick that does not decode, or else its shard.
+    fn unread(&self, error: ReadError) -> Option<VerifyProblem> {
+        let message = error.to_string();
+        let (brick, path, what) = match error {
+            ReadError::CorruptBrick { path, id, error } => (Some(id), path, error.to_string()),
+            other => {
+                let path = other.path().to_path_buf();
+                let what = documents::without_path(&message, &path);
+                (None, path, what)
+            }
+        };
+        let mut unread = self.unread.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        unread.insert((path.clone(), brick)).then_some(VerifyProblem { brick, path, what })
     }
 
     /// All levels of the main pyramid, then those that the second does not share.
@@ -189,7 +246,14 @@ impl<'a> Verifier<'a> {
         let workspace = Workspace::new(self.pyramid().edge() as usize);
         let coarse = self.views.iter().map(|_| Vec::new()).collect();
         let apron = vec![0; self.views[0].aprons().map_or(0, Chunks::chunk_bytes)];
-        Buffers { workspace, fine: Vec::new(), coarse, brick: vec![0; self.views[0].core_bytes()], apron, hashes: HashPage::default() }
+        Buffers {
+            workspace,
+            fine: Vec::new(),
+            coarse,
+            brick: vec![0; self.views[0].core_bytes()],
+            apron,
+            hashes: HashPage::default(),
+        }
     }
 
     /// All blocks, in order.
@@ -285,14 +349,14 @@ impl<'a> Verifier<'a> {
     ) -> BTreeSet<BrickIndex> {
         let (store, region) = (block.store, self.read_box(block));
         let edge = self.pyramid().edge();
-        let own: BTreeSet<BrickIndex> = bricks_of(block.core, edge).collect();
         let mut unread = BTreeSet::new();
         buffers.fine.resize(region.extent().volume() as usize, T::default());
         for index in bricks_of(region, edge) {
             let id = block.brick(index);
             match store.read_core(id, &mut buffers.brick) {
                 Ok(()) => {
-                    if own.contains(&index) {
+                    let is_own = !block.core.intersect(self.pyramid().brick_box(block.level, index)).is_empty();
+                    if is_own {
                         problems.extend(buffers.hashes.check(store, id, core_hash(&buffers.brick)));
                     }
                     store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine));
@@ -300,7 +364,7 @@ impl<'a> Verifier<'a> {
                 Err(error) => {
                     unread.insert(index);
                     self.level_0_unread.fetch_or(block.level == Level(0), Ordering::Relaxed);
-                    problems.extend(own.contains(&index).then(|| corrupt_chunk(id, error)).flatten());
+                    problems.extend(self.unread(error));
                 }
             }
         }
@@ -308,8 +372,8 @@ impl<'a> Verifier<'a> {
             let region = self.coarse_box(block.level, block.core);
             coarse.resize(region.extent().volume() as usize, T::default());
             let bytes = bytemuck::cast_slice_mut(coarse);
-            if store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes).is_err() {
-                // Reported where those bricks are checked.
+            if let Err(error) = store.read_box(block.time, block.channel, Level(block.level.0 + 1), region, bytes) {
+                problems.extend(self.unread(error));
                 coarse.clear();
             }
         }
@@ -369,7 +433,7 @@ impl<'a> Verifier<'a> {
         let id = block.brick(index);
         let core = self.pyramid().brick_box(id.level, index);
         if let Err(error) = block.store.read_apron(id, &mut buffers.apron) {
-            return corrupt_chunk(id, error);
+            return self.unread(error);
         }
         let around = self.grown(id.level, core, apron.width);
         if bricks_of(around, self.pyramid().edge()).any(|i| unread.contains(&i)) {
@@ -479,21 +543,6 @@ fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
     }
 }
 
-/// The pages of a level's side data, and of its aprons', that cannot be read.
-fn check_pages(store: &Store, level: Level) -> impl ParallelIterator<Item = VerifyProblem> {
-    let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
-    let of_aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
-    let arrays: Vec<SideArray> = arrays.into_iter().chain(of_aprons).collect();
-    arrays.into_par_iter().flat_map(move |array| {
-        (0..array.page_count()).into_par_iter().filter_map(move |i| {
-            let page = array.page_at(level, i);
-            let (path, error) = (array.page_path(page), array.read_page(page).err()?);
-            let what = without_path(&error, &path);
-            Some(VerifyProblem { brick: None, path, what })
-        })
-    })
-}
-
 fn shard_path(store: &Store, id: BrickId) -> PathBuf {
     store.layout().shard_path(store.path(), store.layout().shard_of(id).0)
 }
@@ -501,30 +550,6 @@ fn shard_path(store: &Store, id: BrickId) -> PathBuf {
 fn apron_path(store: &Store, id: BrickId) -> PathBuf {
     let layout = store.layout().of_aprons();
     layout.shard_path(store.path(), layout.shard_of(id).0)
-}
-
-fn check_shard(chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
-    let path = chunks.path(id);
-    let what = match chunks.shard(id) {
-        Ok(None) if path.exists() => "file of a shard that was packed without one (all fill value)".into(),
-        Ok(_) => return None,
-        // A page of side data that cannot be read has been reported by itself.
-        Err(error) if error.path() != path => return None,
-        Err(error) => without_path(&error, &path),
-    };
-    Some(VerifyProblem { brick: None, path, what })
-}
-
-/// The problem of a core or an apron that does not decode; what is wrong with a whole shard is reported as such.
-fn corrupt_chunk(id: BrickId, error: ReadError) -> Option<VerifyProblem> {
-    let ReadError::CorruptBrick { path, error, .. } = error else { return None };
-    Some(VerifyProblem { brick: Some(id), path, what: error.to_string() })
-}
-
-/// A read error's message without the file, which a problem names by itself.
-fn without_path(error: &ReadError, path: &Path) -> String {
-    let message = error.to_string();
-    message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&message).to_owned()
 }
 
 /// Rows of `part` in an array that holds the box `whole`, as ranges.
@@ -582,6 +607,40 @@ mod tests {
     use crate::shard::{BrickRange, encode_index, index_bytes};
     use crate::test_store::{TestStore, bumps, edit_page};
     use brickyard_volume::VoxelType;
+
+    /// What goes wrong after shards were opened is a problem, too.
+    #[test]
+    fn what_cannot_be_read_any_more_is_a_problem() {
+        for mode in [IoMode::Mmap, IoMode::Pread] {
+            let dir = tempfile::tempdir().unwrap();
+            TestStore { codec: Codec::None, ..TestStore::default() }.write(dir.path(), bumps);
+            let views = [Store::open_with(dir.path(), mode).unwrap()];
+            let verifier = Verifier::new(&views, &|_, _| {});
+            let mut report = verifier.check_shards();
+            assert_eq!(report.problems, []);
+            let harmed = ["0/c/0/1/1", "0/c/1/0/1", "1/c/0/0/0"].map(|name| dir.path().join(name));
+            // A file that only loses its name is still there for who has it open.
+            for path in &harmed {
+                std::fs::File::options().write(true).open(path).unwrap().set_len(100).unwrap();
+            }
+            verifier.check_bricks::<u16>(&mut report);
+            let mut paths: Vec<_> = report.problems.iter().map(|problem| problem.path.clone()).collect();
+            paths.sort();
+            assert_eq!(paths, harmed, "{mode:?}: {:#?}", report.problems);
+        }
+    }
+
+    /// From the start: a file that is there but cannot be opened.
+    #[test]
+    fn what_cannot_be_opened_is_a_problem() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore::default().write(dir.path(), bumps);
+        let path = dir.path().join("1/c/0/0/0");
+        std::fs::remove_file(&path).unwrap();
+        std::os::unix::fs::symlink(&path, &path).unwrap();
+        let found = problems(dir.path());
+        assert!(found.len() == 1 && found[0].contains("1/c/0/0/0: Too many levels"), "{found:#?}");
+    }
 
     fn problems(path: &Path) -> Vec<String> {
         verify(path, |_, _| {}).unwrap().problems.iter().map(VerifyProblem::to_string).collect()

@@ -36,15 +36,20 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
 pub(crate) fn pack_failure(error: PackError) -> Failure {
     let kind = match &error {
         PackError::Incomplete { .. } => ExitKind::Incomplete,
-        PackError::Source { .. } => ExitKind::BadInput,
+        PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }
         | PackError::Exists { .. }
         | PackError::NotOurs { .. }
+        | PackError::Foreign { .. }
+        | PackError::InTheWay { .. }
         | PackError::Mismatch { .. } => ExitKind::Usage,
-        PackError::Busy { .. } | PackError::ReadBack { .. } | PackError::Io { .. } | PackError::Threads(_) => {
-            ExitKind::Failed
-        }
+        PackError::Busy { .. }
+        | PackError::NoLock { .. }
+        | PackError::ReadBack { .. }
+        | PackError::Panic { .. }
+        | PackError::Io { .. }
+        | PackError::Threads(_) => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

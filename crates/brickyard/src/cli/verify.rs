@@ -3,9 +3,9 @@
 use super::failure::{ExitKind, Failure};
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{print_json, print_line, store_errors};
-use brickyard::store;
+use brickyard::store::{self, OpenError};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `brickyard verify STORE`
 #[derive(Args)]
@@ -28,7 +28,7 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let progress = Progress::new(arguments.progress, "verify");
     let report = store::verify(&arguments.store, |done, total| progress.set(done, total));
     progress.finish();
-    let report = report.map_err(|error| store_errors::open_failure(&error))?;
+    let report = report.map_err(|error| open_failure(&error, &arguments.store))?;
     if arguments.json {
         let problem =
             |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
@@ -59,4 +59,14 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         ))?;
     }
     Ok(())
+}
+
+/// A finished store whose documents or side data are damaged has failed verification; what is none has not.
+fn open_failure(error: &OpenError, store: &Path) -> Failure {
+    let is_damaged = match error {
+        OpenError::Invalid { .. } => true,
+        OpenError::Io { path, .. } => path != store && path.starts_with(store),
+        _ => false,
+    };
+    if is_damaged { Failure::new(ExitKind::VerificationFailed, error) } else { store_errors::open_failure(error) }
 }

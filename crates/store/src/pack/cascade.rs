@@ -9,6 +9,9 @@
 //! A *stage* is one level of one pyramid; level 0 gives a coarse part to the next stage of each.
 //!
 //! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
+//!
+//! A thread that panics (a source's fault, mostly) stops the sequence as it unwinds, so that the others end too; what it said
+//! becomes the reason why the pass stopped.
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
@@ -30,6 +33,7 @@ use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use brickyard_import::{Access, ImportError, Source};
 use brickyard_volume::{BrickId, BrickIndex, Level, VoxelBox};
 use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
@@ -47,6 +51,16 @@ pub(crate) enum Stop {
     /// What was written does not come back.
     ReadBack(ReadError),
     Threads(String),
+    /// A thread has panicked, with these words.
+    Panic(String),
+}
+
+impl Stop {
+    /// From what a thread that panicked leaves.
+    pub(crate) fn panic(payload: Box<dyn std::any::Any + Send>) -> Self {
+        let words = payload.downcast_ref::<&str>().map(|words| words.to_string());
+        Self::Panic(words.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default())
+    }
 }
 
 /// How far a pack came: for messages when it stops.
@@ -159,22 +173,28 @@ impl Pass<'_> {
         };
         let earlier_shards = journal.finished_count();
         let mut channels: Vec<_> = (0..self.plan.layout.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
-        let statistics = std::thread::scope(|scope| {
+        let (statistics, settled_shards) = std::thread::scope(|scope| {
             let (to_settler, finished) = mpsc::channel();
-            let writer = scope.spawn(|| shared.write(to_settler, &mut written));
-            let settler = scope.spawn(|| shared.settle(finished, journal));
-            if let Err(stop) = shared.stream(&pool, &mut channels) {
+            let writer = scope.spawn(|| {
+                let _stop = shared.sequence.stop_on_panic();
+                shared.write(to_settler, &mut written)
+            });
+            let settler = scope.spawn(|| {
+                let _stop = shared.sequence.stop_on_panic();
+                shared.settle(finished, journal)
+            });
+            let streamed = catch_unwind(AssertUnwindSafe(|| shared.stream(&pool, &mut channels)));
+            if let Err(stop) = streamed.unwrap_or_else(|panic| Err(Stop::panic(panic))) {
                 shared.fail(stop);
             }
             shared.sequence.close();
-            let statistics = writer.join();
-            let settled = settler.join();
-            statistics.and_then(|s| settled.map(|shards| (s, shards)))
+            let ended = |panic| shared.fail(Stop::panic(panic));
+            (writer.join().map_err(ended).ok(), settler.join().map_err(ended).unwrap_or(0))
         });
-        let (statistics, settled_shards) = statistics.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         if let Some(stop) = shared.stop.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err((stop, self.reached(earlier_shards + settled_shards, &written)));
         }
+        let Some(statistics) = statistics else { unreachable!("a writer that panics stops the pass") };
         for (channel, seen) in channels.iter_mut().zip(&statistics) {
             channel.add_range(seen.0.to_f64());
             channel.add_tally(&seen.1);
@@ -375,6 +395,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         }
         let work = || {
             this.pool.broadcast(|context| {
+                let _stop = this.shared.sequence.stop_on_panic();
                 let worker = &mut *lock(&this.shared.workers[context.index()]);
                 loop {
                     let i = next.fetch_add(1, Ordering::Relaxed);
@@ -388,7 +409,10 @@ impl<'a, T: Measure> Volume<'a, T> {
         if s == 0 && this.by_planes() {
             let end = this.slices_for(0, layer + 1);
             std::thread::scope(|scope| {
-                let reader = scope.spawn(|| this.read_planes(end));
+                let reader = scope.spawn(|| {
+                    let _stop = this.shared.sequence.stop_on_panic();
+                    this.read_planes(end)
+                });
                 work();
                 reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
             })

@@ -1,5 +1,5 @@
-//! Every change that packing makes to the file system goes through here: one place for paths in errors, syncs, and tests'
-//! injected failures.
+//! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
+//! in errors, syncs, and tests' injected failures.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -20,35 +20,52 @@ pub(crate) struct Disk {
     /// Changes until all further ones fail, as on a full disk or after a crash.
     #[cfg(test)]
     pub(crate) fuse: Option<std::sync::atomic::AtomicI64>,
+    /// Whether such a change panics.
+    #[cfg(test)]
+    pub(crate) panics: bool,
+    /// The changes that were made.
+    #[cfg(test)]
+    pub(crate) log: std::sync::Mutex<Vec<(&'static str, PathBuf)>>,
+    /// Names cannot be exchanged, as on NFS.
+    #[cfg(test)]
+    pub(crate) cannot_exchange: bool,
 }
 
 impl Disk {
-    fn step(&self) -> io::Result<()> {
-        #[cfg(test)]
+    /// Before a change: tests note it, and let it fail.
+    #[cfg(test)]
+    fn step(&self, what: &'static str, path: &Path) -> io::Result<()> {
         if let Some(fuse) = &self.fuse
             && fuse.fetch_sub(1, std::sync::atomic::Ordering::SeqCst) <= 0
         {
+            assert!(!self.panics, "a thread that changes files");
             return Err(io::ErrorKind::StorageFull.into());
         }
+        self.log.lock().unwrap().push((what, path.into()));
         Ok(())
     }
 
-    fn run<T>(&self, path: &Path, change: impl FnOnce() -> io::Result<T>) -> Result<T> {
-        self.step().and_then(|()| change()).map_err(|error| DiskError { path: path.into(), error })
+    #[cfg(not(test))]
+    fn step(&self, _what: &'static str, _path: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn run<T>(&self, what: &'static str, path: &Path, change: impl FnOnce() -> io::Result<T>) -> Result<T> {
+        self.step(what, path).and_then(|()| change()).map_err(|error| DiskError { path: path.into(), error })
     }
 
     pub(crate) fn create_dir_all(&self, path: &Path) -> Result<()> {
-        self.run(path, || std::fs::create_dir_all(path))
+        self.run("create_dir_all", path, || std::fs::create_dir_all(path))
     }
 
     /// Opens for appending from nothing.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
-        self.run(path, || File::create(path))
+        self.run("create", path, || File::create(path))
     }
 
     /// Opens to append to what is there.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
-        self.run(path, || OpenOptions::new().append(true).open(path))
+        self.run("reopen", path, || OpenOptions::new().append(true).open(path))
     }
 
     pub(crate) fn append(&self, path: &Path, file: &mut File, bytes: &[u8]) -> Result<()> {
@@ -59,46 +76,52 @@ impl Disk {
             // The write that hits the end of the disk is torn.
             let _ = file.write_all(&bytes[..bytes.len() / 2]);
         }
-        self.run(path, || file.write_all(bytes))
+        self.run("append", path, || file.write_all(bytes))
     }
 
     pub(crate) fn sync(&self, path: &Path, file: &File) -> Result<()> {
         // Tests end processes, not power: they count syncs without waiting for the disk.
-        self.run(path, || if cfg!(test) { Ok(()) } else { file.sync_data() })
+        self.run("sync", path, || if cfg!(test) { Ok(()) } else { file.sync_data() })
     }
 
     /// Makes renames and new files in a directory last.
     pub(crate) fn sync_dir(&self, path: &Path) -> Result<()> {
-        self.run(path, || if cfg!(test) { Ok(()) } else { File::open(path)?.sync_all() })
+        self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(path)?.sync_all() })
     }
 
     pub(crate) fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        self.run(to, || std::fs::rename(from, to))
+        self.run("rename", to, || std::fs::rename(from, to))
     }
 
-    /// Puts directory `new` in the place of `old`, in one step where the file system can exchange names. Returns where the
-    /// old one is then.
-    pub(crate) fn replace(&self, new: &Path, old: &Path) -> Result<PathBuf> {
+    /// Renames a directory to a name that is free, or an empty directory's: one that others have just made and will leave
+    /// is waited for.
+    pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
+        self.run("rename_dir", to, || patiently(|| std::fs::rename(from, to)))
+    }
+
+    /// Exchanges two directories in one step, or gives the first the second's name if that is free; false where the file
+    /// system cannot.
+    pub(crate) fn exchange(&self, a: &Path, b: &Path) -> Result<bool> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
-        self.run(old, || match renameat_with(CWD, new, CWD, old, RenameFlags::EXCHANGE) {
-            Ok(()) => Ok(new.into()),
-            Err(rustix::io::Errno::INVAL | rustix::io::Errno::NOSYS | rustix::io::Errno::OPNOTSUPP) => {
-                let mut aside = old.components().as_path().as_os_str().to_owned();
-                aside.push(".replaced");
-                std::fs::rename(old, &aside)?;
-                std::fs::rename(new, old)?;
-                Ok(aside.into())
-            }
+        use rustix::io::Errno;
+        #[cfg(test)]
+        if self.cannot_exchange {
+            return Ok(false);
+        }
+        self.run("exchange", b, || match renameat_with(CWD, a, CWD, b, RenameFlags::EXCHANGE) {
+            Ok(()) => Ok(true),
+            Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOENT) => Ok(false),
             Err(error) => Err(error.into()),
         })
     }
 
     pub(crate) fn remove_file(&self, path: &Path) -> Result<()> {
-        self.run(path, || std::fs::remove_file(path))
+        self.run("remove_file", path, || std::fs::remove_file(path))
     }
 
-    pub(crate) fn remove_dir_all(&self, path: &Path) -> Result<()> {
-        self.run(path, || std::fs::remove_dir_all(path))
+    /// Removes an empty directory. What others have put there for a moment (a lock) is waited for.
+    pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
+        self.run("remove_dir", path, || patiently(|| std::fs::remove_dir(path)))
     }
 
     /// Writes a whole small file: under its name there is the old content, the new, or none, never a part.
@@ -116,6 +139,18 @@ impl Disk {
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
         self.write(path, bytes)
     }
+}
+
+/// Tries for half a second as long as a directory is not empty.
+fn patiently(mut change: impl FnMut() -> io::Result<()>) -> io::Result<()> {
+    for _ in 0..50 {
+        match change() {
+            Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
+            other => return other,
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    change()
 }
 
 /// The name under which a file is written until it is whole.

@@ -1,44 +1,74 @@
 //! The journal of an unfinished pack: what is packed how, then one line per finished shard.
 //!
 //! ```text
-//! {"settings": {...}, "shards": 24}
+//! {"replaces": null, "settings": {...}, "shards": 24}
 //! 1234567 89abcdef 0/c/0/0/0          length, checksum of the index, path below the store; "0 00000000 path" if all fill
 //! ```
 //!
 //! A line is believed only if it is complete and the shard's file is there with that length and checksum: so lines and
-//! renames may reach the disk in any order, and the journal is never synced.
+//! renames may reach the disk in any order, and the journal is never synced. Only who has the directory's lock touches it.
+//!
+//! `replaces` is the settings' fingerprint of the finished store whose place the pack is to take, if there is one.
 
 use crate::layout::{JOURNAL_NAME, Layout, ShardId};
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
 use crate::shard::Fingerprint;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 pub(crate) struct Journal {
     path: PathBuf,
     file: File,
+    head: Head,
     /// Shards finished by earlier runs, by path below the store.
     finished: HashMap<PathBuf, Fingerprint>,
 }
 
+/// A journal's first line.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct Head {
+    pub(crate) replaces: Option<String>,
+    pub(crate) settings: Value,
+    pub(crate) shards: u64,
+}
+
+impl Head {
+    /// That of a directory's journal; empty if it cannot be read.
+    pub(crate) fn of(store: &Path) -> Self {
+        let mut line = Vec::new();
+        let file = File::open(store.join(JOURNAL_NAME));
+        let read = file.and_then(|file| BufReader::new(file).take(MOST_HEAD_BYTES).read_until(b'\n', &mut line));
+        read.ok().and_then(|_| serde_json::from_slice(&line).ok()).unwrap_or_default()
+    }
+}
+
+/// A head is some hundred bytes and the source's name.
+const MOST_HEAD_BYTES: u64 = 16 << 20;
+
 impl Journal {
-    /// Starts a journal in an empty store directory.
-    pub(crate) fn create(disk: &Disk, store: &Path, settings: &Value, shards: u64) -> Result<Self, DiskError> {
+    /// Starts a journal in a store directory, in the place of the one that is there.
+    pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
-        let head = format!("{}\n", json!({ "settings": settings, "shards": shards }));
-        disk.write(&path, head.as_bytes())?;
+        disk.write(&path, format!("{}\n", json!(head)).as_bytes())?;
         disk.sync_dir(store)?;
-        Ok(Self { file: disk.reopen(&path)?, path, finished: HashMap::new() })
+        Ok(Self { file: disk.reopen(&path)?, path, head, finished: HashMap::new() })
     }
 
     /// Opens the journal of an unfinished pack.
     pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
-        Ok(Self { file: disk.reopen(&path)?, path, finished: HashMap::new() })
+        Ok(Self { file: disk.reopen(&path)?, path, head: Head::of(store), finished: HashMap::new() })
+    }
+
+    /// The fingerprint of the store whose place the pack is to take.
+    pub(crate) fn replaces(&self) -> Option<&str> {
+        self.head.replaces.as_deref()
     }
 
     /// Continues where the journal ends. Shards whose files are not as it says count as unfinished.
@@ -48,9 +78,8 @@ impl Journal {
     pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
         let text = std::fs::read(&self.path).map_err(|error| PackError::Io { path: self.path.clone(), error })?;
         let text = String::from_utf8_lossy(&text);
-        let (head, lines) = text.split_once('\n').unwrap_or((&text, ""));
-        let head: Value = serde_json::from_str(head).unwrap_or_default();
-        if let Some(difference) = difference(&head["settings"], settings) {
+        let lines = text.split_once('\n').map_or("", |(_, lines)| lines);
+        if let Some(difference) = difference(&self.head.settings, settings) {
             return Err(PackError::Mismatch { store: store.into(), difference });
         }
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
@@ -78,11 +107,6 @@ impl Journal {
         let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());
         disk.append(&self.path, &mut self.file, line.as_bytes())
     }
-
-    /// Keeps other packs out of the directory for as long as the journal is open.
-    pub(crate) fn lock(&self) -> std::io::Result<()> {
-        Ok(rustix::fs::flock(&self.file, rustix::fs::FlockOperation::NonBlockingLockExclusive)?)
-    }
 }
 
 fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
@@ -109,6 +133,8 @@ fn difference(then: &Value, now: &Value) -> Option<String> {
     let (Some(then), Some(now)) = (then.as_object(), now.as_object()) else {
         return Some("its journal cannot be read".into());
     };
-    let differs = now.iter().find(|(name, value)| then.get(*name) != Some(value));
-    differs.map(|(name, value)| format!("{name} was {}, now {value}", then.get(name).unwrap_or(&Value::Null)))
+    let names = now.keys().chain(then.keys());
+    let value = |of: &serde_json::Map<String, Value>, name| of.get(name).cloned().unwrap_or_default();
+    let mut pairs = names.map(|name| (name, value(then, name), value(now, name)));
+    pairs.find(|(_, then, now)| then != now).map(|(name, then, now)| format!("{name} was {then}, now {now}"))
 }

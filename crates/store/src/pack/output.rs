@@ -1,20 +1,39 @@
 //! Where a pack goes: whether it may, where it is made, and how it comes to stand under its final name.
+//!
+//! | what is there | where the pack is made |
+//! | --- | --- |
+//! | nothing, or an unfinished pack | in place |
+//! | a finished store | in `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
+//!
+//! A directory is touched only by who has its lock (`lock.rs`). What was seen before the lock was taken is looked at again
+//! after. A pack made beside says so in its journal, and is told by that from a store that happens to have such a name.
+//!
+//! The journal goes last: a pack that is stopped between exchange and end is an unfinished one under the final name, whose
+//! journal tells that what stands beside it is the old store. Where the file system cannot exchange names (NFS) there is a
+//! moment without a store under the final name: meanwhile the pack beside it counts.
 
-use crate::layout::JOURNAL_NAME;
-use crate::pack::disk::{Disk, DiskError};
-use crate::pack::journal::Journal;
-use crate::pack::{Exists, PackError, fingerprint};
+use crate::layout::{JOURNAL_NAME, LOCK_NAME};
+use crate::pack::disk::{Disk, DiskError, temporary};
+use crate::pack::journal::{Head, Journal};
+use crate::pack::lock::DirLock;
+use crate::pack::{Exists, PackError, fingerprint, ours};
 use serde_json::Value;
+use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How often the directory may change while it is looked at.
+const MOST_CHANGES: u32 = 100;
 
 /// A directory that is being packed into.
 pub(crate) struct Output {
     /// Where the store is made.
     pub(crate) dir: PathBuf,
+    /// Where it is to stand.
+    store: PathBuf,
     pub(crate) journal: Journal,
-    /// The finished store that it will replace.
-    replaces: Option<PathBuf>,
+    lock: DirLock,
 }
 
 /// What is to be done.
@@ -27,12 +46,31 @@ pub(crate) enum Start {
 /// What stands under a name.
 #[derive(PartialEq)]
 enum Found {
-    /// Nothing, or an empty directory.
+    /// Nothing, or a directory with nothing but traces of a pack that was stopped before it began.
     Free,
-    Unfinished,
+    Unfinished {
+        /// It is made beside the store that it is to replace, or was.
+        replaces: bool,
+        /// The store is finished; what is left is to tidy up.
+        is_whole: bool,
+    },
     /// A finished store, with its settings' fingerprint.
     Store(String),
     Other,
+}
+
+/// What to do in a directory.
+#[derive(Clone, Copy, PartialEq)]
+enum Step {
+    /// Say that an unfinished pack is there.
+    Refuse,
+    /// Start in a free directory.
+    New,
+    /// Start where an unfinished pack is.
+    Again,
+    Resume,
+    /// Take away what is left beside a whole store, and look again.
+    Tidy,
 }
 
 impl Output {
@@ -44,102 +82,204 @@ impl Output {
         settings: &Value,
         shards: u64,
     ) -> Result<Start, PackError> {
-        let found = find(store)?;
-        let beside = beside(store);
-        let is_store = matches!(found, Found::Store(_));
-        let (dir, resume) = match (exists, &found) {
-            (_, Found::Other) => return Err(PackError::NotOurs { path: store.into() }),
-            (_, Found::Free) => (store.to_path_buf(), false),
-            (Exists::Refuse, _) => {
-                return Err(PackError::Exists { path: store.into(), unfinished: found == Found::Unfinished });
+        let store = resolve(store)?;
+        let made = ancestors_to_make(&store);
+        for _ in 0..MOST_CHANGES {
+            let Some((step, dir)) = decide(&store, exists, settings)? else { return Ok(Start::Complete) };
+            let lock = DirLock::take(disk, &dir)?;
+            if decide(&store, exists, settings)? != Some((step, dir.clone())) {
+                continue;
             }
-            (Exists::Resume, Found::Unfinished) => (store.to_path_buf(), true),
-            (Exists::Resume, Found::Store(_)) if find(&beside)? == Found::Unfinished => (beside, true),
-            (Exists::Resume, Found::Store(theirs)) if *theirs == fingerprint(settings) => return Ok(Start::Complete),
-            (Exists::Resume, Found::Store(_)) => {
-                let difference = "it is finished, and was packed from other data or with other settings".into();
-                return Err(PackError::Mismatch { store: store.into(), difference });
+            if let Some(journal) = prepare(disk, &store, &dir, step, &lock, (settings, shards))? {
+                made.iter().try_for_each(|dir| disk.sync_dir(parent(dir)))?;
+                return Ok(Start::Pack(Self { dir, store, journal, lock }));
             }
-            (Exists::Overwrite, Found::Unfinished) => (store.to_path_buf(), false),
-            (Exists::Overwrite, Found::Store(_)) => (beside, false),
-        };
-        let replaces = (dir != store && is_store).then(|| store.to_path_buf());
-        let journal = if resume {
-            let mut journal = Journal::open(disk, &dir)?;
-            lock(&journal, &dir)?;
-            journal.resume(disk, &dir, settings)?;
-            journal
-        } else {
-            clear(disk, &dir)?;
-            disk.create_dir_all(&dir)?;
-            let journal = Journal::create(disk, &dir, settings, shards)?;
-            lock(&journal, &dir)?;
-            journal
-        };
-        Ok(Start::Pack(Self { dir, journal, replaces }))
+        }
+        Err(PackError::Busy { store, holder: None })
     }
 
-    /// The store is written: puts it in the place of the one it replaces, and takes the journal away.
-    ///
-    /// The journal goes after the exchange, so that a pack stopped between the two is finished by the next `--resume`.
-    pub(crate) fn finish(self, disk: &Disk) -> Result<(), DiskError> {
-        let Some(store) = self.replaces else {
-            disk.remove_file(&self.dir.join(JOURNAL_NAME))?;
-            return disk.sync_dir(&self.dir);
-        };
-        let old = disk.replace(&self.dir, &store)?;
-        disk.sync_dir(parent(&store))?;
-        disk.remove_file(&store.join(JOURNAL_NAME))?;
-        disk.sync_dir(&store)?;
-        disk.remove_dir_all(&old)
+    /// The store is written: puts it in its place, and takes the journal away.
+    pub(crate) fn finish(mut self, disk: &Disk) -> Result<(), PackError> {
+        if self.dir != self.store {
+            refuse_foreign(&self.store)?;
+            exchange(disk, &self.dir, &self.store)?;
+            self.lock.moved(&self.store);
+        }
+        Ok(tidy(disk, &self.store, self.journal.replaces())?)
     }
 }
 
-fn lock(journal: &Journal, dir: &Path) -> Result<(), PackError> {
-    journal.lock().map_err(|error| match error.kind() {
-        io::ErrorKind::WouldBlock => PackError::Busy { store: dir.into() },
-        _ => PackError::Io { path: dir.into(), error },
-    })
+/// Makes the directory ready, which is locked; `None` if it has to be looked at again.
+fn prepare(
+    disk: &Disk,
+    store: &Path,
+    dir: &Path,
+    step: Step,
+    lock: &DirLock,
+    (settings, shards): (&Value, u64),
+) -> Result<Option<Journal>, PackError> {
+    let replaces = match find(store)? {
+        Found::Store(theirs) if dir != store => Some(theirs),
+        // The store has gone, or has not come back from the exchange: what the pack is to replace stays what it was.
+        _ if dir != store => Head::of(dir).replaces,
+        _ => None,
+    };
+    match step {
+        Step::Refuse => return Err(PackError::Exists { path: dir.into(), unfinished: true }),
+        Step::Tidy => {
+            lock.declare(disk)?;
+            tidy(disk, store, Head::of(dir).replaces.as_deref())?;
+            return Ok(None);
+        }
+        Step::Resume => {
+            let mut journal = Journal::open(disk, dir)?;
+            journal.resume(disk, dir, settings)?;
+            lock.declare(disk)?;
+            return Ok(Some(journal));
+        }
+        Step::New | Step::Again => {}
+    }
+    if dir != store {
+        refuse_foreign(store)?;
+    }
+    refuse_foreign(dir)?;
+    lock.declare(disk)?;
+    // The journal of the old pack stays until it is replaced by the new one, so that this never looks like a store.
+    ours::remove(disk, dir)?;
+    Ok(Some(Journal::create(disk, dir, Head { replaces, settings: settings.clone(), shards })?))
 }
 
-/// Removes what an earlier pack left, unless it is still at work.
-fn clear(disk: &Disk, dir: &Path) -> Result<(), PackError> {
-    match find(dir)? {
-        Found::Free => return Ok(()),
-        Found::Other => return Err(PackError::NotOurs { path: dir.into() }),
-        Found::Unfinished => lock(&Journal::open(disk, dir)?, dir)?,
-        // The old store of an overwrite that was stopped before it removed it.
-        Found::Store(_) => {}
+/// What is to be done where; `None` if the very store is there.
+fn decide(store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step, PathBuf)>, PackError> {
+    let beside = with_suffix(store, ".packing");
+    let mut found_beside = find(&beside)?;
+    let mut found = find(store)?;
+    if matches!(found, Found::Store(_)) && found_beside != Found::Free {
+        // The one may be from before an exchange and the other from after: only what stays so is so.
+        std::thread::sleep(Duration::from_millis(20));
+        found_beside = find(&beside)?;
+        found = find(store)?;
     }
-    Ok(disk.remove_dir_all(dir)?)
+    let is_pending = matches!(found_beside, Found::Unfinished { replaces: true, .. });
+    let mismatch = |difference: &str| PackError::Mismatch { store: store.into(), difference: difference.into() };
+    let (step, is_beside) = match (exists, found) {
+        (_, Found::Other) => return Err(PackError::NotOurs { path: store.into() }),
+        (_, Found::Free) if !is_pending => (Step::New, false),
+        (Exists::Refuse, Found::Store(_)) => {
+            return Err(PackError::Exists { path: store.into(), unfinished: false });
+        }
+        (Exists::Refuse, found) => (Step::Refuse, found == Found::Free),
+        (Exists::Resume, Found::Unfinished { .. }) => (Step::Resume, false),
+        (Exists::Resume, _) if is_pending => (Step::Resume, true),
+        (Exists::Resume, Found::Store(theirs)) if theirs == fingerprint(settings) => return Ok(None),
+        (Exists::Resume, _) => {
+            return Err(mismatch("it is finished, and was packed from other data or with other settings"));
+        }
+        (Exists::Overwrite, Found::Unfinished { is_whole: true, .. }) => (Step::Tidy, false),
+        (Exists::Overwrite, Found::Unfinished { .. }) => (Step::Again, false),
+        (Exists::Overwrite, _) if is_pending => (Step::Again, true),
+        (Exists::Overwrite, _) if found_beside == Found::Free => (Step::New, true),
+        (Exists::Overwrite, _) => return Err(PackError::InTheWay { path: beside, store: store.into() }),
+    };
+    Ok(Some((step, if is_beside { beside } else { store.into() })))
+}
+
+/// Puts the new store in the place of the old one, which is then where the new one was; if there is an old one.
+fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), DiskError> {
+    if !disk.exchange(new, store)? {
+        let aside = aside(store);
+        if store.exists() {
+            disk.rename(store, &aside)?;
+        }
+        disk.rename_dir(new, store)?;
+    }
+    Ok(())
+}
+
+/// Ends a pack whose store stands under its name: deletes the store that it has replaced, then the journal.
+fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), DiskError> {
+    // The new store's name lasts before the old store goes.
+    disk.sync_dir(parent(store))?;
+    if let Some(replaced) = replaces {
+        let (old, aside) = (with_suffix(store, ".packing"), aside(store));
+        if !old.exists() && is_store(&aside, replaced) {
+            disk.rename(&aside, &old)?;
+        }
+        // Its root document goes first. What has another one somebody has put there since.
+        let begun = || old.is_dir() && !old.join("zarr.json").exists() && !old.join(JOURNAL_NAME).exists();
+        if is_store(&old, replaced) || begun() {
+            ours::remove(disk, &old)?;
+            disk.remove_dir(&old)?;
+        }
+    }
+    disk.remove_file(&store.join(JOURNAL_NAME))?;
+    disk.sync_dir(store)
+}
+
+fn is_store(path: &Path, with: &str) -> bool {
+    matches!(find(path), Ok(Found::Store(found)) if found == with)
+}
+
+fn refuse_foreign(store: &Path) -> Result<(), PackError> {
+    match ours::find_foreign(store) {
+        Ok(None) => Ok(()),
+        Ok(Some(found)) => Err(PackError::Foreign { store: store.into(), found }),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(PackError::Io { path: store.into(), error }),
+    }
 }
 
 fn find(path: &Path) -> Result<Found, PackError> {
     let io = |error| PackError::Io { path: path.into(), error };
-    let mut entries = match std::fs::read_dir(path) {
+    let entries = match std::fs::read_dir(path) {
         Ok(entries) => entries,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Free),
         Err(error) if error.kind() == io::ErrorKind::NotADirectory => return Ok(Found::Other),
         Err(error) => return Err(io(error)),
     };
-    if path.join(JOURNAL_NAME).exists() {
-        return Ok(Found::Unfinished);
+    let names = entries.map(|e| e.map(|e| e.file_name())).collect::<io::Result<Vec<OsString>>>().map_err(io)?;
+    let ours = crate::side::read_json(&path.join("zarr.json")).map(|root| root["attributes"]["brickyard"].clone());
+    let ours = ours.ok().filter(|ours| !ours.is_null());
+    if names.iter().any(|name| name == JOURNAL_NAME) {
+        return Ok(Found::Unfinished { replaces: Head::of(path).replaces.is_some(), is_whole: ours.is_some() });
     }
-    if let Ok(root) = crate::side::read_json(&path.join("zarr.json")) {
-        let ours = &root["attributes"]["brickyard"];
-        let fingerprint = ours["settings_fingerprint"].as_str().unwrap_or_default();
-        return Ok(if ours.is_null() { Found::Other } else { Found::Store(fingerprint.into()) });
+    if let Some(ours) = ours {
+        return Ok(Found::Store(ours["settings_fingerprint"].as_str().unwrap_or_default().into()));
     }
-    // A pack that was killed while it made its journal leaves the journal's temporary file.
-    let only_ours = entries.all(|e| e.is_ok_and(|e| e.file_name().to_string_lossy().starts_with(JOURNAL_NAME)));
-    Ok(if only_ours { Found::Free } else { Found::Other })
+    // What a pack leaves that was killed while it made its journal.
+    let traces = [LOCK_NAME.into(), temporary(Path::new(JOURNAL_NAME)).into_os_string()];
+    Ok(if names.iter().all(|name| traces.contains(name)) { Found::Free } else { Found::Other })
 }
 
-/// Where the successor of a finished store is made.
-fn beside(store: &Path) -> PathBuf {
-    let mut name = store.components().as_path().as_os_str().to_owned();
-    name.push(".packing");
+/// The directory that a name means: where links lead, and with a name of its own, beside which there can be others.
+fn resolve(store: &Path) -> Result<PathBuf, PackError> {
+    // Without a slash at the end, behind which a link is followed.
+    let store = store.components().as_path();
+    let is_link = std::fs::symlink_metadata(store).is_ok_and(|file| file.is_symlink());
+    if !is_link && store.file_name().is_some() {
+        return Ok(store.into());
+    }
+    match store.canonicalize() {
+        Ok(target) => Ok(target),
+        Err(error) => Err(PackError::Io { path: store.into(), error }),
+    }
+}
+
+/// The directories that have to be made for one to be there, which first.
+fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
+    dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
+}
+
+/// A store's name with something after it.
+fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
+    let mut name = store.as_os_str().to_owned();
+    name.push(suffix);
     name.into()
+}
+
+/// Where a store is between two renames.
+fn aside(store: &Path) -> PathBuf {
+    with_suffix(store, ".replaced")
 }
 
 fn parent(path: &Path) -> &Path {

@@ -24,19 +24,23 @@
 use crate::chunks::Chunks;
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
-use crate::layout::Layout;
+use crate::layout::{Layout, check_size};
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
 use crate::pack::side_pages::waiting_bytes;
 use crate::pack::{PackError, PackOptions};
 use crate::shard_file::IoMode;
-use brickyard_import::{Access, Source};
+use brickyard_import::{Access, Source, SourceInfo};
 use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
 use std::path::Path;
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
+/// The root document with so many channels' statistics stays below what is read of a document.
+const MAX_CHANNELS: u32 = 4096;
+/// More than any level's voxels are larger than level 0's.
+const MOST_FACTOR: f64 = (1u64 << 33) as f64;
 /// A kept shell's place in the table of shells, and what the allocator adds.
 const SHELL_ENTRY_BYTES: u64 = 160;
 
@@ -128,32 +132,15 @@ pub(crate) fn bricks_ahead(threads: usize) -> u64 {
 /// What packing `source` with these options needs.
 ///
 /// # Errors
-/// If the options contradict each other or allow too little memory.
+/// If the options contradict each other or allow too little memory, or no store can hold what the source is.
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
-    let info = source.info();
-    let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
-    let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
-    let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
-    let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
-    let mut plan = PackPlan {
-        layout,
-        memory_bytes: 0,
-        scratch_bytes: 0,
-        output_bytes_at_most: 0,
-        apron_bytes: 0,
-        shells: 0,
-        stages,
-    };
-    let core_bytes = plan.volumes().saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64);
-    let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
-    plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
-    plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
-    let streaming = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
-    let apron_pass = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
-    let needed_bytes = streaming.max(apron_pass.as_ref().map_or(0, ApronMemory::least));
+    check_input(source.info())?;
+    let Draft { mut plan, streaming, aprons } = Draft::new(source, options);
+    let needed_bytes = least(streaming, aprons.as_ref());
     if needed_bytes > options.memory_bytes {
-        return Err(PackError::Memory { needed_bytes, given_bytes: options.memory_bytes });
+        let advice = advice(source, options);
+        return Err(PackError::Memory { needed_bytes, given_bytes: options.memory_bytes, advice });
     }
     plan.memory_bytes = streaming;
     let mut windows: Vec<&mut WindowPlan> = plan.stages.iter_mut().map(|stage| &mut stage.window).collect();
@@ -163,12 +150,108 @@ pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, Pack
         let total = if window.in_memory { &mut plan.memory_bytes } else { &mut plan.scratch_bytes };
         *total += window.bytes;
     }
-    if let Some(memory) = apron_pass {
+    if let Some(memory) = aprons {
         let shells = memory.shells_within(options.memory_bytes);
         plan.shells = shells as usize;
         plan.memory_bytes = plan.memory_bytes.max(memory.with(shells));
     }
     Ok(plan)
+}
+
+/// Refuses what could be packed but not opened.
+fn check_input(info: &SourceInfo) -> Result<(), PackError> {
+    let unfit = |what, found: String, expected: &str, cure| {
+        Err(PackError::Unfit { what, found, expected: expected.into(), cure })
+    };
+    if let Err((_, expected)) = check_size(info.extent, info.times, info.channels) {
+        let found = format!("{:?} in {} steps and {} channels", info.extent.to_array(), info.times, info.channels);
+        return unfit("shape is", found, &expected, "pack a part of it");
+    }
+    if info.channels > MAX_CHANNELS {
+        let expected = format!("at most {MAX_CHANNELS}");
+        return unfit("channels are", info.channels.to_string(), &expected, "pack a part of them");
+    }
+    let (spacing, origin) = (info.geometry.spacing, info.geometry.origin);
+    // Every level's placement has to be a number, and not lose the voxels' size.
+    let (scale, corner) = (spacing * MOST_FACTOR, origin + spacing * MOST_FACTOR);
+    if !(scale.is_finite() && spacing.min_element() >= f64::MIN_POSITIVE) {
+        let found = format!("{:?} (x, y, z)", spacing.to_array());
+        return unfit("voxel spacing is", found, "positive, finite numbers", "give it with --spacing X,Y,Z");
+    }
+    if !corner.is_finite() {
+        let found = format!("{:?} (x, y, z)", origin.to_array());
+        return unfit("origin is", found, "finite numbers", "give it with --origin X,Y,Z");
+    }
+    let orientation = info.orientation.as_ref().map_or(&[][..], |rows| rows.as_flattened());
+    if !orientation.iter().all(|n| n.is_finite()) {
+        return unfit("orientation is", format!("{orientation:?}"), "finite numbers", "mend its header");
+    }
+    Ok(())
+}
+
+/// A pack's plan before it is known what is kept in memory, and what its two passes need at least.
+struct Draft {
+    plan: PackPlan,
+    streaming: u64,
+    aprons: Option<ApronMemory>,
+}
+
+impl Draft {
+    fn new(source: &dyn Source, options: &PackOptions) -> Self {
+        let info = source.info();
+        let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
+        let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
+        let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
+        let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
+        let mut plan = PackPlan {
+            layout,
+            memory_bytes: 0,
+            scratch_bytes: 0,
+            output_bytes_at_most: 0,
+            apron_bytes: 0,
+            shells: 0,
+            stages,
+        };
+        let core_bytes = plan.volumes().saturating_mul(voxels).saturating_mul(info.voxel_type.bytes() as u64);
+        let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
+        plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
+        plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
+        let streaming = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
+        let aprons = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
+        Self { plan, streaming, aprons }
+    }
+}
+
+fn least(streaming: u64, aprons: Option<&ApronMemory>) -> u64 {
+    streaming.max(aprons.map_or(0, ApronMemory::least))
+}
+
+/// The options nearest to these that need no more than what they allow, in words: fewer threads, or else other bricks.
+fn advice(source: &dyn Source, options: &PackOptions) -> String {
+    let fits = |options: &PackOptions| {
+        let draft = Draft::new(source, options);
+        options.check().is_ok() && least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes
+    };
+    let threads = (1..options.threads).rev().map(|threads| PackOptions { threads, ..options.clone() }).find(fits);
+    let edges = || {
+        let mut edges: Vec<u32> = (3..=8).map(|n| 1 << n).filter(|&edge| edge != options.edge).collect();
+        edges.sort_by_key(|edge| edge.ilog2().abs_diff(options.edge.ilog2()));
+        edges
+    };
+    let with_threads = |threads| {
+        let with_edge = |edge| PackOptions { edge, threads, ..options.clone() };
+        edges().into_iter().map(with_edge).find(fits)
+    };
+    match (threads, with_threads(options.threads)) {
+        (Some(PackOptions { threads, .. }), Some(PackOptions { edge, .. })) => {
+            format!(", or use fewer threads (-j {threads}) or other bricks (--brick {edge})")
+        }
+        (Some(PackOptions { threads, .. }), None) => format!(", or use fewer threads (-j {threads})"),
+        (None, Some(PackOptions { edge, .. })) => format!(", or use other bricks (--brick {edge})"),
+        (None, None) => with_threads(1).map_or_else(String::new, |PackOptions { edge, .. }| {
+            format!(", or use one thread and other bricks (-j 1 --brick {edge})")
+        }),
+    }
 }
 
 /// What the pass for aprons needs.
@@ -193,7 +276,8 @@ impl ApronMemory {
         let threads =
             options.threads as u64 * (core + maker.apron_bytes() as u64 + compressor_bytes(core, options.codec));
         let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
-        let chunks = |stage: &Stage| Chunks::new(Path::new(""), stage.layout.clone(), codec, IoMode::Mmap).cache_bytes();
+        let chunks =
+            |stage: &Stage| Chunks::new(Path::new(""), stage.layout.clone(), codec, IoMode::Mmap).cache_bytes();
         Self {
             fixed: threads + most(&chunks) + most(&in_layer) * encoded + PROGRAM_BYTES,
             shell: maker.shell_bytes() as u64 + SHELL_ENTRY_BYTES,

@@ -75,6 +75,11 @@ impl<T> Sequence<T> {
         self.end(End::Aborted);
     }
 
+    /// Stops everyone if the thread that holds this unwinds: others would wait for ever for what it had to put or take.
+    pub(crate) fn stop_on_panic(&self) -> impl Drop {
+        StopOnPanic(self)
+    }
+
     pub(crate) fn is_aborted(&self) -> bool {
         self.lock().end == End::Aborted
     }
@@ -89,6 +94,16 @@ impl<T> Sequence<T> {
 
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+struct StopOnPanic<'a, T>(&'a Sequence<T>);
+
+impl<T> Drop for StopOnPanic<'_, T> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.abort();
+        }
     }
 }
 

@@ -5,12 +5,12 @@
 //! for the next one of its stage, and for the layers below it in the octree; then it is joined to its parents, and kept until
 //! all layers of its pages are there: up to 16, and some four that wait.
 
+use crate::layout::{Layout, ShardId};
 use crate::pack::parts::{Parts, directions};
 use crate::pack::plan::{PackPlan, Stage};
 use crate::shard::Fingerprint;
 use crate::side::{SideArray, core_hash};
 use crate::stats::{Measure, Range};
-use crate::layout::{Layout, ShardId};
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PAGE_EDGE_BRICKS, PageId};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -195,7 +195,8 @@ impl<T: Measure> StagePages<T> {
                 let ends = |range: Range<T>| if range.is_empty() { [T::INVALID; 2] } else { [range.low, range.high] };
                 let [core, reach] = [layer.core[at], layer.reach[at]].map(ends);
                 let voxels = [core[0], core[1], reach[0], reach[1]];
-                ranges[place * size_of_val(&voxels)..][..size_of_val(&voxels)].copy_from_slice(bytemuck::cast_slice(&voxels));
+                ranges[place * size_of_val(&voxels)..][..size_of_val(&voxels)]
+                    .copy_from_slice(bytemuck::cast_slice(&voxels));
                 hashes[place * 16..][..16].copy_from_slice(&layer.hashes[at].to_le_bytes());
             }
         }

@@ -1,5 +1,9 @@
 //! Whole packs of small volumes, against plain loops and against each other.
 
+mod limits;
+mod output;
+mod panics;
+
 use super::disk::Disk;
 use super::*;
 use crate::layout::JOURNAL_NAME;
@@ -545,7 +549,7 @@ fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
     let (mut n, mut resumed_most) = (0, 0);
     loop {
         let store = dir.path().join(format!("{n}.zarr"));
-        let disk = Disk { fuse: Some(AtomicI64::new(n)) };
+        let disk = Disk { fuse: Some(AtomicI64::new(n)), ..Disk::default() };
         match pack_on(&disk, &source, &store, &fresh, &()) {
             Ok(_) => break,
             Err(PackError::Incomplete { done, total, needed_bytes, .. }) => {
@@ -654,12 +658,12 @@ fn resume_checks_the_journal_against_the_files() {
     let store = dir.path().join("s.zarr");
     // All shards are finished; the root document is what fails.
     let changes = {
-        let disk = Disk { fuse: Some(AtomicI64::new(i64::MAX)) };
+        let disk = Disk { fuse: Some(AtomicI64::new(i64::MAX)), ..Disk::default() };
         pack_on(&disk, &source, &store, &fresh, &()).unwrap();
         i64::MAX - disk.fuse.unwrap().load(Ordering::SeqCst)
     };
     std::fs::remove_dir_all(&store).unwrap();
-    let disk = Disk { fuse: Some(AtomicI64::new(changes - 4)) };
+    let disk = Disk { fuse: Some(AtomicI64::new(changes - 4)), ..Disk::default() };
     pack_on(&disk, &source, &store, &fresh, &()).unwrap_err();
     // Power loss: a file missing, one cut short, one with other bytes of the same length, a torn line.
     std::fs::remove_file(store.join("0/c/0/0/1")).unwrap();
@@ -696,22 +700,6 @@ fn a_failing_source_leaves_a_resumable_store() {
         let resume = PackOptions { exists: Exists::Resume, ..fresh };
         pack(&source, &store, &resume, &()).unwrap();
         assert_same(&expected, &files(&store), "resumed");
-    }
-}
-
-#[test]
-fn two_packs_into_one_store_are_told_apart() {
-    let dir = tempfile::tempdir().unwrap();
-    let store = dir.path().join("s.zarr");
-    let source = Array::new([40, 40, 40], |p| value(p) as u8);
-    source.fuse.store(5, Ordering::Relaxed);
-    let fresh = options(VoxelType::U8);
-    pack(&source, &store, &fresh, &()).unwrap_err();
-    let first = journal::Journal::open(&Disk::default(), &store).unwrap();
-    first.lock().unwrap();
-    for exists in [Exists::Resume, Exists::Overwrite] {
-        let error = pack(&source, &store, &PackOptions { exists, ..fresh.clone() }, &()).unwrap_err();
-        assert!(matches!(error, PackError::Busy { .. }), "{error}");
     }
 }
 

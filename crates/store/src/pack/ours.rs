@@ -1,0 +1,131 @@
+//! What packing writes into a store's directory. Nothing else is ever deleted: where there is something else, what would
+//! replace the store is refused.
+
+use crate::downsample::Downsample;
+use crate::layout::{JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
+use crate::pack::disk::{Disk, DiskError, temporary};
+use std::fs::DirEntry;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The arrays beside each level.
+const SIDE_ARRAYS: [&str; 4] = ["minmax", "occupancy", "shards", "aprons"];
+
+/// A folder of a store, by what may stand in it.
+#[derive(Clone, Copy)]
+enum Folder {
+    /// Levels and the root document.
+    Store,
+    /// An array: a document, chunks and side data.
+    Array,
+    /// Chunks or folders of chunks, by number.
+    Chunks,
+    /// Arrays.
+    Side,
+}
+
+impl Folder {
+    fn may_hold_file(self, name: &str) -> bool {
+        let whole = name.strip_suffix(".tmp").unwrap_or(name);
+        match self {
+            Self::Store => ["zarr.json", JOURNAL_NAME].contains(&whole) || name == LOCK_NAME,
+            Self::Array => whole == "zarr.json",
+            Self::Chunks => is_number(whole),
+            Self::Side => false,
+        }
+    }
+
+    /// What a folder of this name is here.
+    fn inner(self, name: &str) -> Option<Self> {
+        let is_side = || SIDE_ARRAYS.contains(&name) || Downsample::ALL.iter().any(|method| method.name() == name);
+        match self {
+            Self::Store => is_number(name).then_some(Self::Array),
+            Self::Array if name == "c" => Some(Self::Chunks),
+            Self::Array => (name == SIDE_NAME).then_some(Self::Side),
+            Self::Chunks => is_number(name).then_some(Self::Chunks),
+            Self::Side => is_side().then_some(Self::Array),
+        }
+    }
+}
+
+/// Whether it is a number as we write it.
+fn is_number(name: &str) -> bool {
+    name.parse::<u32>().is_ok_and(|n| n.to_string() == name)
+}
+
+/// What an entry of a folder is.
+enum Entry {
+    File,
+    Folder(Folder),
+    Foreign,
+}
+
+fn classify(folder: Folder, entry: &DirEntry) -> io::Result<Entry> {
+    let (kind, name) = (entry.file_type()?, entry.file_name());
+    let name = name.to_string_lossy();
+    Ok(if kind.is_dir() {
+        folder.inner(&name).map_or(Entry::Foreign, Entry::Folder)
+    } else if kind.is_file() && folder.may_hold_file(&name) {
+        Entry::File
+    } else {
+        Entry::Foreign
+    })
+}
+
+/// Something in a store's directory that packing did not write, if there is such a thing.
+pub(crate) fn find_foreign(store: &Path) -> io::Result<Option<PathBuf>> {
+    find_foreign_in(Folder::Store, store)
+}
+
+fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
+    for entry in std::fs::read_dir(dir)? {
+        let entry = entry?;
+        let found = match classify(folder, &entry)? {
+            Entry::File => None,
+            Entry::Folder(inner) => find_foreign_in(inner, &entry.path())?,
+            Entry::Foreign => Some(entry.path()),
+        };
+        if found.is_some() {
+            return Ok(found);
+        }
+    }
+    Ok(None)
+}
+
+/// Deletes what packing wrote into a store's directory, but not its journal and lock.
+///
+/// # Errors
+/// If something cannot be deleted: folders that hold something else stay.
+pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
+    // From its first moment on this is no store any more.
+    for name in [store.join("zarr.json"), temporary(&store.join("zarr.json"))] {
+        remove_file(disk, &name)?;
+    }
+    disk.sync_dir(store)?;
+    remove_in(disk, Folder::Store, store)
+}
+
+fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<(), DiskError> {
+    let io = |error| DiskError { path: dir.into(), error };
+    for entry in std::fs::read_dir(dir).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        let path = entry.path();
+        match classify(folder, &entry).map_err(io)? {
+            Entry::File if entry.file_name() == JOURNAL_NAME || entry.file_name() == LOCK_NAME => {}
+            Entry::File => remove_file(disk, &path)?,
+            Entry::Folder(inner) => {
+                remove_in(disk, inner, &path)?;
+                disk.remove_dir(&path)?;
+            }
+            Entry::Foreign => {}
+        }
+    }
+    Ok(())
+}
+
+fn remove_file(disk: &Disk, path: &Path) -> Result<(), DiskError> {
+    match disk.remove_file(path) {
+        Err(DiskError { error, .. }) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        other => other,
+    }
+}

@@ -1,0 +1,424 @@
+//! Where packs go: several at once on one output, what overwriting deletes, and overwrites that stop midway.
+
+use super::*;
+use std::sync::Barrier;
+use std::time::Duration;
+
+fn source() -> Array<u8> {
+    Array::new([70, 40, 75], |p| value(p) as u8)
+}
+
+/// Settings that give different stores.
+fn variant(i: usize, exists: Exists) -> PackOptions {
+    PackOptions { codec: Codec::Zstd(1 + i as i32), exists, threads: 1, ..options(VoxelType::U8) }
+}
+
+fn fingerprint_of(store: &Path) -> String {
+    Store::open(store).unwrap().info().settings_fingerprint.clone()
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// Stops a pack once so many shards are there.
+fn interrupted(store: &Path, options: &PackOptions) {
+    let source = source();
+    source.fuse.store(30, Ordering::Relaxed);
+    pack(&source, store, options, &()).unwrap_err();
+}
+
+/// Packs that start together, each with its own settings and delay; who wrote the store, by place.
+fn together(store: &Path, packs: &[(PackOptions, Duration)]) -> Vec<Result<PackReport, PackError>> {
+    let (source, start) = (source(), Barrier::new(packs.len()));
+    let one = |(options, delay): &(PackOptions, Duration)| {
+        start.wait();
+        std::thread::sleep(*delay);
+        pack(&source, store, options, &())
+    };
+    let one = &one;
+    std::thread::scope(|scope| {
+        let running: Vec<_> = packs.iter().map(|pack| scope.spawn(move || one(pack))).collect();
+        running.into_iter().map(|pack| pack.join().unwrap()).collect()
+    })
+}
+
+fn is_me(error: &PackError) -> bool {
+    matches!(error, PackError::Busy { holder: Some(holder), .. } if holder.pid == std::process::id())
+}
+
+/// The store is whole, is the last winner's, and stands alone.
+fn assert_whole(store: &Path, fingerprints: &[String], what: &str) {
+    assert_eq!(crate::verify::verify(store, |_, _| {}).unwrap().problems, [], "{what}");
+    assert!(fingerprints.contains(&fingerprint_of(store)), "{what}");
+    assert!(!files(store).keys().any(|path| path.to_string_lossy().contains(".brickyard-")), "{what}");
+    assert_eq!(names(store.parent().unwrap()), ["s.zarr"], "{what}");
+}
+
+#[test]
+fn of_packs_that_start_together_one_wins_and_the_others_learn_who() {
+    let mut random = 12345u64;
+    let mut delay = |most: u64| {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        Duration::from_micros((random >> 33) % most.max(1))
+    };
+    let settings = |options: &PackOptions| fingerprint(&super::settings(&source(), options));
+    for round in 0..12 {
+        // From all at once to spread over a pack's time.
+        let most = [1, 300, 3000, 30_000][round % 4];
+        let dir = tempfile::tempdir().unwrap();
+        let store = dir.path().join("s.zarr");
+        let mut fresh = |i: usize| (variant(i % 3, Exists::Refuse), delay(most));
+        let packs: Vec<_> = (0..8).map(&mut fresh).collect();
+        let done = together(&store, &packs);
+        let won: Vec<_> = (0..packs.len()).filter(|&i| done[i].is_ok()).collect();
+        assert_eq!(won.len(), 1, "round {round}: {done:?}");
+        for error in done.iter().filter_map(|done| done.as_ref().err()) {
+            assert!(is_me(error) || matches!(error, PackError::Exists { .. }), "round {round}: {error}");
+        }
+        assert_whole(&store, &[settings(&packs[won[0]].0)], "fresh");
+
+        // Some replace it, one after another or one of them alone: each that says so has.
+        let packs: Vec<_> = (0..6).map(|i| (variant(i % 3, Exists::Overwrite), delay(most))).collect();
+        let done = together(&store, &packs);
+        let won: Vec<_> = (0..packs.len()).filter(|&i| done[i].is_ok()).map(|i| settings(&packs[i].0)).collect();
+        assert!(!won.is_empty() && done.iter().all(|done| done.as_ref().err().is_none_or(is_me)), "{done:?}");
+        assert_whole(&store, &won, "overwritten");
+
+        // An unfinished one: those that resume it, right and wrong, and one that starts over.
+        std::fs::remove_dir_all(&store).unwrap();
+        interrupted(&store, &variant(1, Exists::Refuse));
+        let mut packs: Vec<_> = (0..6).map(|i| (variant(i % 3, Exists::Resume), delay(most))).collect();
+        packs.extend((round % 2 == 1).then(|| (variant(0, Exists::Overwrite), delay(most))));
+        let done = together(&store, &packs);
+        let won: Vec<_> = (0..packs.len()).filter(|&i| done[i].is_ok()).map(|i| settings(&packs[i].0)).collect();
+        assert!(!won.is_empty(), "round {round}: {done:?}");
+        for error in done.iter().filter_map(|done| done.as_ref().err()) {
+            assert!(is_me(error) || matches!(error, PackError::Mismatch { .. }), "round {round}: {error}");
+        }
+        assert_whole(&store, &won, "resumed");
+    }
+}
+
+/// The same with processes: some are killed, the others go on where they were.
+#[test]
+fn of_processes_that_start_together_one_wins() {
+    const CHILD: &str = "BRICKYARD_TEST_PACK";
+    if let Ok(task) = std::env::var(CHILD) {
+        let mut words = task.splitn(3, ' ');
+        let [i, delay] = [0; 2].map(|_| words.next().unwrap().parse::<usize>().unwrap());
+        std::thread::sleep(Duration::from_millis(delay as u64));
+        let store = Path::new(words.next().unwrap());
+        // Whoever is killed leaves what can be resumed, by those with its settings.
+        let options = variant(i % 2, if i < 4 { Exists::Resume } else { Exists::Overwrite });
+        let done = pack(&source(), store, &options, &());
+        std::process::exit(match done {
+            Ok(_) => 0,
+            Err(PackError::Busy { holder: Some(_), .. } | PackError::Mismatch { .. }) => 1,
+            Err(error) => panic!("{error}"),
+        });
+    }
+    let name = "pack::tests::output::of_processes_that_start_together_one_wins";
+    for round in 0..4 {
+        let dir = tempfile::tempdir().unwrap();
+        let store = dir.path().join("s.zarr");
+        let start = |i: usize| {
+            let task = format!("{i} {} {}", i * round * 3, store.display());
+            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+            let child = child.args(["--exact", name]).env(CHILD, task).stdout(std::process::Stdio::null());
+            child.spawn().unwrap()
+        };
+        let mut children: Vec<_> = (0..8).map(start).collect();
+        if round % 2 == 1 {
+            std::thread::sleep(Duration::from_millis(60));
+            children[0].kill().unwrap();
+        }
+        let codes: Vec<_> = children.iter_mut().map(|child| child.wait().unwrap().code()).collect();
+        assert!(codes.iter().enumerate().all(|(i, code)| matches!(code, Some(0 | 1)) || i == 0), "{codes:?}");
+        assert!(codes.contains(&Some(0)) || round % 2 == 1, "{codes:?}");
+        // By now nobody is at work.
+        pack(&source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
+        assert_whole(&store, &[fingerprint(&settings(&source(), &variant(0, Exists::Refuse)))], "in the end");
+    }
+}
+
+#[test]
+fn who_packs_is_named_until_it_ends() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    interrupted(&store, &variant(0, Exists::Refuse));
+    let disk = Disk::default();
+    let held = lock::DirLock::take(&disk, &store).unwrap();
+    held.declare(&disk).unwrap();
+    for exists in [Exists::Refuse, Exists::Resume, Exists::Overwrite] {
+        let error = pack(&source(), &store, &variant(0, exists), &()).unwrap_err();
+        let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
+        let named = format!("another pack is at work there (process {} on {host})", std::process::id());
+        assert!(is_me(&error) && error.to_string().contains(&named), "{error}");
+    }
+    drop(held);
+    let refused = pack(&source(), &store, &variant(0, Exists::Refuse), &()).unwrap_err();
+    assert!(matches!(refused, PackError::Exists { unfinished: true, .. }), "{refused}");
+    // A process that was killed leaves its name, but not the lock.
+    std::fs::write(store.join(crate::layout::LOCK_NAME), "999999999 elsewhere\n").unwrap();
+    pack(&source(), &store, &variant(0, Exists::Resume), &()).unwrap();
+    assert_eq!(names(dir.path()), ["s.zarr"]);
+}
+
+/// A lock file that lost its name while it was waited for is no lock.
+#[test]
+fn a_lock_without_its_name_is_taken_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let disk = Disk::default();
+    for _ in 0..200 {
+        let inside = std::sync::atomic::AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    let Ok(lock) = lock::DirLock::take(&disk, &dir.path().join("a")) else { return };
+                    assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0, "two have it");
+                    std::thread::yield_now();
+                    inside.fetch_sub(1, Ordering::SeqCst);
+                    drop(lock);
+                });
+            }
+        });
+    }
+}
+
+#[test]
+fn overwriting_deletes_only_what_packing_wrote() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let both = |exists| PackOptions { downsample: mean_and_max(), aprons: 1, ..variant(0, exists) };
+    pack(&source(), &store, &both(Exists::Refuse), &()).unwrap();
+    assert_eq!(ours::find_foreign(&store).unwrap(), None, "all that packing writes is known");
+    let expected = files(&store);
+    let overwrite = |options: PackOptions| pack(&source(), &store, &options, &()).unwrap_err();
+
+    let foreign = ["labels/zarr.json", "0/notes.txt", "1/c/0/0/notes", "0/c/00", "0/.brickyard/minmax/x", "2/x/y"];
+    for name in foreign {
+        let path = store.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, "theirs").unwrap();
+        let error = overwrite(variant(1, Exists::Overwrite));
+        assert!(matches!(&error, PackError::Foreign { found, .. } if path.starts_with(found)), "{name}: {error}");
+        assert_eq!(std::fs::read(&path).unwrap(), b"theirs");
+        std::fs::remove_file(&path).unwrap();
+        let _ = std::fs::remove_dir(path.parent().unwrap());
+    }
+    std::os::unix::fs::symlink(dir.path(), store.join("7")).unwrap();
+    assert!(matches!(overwrite(variant(1, Exists::Overwrite)), PackError::Foreign { .. }));
+    std::fs::remove_file(store.join("7")).unwrap();
+    assert_same(&expected, &files(&store), "refused");
+    assert_eq!(names(dir.path()), ["s.zarr"]);
+
+    // An unfinished pack likewise.
+    let unfinished = dir.path().join("u.zarr");
+    interrupted(&unfinished, &variant(0, Exists::Refuse));
+    std::fs::write(unfinished.join("theirs"), "x").unwrap();
+    let error = pack(&source(), &unfinished, &variant(0, Exists::Overwrite), &()).unwrap_err();
+    assert!(matches!(error, PackError::Foreign { .. }), "{error}");
+    assert!(unfinished.join(JOURNAL_NAME).exists());
+    std::fs::remove_dir_all(&unfinished).unwrap();
+
+    // What has the name by which a store is replaced is left alone: a store, an unfinished pack, a folder, a file.
+    let beside = dir.path().join("s.zarr.packing");
+    let refused = |what: &str| {
+        let before = if beside.is_dir() { files(&beside) } else { Default::default() };
+        let error = overwrite(variant(1, Exists::Overwrite));
+        assert!(matches!(&error, PackError::InTheWay { path, .. } if *path == beside), "{what}: {error}");
+        if beside.is_dir() {
+            assert_same(&before, &files(&beside), what);
+        }
+    };
+    pack(&source(), &beside, &variant(0, Exists::Refuse), &()).unwrap();
+    refused("a store");
+    std::fs::remove_dir_all(&beside).unwrap();
+    interrupted(&beside, &variant(0, Exists::Refuse));
+    refused("an unfinished pack");
+    let difference = pack(&source(), &store, &variant(0, Exists::Resume), &()).unwrap_err();
+    assert!(matches!(difference, PackError::Mismatch { .. }), "{difference}");
+    std::fs::remove_dir_all(&beside).unwrap();
+    std::fs::create_dir(&beside).unwrap();
+    std::fs::write(beside.join("x"), "theirs").unwrap();
+    refused("a folder");
+    std::fs::remove_dir_all(&beside).unwrap();
+    std::fs::write(&beside, "theirs").unwrap();
+    refused("a file");
+    std::fs::remove_file(&beside).unwrap();
+    pack(&source(), &store, &variant(1, Exists::Overwrite), &()).unwrap();
+    assert_eq!(names(dir.path()), ["s.zarr"]);
+}
+
+/// What a link leads to is replaced, and the link stays; a directory may be named by a dot.
+#[test]
+fn links_and_dots_name_what_they_lead_to() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("real/s.zarr");
+    pack(&source(), &store, &variant(0, Exists::Refuse), &()).unwrap();
+    let link = dir.path().join("link");
+    std::os::unix::fs::symlink(&store, &link).unwrap();
+    for (i, name) in [(1, link.clone()), (2, link.join("")), (0, store.join(".")), (1, store.join("../s.zarr/0/.."))] {
+        let expected = fingerprint(&settings(&source(), &variant(i, Exists::Overwrite)));
+        pack(&source(), &name, &variant(i, Exists::Overwrite), &()).unwrap();
+        assert_eq!(fingerprint_of(&store), expected, "{}", name.display());
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(
+            (names(dir.path()), names(&dir.path().join("real"))),
+            (vec!["link".into(), "real".into()], vec!["s.zarr".into()])
+        );
+    }
+    std::fs::remove_dir_all(dir.path().join("real")).unwrap();
+    let error = pack(&source(), &link, &variant(0, Exists::Refuse), &()).unwrap_err();
+    assert!(error.to_string().contains("link"), "{error}");
+}
+
+/// Stopped at any change, an overwrite leaves the old store or the new one, and is finished by going on or started over.
+#[test]
+fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
+    let small = || Array::new([12, 12, 20], |p| value(p) as u8 + 1);
+    let (old, new) = (variant(0, Exists::Overwrite), variant(1, Exists::Overwrite));
+    let (old_files, new_files) = (packed(&small(), &old), packed(&small(), &new));
+    for cannot_exchange in [false, true] {
+        let overwrite = |fuse: i64| {
+            let dir = tempfile::tempdir().unwrap();
+            let store = dir.path().join("s.zarr");
+            pack(&small(), &store, &old, &()).unwrap();
+            let disk = Disk { fuse: Some(AtomicI64::new(fuse)), cannot_exchange, ..Disk::default() };
+            let stopped = pack_on(&disk, &small(), &store, &new, &());
+            (dir, store, stopped, disk.log.into_inner().unwrap())
+        };
+        let (_dir, store, done, log) = overwrite(i64::MAX);
+        done.unwrap();
+        assert_same(&new_files, &files(&store), "all of it");
+        // The change of names and what is near it; of the others some.
+        let names_change = |what: &str, path: &Path| what == "exchange" || what == "rename_dir" || path == store;
+        let exchange = log.iter().position(|(what, path)| names_change(what, path)).unwrap();
+        let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n % 11 == 0;
+        let mut without = 0;
+        for n in (0..log.len()).filter(near) {
+            let (dir, store, stopped, _) = overwrite(n as i64);
+            let what = format!("stopped at change {n} ({:?}), {cannot_exchange}", log[n]);
+            assert!(stopped.is_err(), "{what}");
+            if store.exists() {
+                let mut left = files(&store);
+                left.remove(Path::new(JOURNAL_NAME));
+                assert_same(if left == old_files { &old_files } else { &new_files }, &left, &what);
+            } else {
+                // Between two renames.
+                without += 1;
+                assert_same(&old_files, &files(&dir.path().join("s.zarr.replaced")), &what);
+            }
+            let disk = Disk { cannot_exchange, ..Disk::default() };
+            // Every other time by starting over.
+            let exists = if n % 2 == 0 { Exists::Resume } else { Exists::Overwrite };
+            let ended = pack_on(&disk, &small(), &store, &PackOptions { exists, ..new.clone() }, &());
+            // Stopped before it began, there is nothing to resume.
+            if !matches!(ended, Err(PackError::Mismatch { .. })) {
+                ended.unwrap_or_else(|error| panic!("{what}: {error}"));
+                assert_same(&new_files, &files(&store), &what);
+                assert_eq!(names(dir.path()), ["s.zarr"], "{what}");
+            }
+        }
+        assert_eq!(without, cannot_exchange as u32);
+    }
+}
+
+/// What makes a store last, in this order: a shard's bytes, its name, the journal's line; all names, the root document, the
+/// folder that the store is in; the exchange, the old store's removal; the journal's.
+#[test]
+fn what_lasts_lasts_before_what_tells_of_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("new/folder/s.zarr");
+    let changes = |options: &PackOptions| {
+        let disk = Disk::default();
+        pack_on(&disk, &source(), &store, options, &()).unwrap();
+        let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().to_string_lossy().into_owned();
+        disk.log.into_inner().unwrap().iter().map(|(what, path)| format!("{what} {}", name(path))).collect::<Vec<_>>()
+    };
+    // The last place of the one lies before the first of the other.
+    let check = |log: &[String], before: &str, after: &str| {
+        let last = log.iter().rposition(|change| change == before).unwrap_or_else(|| panic!("{before} in {log:#?}"));
+        let first = log.iter().position(|change| change == after).unwrap_or_else(|| panic!("{after} in {log:#?}"));
+        assert!(last < first, "{before} before {after}: {log:#?}");
+    };
+    let log = changes(&variant(0, Exists::Refuse));
+    let at = "new/folder/s.zarr";
+    let begun = log.iter().position(|change| change.contains("/c/")).unwrap();
+    for made in ["", "new", "new/folder"] {
+        assert!(log[..begun].contains(&format!("sync_dir {made}")), "{made}: {log:#?}");
+    }
+    let journal = format!("{at}/{JOURNAL_NAME}");
+    let shards: Vec<&String> =
+        log.iter().filter(|change| change.starts_with("rename") && change.contains("/c/")).collect();
+    assert!(shards.len() > 10);
+    for shard in shards {
+        let shard = shard.trim_start_matches("rename ");
+        check(&log, &format!("sync {shard}.tmp"), &format!("rename {shard}"));
+        let folder = Path::new(shard).parent().unwrap().display();
+        check(&log, &format!("rename {shard}"), &format!("sync_dir {folder}"));
+        check(&log, &format!("sync_dir {folder}"), &format!("rename {at}/zarr.json"));
+    }
+    check(&log, &format!("sync {at}/zarr.json.tmp"), &format!("rename {at}/zarr.json"));
+    check(&log, &format!("rename {at}/zarr.json"), &format!("remove_file {journal}"));
+    let tail: Vec<&str> = log.iter().rev().take(4).rev().map(String::as_str).collect();
+    let (synced, parent) = (format!("sync_dir {at}"), "sync_dir new/folder".to_string());
+    assert_eq!(tail, [&synced, &parent, &format!("remove_file {journal}"), &synced]);
+
+    let log = changes(&variant(1, Exists::Overwrite));
+    let exchange = log.iter().position(|change| change.starts_with("exchange")).unwrap();
+    let (before, tail) = log.split_at(exchange);
+    assert_eq!(
+        before[before.len() - 2..],
+        [format!("rename {at}.packing/zarr.json"), format!("sync_dir {at}.packing")]
+    );
+    assert_eq!(tail[1], parent);
+    check(tail, &parent, &format!("remove_file {at}.packing/zarr.json"));
+    check(tail, &format!("remove_file {at}.packing/zarr.json"), &format!("remove_file {at}.packing/0/zarr.json"));
+    check(tail, &format!("remove_dir {at}.packing"), &format!("remove_file {journal}"));
+}
+
+/// Each setting that decides a store's bytes is looked at before a pack is resumed.
+#[test]
+fn every_setting_is_compared_on_resume() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let first = variant(0, Exists::Refuse);
+    interrupted(&store, &first);
+    let keys = settings(&source(), &first);
+    let head = journal::Head::of(&store);
+    for (key, value) in keys.as_object().unwrap() {
+        let mut changed = head.clone();
+        changed.settings[key] = if value == &json!(77) { json!(78) } else { json!(77) };
+        drop(journal::Journal::create(&Disk::default(), &store, changed).unwrap());
+        let error = pack(&source(), &store, &variant(0, Exists::Resume), &()).unwrap_err().to_string();
+        assert!(error.contains("cannot be resumed") && error.contains(&format!("{key} was")), "{key}: {error}");
+    }
+    // What the program says of its input and options ends up in them.
+    let differs = |change: &dyn Fn(&mut Array<u8>, &mut PackOptions), key: &str| {
+        let (mut source, mut options) = (source(), first.clone());
+        change(&mut source, &mut options);
+        let found = settings(&source, &options);
+        let changed: Vec<&String> = keys.as_object().unwrap().keys().filter(|k| keys[*k] != found[*k]).collect();
+        assert_eq!(changed, [key]);
+    };
+    differs(&|_, o| o.kind = Kind::Labels, "kind");
+    differs(&|s, _| s.info.orientation = Some([[1.0; 4]; 3]), "orientation");
+    differs(&|s, _| s.info.geometry.origin.x = 1.0, "geometry");
+    differs(&|s, _| s.info.geometry.unit = Some("m".into()), "geometry");
+    differs(&|s, _| s.info.identity = "other".into(), "source");
+    differs(&|s, _| s.info.times = 2, "times");
+    differs(&|s, _| s.info.channels = 2, "channels");
+    differs(&|s, _| s.info.voxel_type = VoxelType::I8, "voxel_type");
+    differs(&|s, _| s.info.extent.x = 71, "extent");
+    differs(&|_, o| o.edge = 32, "brick");
+    differs(&|_, o| o.shard_edge = 64, "shard");
+    differs(&|_, o| o.codec = Codec::None, "codec");
+    differs(&|_, o| o.downsample = Downsample::Max.into(), "downsample");
+    differs(&|_, o| o.aprons = 1, "aprons");
+    differs(&|s, _| s.info.calibrated = true, "calibrated");
+}

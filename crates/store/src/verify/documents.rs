@@ -1,0 +1,208 @@
+//! Every `zarr.json` against the one that packing would write from the store's settings: what it wrote must stand there as it
+//! was; what others have added is theirs.
+//!
+//! Settings, statistics and placement are themselves read from the root document. So that one byte in one of them is found
+//! as well, the document holds a checksum of what was written.
+
+use crate::error::OpenError;
+use crate::metadata::{apron_document, level_document, root_document};
+use crate::side::read_json;
+use crate::store::Store;
+use crate::verify::VerifyProblem;
+use brickyard_volume::Level;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// The problems of the documents of some levels, each of its pyramid, the main one first.
+pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
+    let root = root_document(main.layout(), main.geometry(), main.info());
+    let mut documents = vec![(main.path().join("zarr.json"), root)];
+    for (store, level) in levels {
+        let (layout, info) = (store.layout(), store.info());
+        let path = |of: &crate::layout::Layout| store.path().join(of.level_path(level)).join("zarr.json");
+        documents.push((path(layout), level_document(layout, level, info)));
+        if let Some(apron) = info.apron() {
+            let layout = layout.of_aprons();
+            documents.push((path(&layout), apron_document(&layout, level, apron, info)));
+        }
+    }
+    documents.into_iter().filter_map(|(path, expected)| check_one(path, &expected)).collect()
+}
+
+fn check_one(path: PathBuf, expected: &Value) -> Option<VerifyProblem> {
+    let what = match read_json(&path) {
+        Ok(found) => difference(expected, &found, &mut String::new())?,
+        Err(OpenError::Io { error, .. }) => error.to_string(),
+        Err(error) => without_path(&error.to_string(), &path),
+    };
+    Some(VerifyProblem { brick: None, path, what })
+}
+
+/// A message without the file, which a problem names by itself.
+pub(super) fn without_path(message: &str, path: &Path) -> String {
+    message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
+}
+
+/// The first place where a document is not as expected. Keys that are not expected are others'.
+fn difference(expected: &Value, found: &Value, at: &mut String) -> Option<String> {
+    let length = at.len();
+    let mut inner = |expected: &Value, found: Option<&Value>, step: &str| {
+        at.push_str(step);
+        let differs = match found {
+            Some(found) => difference(expected, found, at),
+            None => Some(format!("{at}: missing")),
+        };
+        at.truncate(length);
+        differs
+    };
+    let is_same = match (expected, found) {
+        (Value::Object(expected), Value::Object(found)) => {
+            let dot = if length == 0 { "" } else { "." };
+            return expected.iter().find_map(|(key, value)| inner(value, found.get(key), &format!("{dot}{key}")));
+        }
+        (Value::Array(expected), Value::Array(found)) if expected.len() == found.len() => {
+            let pairs = expected.iter().zip(found).enumerate();
+            return pairs.into_iter().find_map(|(i, (value, found))| inner(value, Some(found), &format!("[{i}]")));
+        }
+        // 1 and 1.0 are one number, and others may write either.
+        (Value::Number(a), Value::Number(b)) => a == b || (a.is_f64() || b.is_f64()) && a.as_f64() == b.as_f64(),
+        _ => expected == found,
+    };
+    (!is_same).then(|| format!("{at}: expected {}, found {}", short(expected), short(found)))
+}
+
+fn short(value: &Value) -> String {
+    const MOST: usize = 200;
+    let text = value.to_string();
+    if text.chars().count() <= MOST { text } else { text.chars().take(MOST).chain(['…']).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::downsample::Downsample;
+    use crate::metadata::document_bytes;
+    use crate::store::Store;
+    use crate::test_store::{TestStore, bumps};
+    use crate::verify::verify;
+    use serde_json::{Value, json};
+    use std::path::{Path, PathBuf};
+
+    /// All documents of a store.
+    fn documents(dir: &Path) -> Vec<PathBuf> {
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(dir).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                found.extend(documents(&path));
+            } else if path.file_name().is_some_and(|name| name == "zarr.json") {
+                found.push(path);
+            }
+        }
+        found
+    }
+
+    /// Whether a flip cannot change what anybody reads: numbers and keys are the same, but for an array's empty attributes.
+    fn is_neutral(sound: &[u8], flipped: &[u8]) -> bool {
+        let parsed = |bytes: &[u8]| {
+            let mut value = serde_json::from_slice::<Value>(bytes).ok()?;
+            let object = value.as_object_mut()?;
+            if object.get("attributes").is_none_or(|attributes| attributes == &json!({})) {
+                object.remove("attributes");
+                object.retain(|key, value| key.len() != "attributes".len() || value != &json!({}));
+            }
+            Some(value)
+        };
+        parsed(flipped).is_some_and(|flipped| Some(flipped) == parsed(sound))
+    }
+
+    fn check_flips(dir: &Path) {
+        let mut found = 0;
+        for path in documents(dir) {
+            let sound = std::fs::read(&path).unwrap();
+            // Of the lines of a histogram, which are all alike, some.
+            let counts =
+                sound.windows(9).position(|word| word == b"\"counts\":").map_or(0..0, |at| at + 200..at + 5000);
+            for i in (0..sound.len()).filter(|i| !counts.contains(i) || i % 17 == 0) {
+                let mut bad = sound.clone();
+                bad[i] ^= 1 << (i * 5 % 8);
+                std::fs::write(&path, &bad).unwrap();
+                let is_found = verify(dir, |_, _| {}).is_ok_and(|report| report.problems.is_empty());
+                let around = String::from_utf8_lossy(&bad[i.saturating_sub(30)..(i + 30).min(bad.len())]).into_owned();
+                assert!(!is_found || is_neutral(&sound, &bad), "{}: byte {i}: {around}", path.display());
+                found += !is_found as u32;
+            }
+            std::fs::write(&path, &sound).unwrap();
+        }
+        assert!(found > 3000, "{found}");
+    }
+
+    #[test]
+    fn every_flipped_byte_of_a_document_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore { extent: [12, 8, 8], shard: 8, ..TestStore::default() }.write(dir.path(), bumps);
+        check_flips(dir.path());
+    }
+
+    /// Of stores of one level too, where no number is there twice.
+    #[test]
+    fn every_edit_of_what_was_written_is_found() {
+        for extent in [[8, 8, 8], [20, 20, 20]] {
+            let dir = tempfile::tempdir().unwrap();
+            TestStore { extent, channels: 2, ..TestStore::default() }.write(dir.path(), bumps);
+            for path in documents(dir.path()) {
+                let sound = std::fs::read(&path).unwrap();
+                let document: Value = serde_json::from_slice(&sound).unwrap();
+                let mut pointers = Vec::new();
+                leaves(&document, String::new(), &mut pointers);
+                for pointer in pointers {
+                    if pointer.contains("/counts/") && !pointer.ends_with('7') {
+                        continue;
+                    }
+                    let mut bad = document.clone();
+                    let leaf = bad.pointer_mut(&pointer).unwrap();
+                    *leaf = match &*leaf {
+                        Value::Number(number) => json!(number.as_f64().unwrap() * 1.000001 + 1e-9),
+                        Value::String(text) => json!(format!("{text}x")),
+                        Value::Bool(flag) => json!(!flag),
+                        _ => json!([1]),
+                    };
+                    std::fs::write(&path, document_bytes(&bad)).unwrap();
+                    let is_found = verify(dir.path(), |_, _| {}).map_or(true, |report| !report.problems.is_empty());
+                    assert!(is_found || pointer == "/attributes", "{}: {pointer}", path.display());
+                }
+                std::fs::write(&path, &sound).unwrap();
+            }
+            assert_eq!(verify(dir.path(), |_, _| {}).unwrap().problems, []);
+        }
+    }
+
+    fn leaves(value: &Value, at: String, found: &mut Vec<String>) {
+        match value {
+            Value::Object(object) if !object.is_empty() => {
+                object.iter().for_each(|(key, value)| leaves(value, format!("{at}/{key}"), found));
+            }
+            Value::Array(array) if !array.is_empty() => {
+                array.iter().enumerate().for_each(|(i, value)| leaves(value, format!("{at}/{i}"), found));
+            }
+            _ => found.push(at),
+        }
+    }
+
+    #[test]
+    fn what_others_add_is_theirs() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore::default().write(dir.path(), bumps);
+        for path in documents(dir.path()) {
+            let mut document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+            document["consolidated_metadata"] = json!(null);
+            document["attributes"]["theirs"] = json!({ "a": 1 });
+            if path.parent() == Some(dir.path()) {
+                document["attributes"]["ome"]["name"] = json!("head");
+                document["attributes"]["ome"]["omero"]["rdefs"] = json!({ "model": "color" });
+            }
+            std::fs::write(&path, document_bytes(&document)).unwrap();
+        }
+        assert_eq!(verify(dir.path(), |_, _| {}).unwrap().problems, []);
+        assert_eq!(Store::open(dir.path()).unwrap().downsample(), Downsample::Mean);
+    }
+}
