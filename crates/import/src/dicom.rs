@@ -138,7 +138,6 @@ impl DicomSeries {
         check_sizes(&files)?;
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
-            check_frames(header, frames)?;
             for frame in 0..frames.count() {
                 slices.push((find_slice(header, file, frame, options)?, meaning_of(header, frames, frame)?));
             }
@@ -194,8 +193,8 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
 }
 
 /// Frames of one file need a place each.
-fn check_frames(header: &Header, frames: &Frames) -> Result<(), ImportError> {
-    let (count, placed) = (frames.count(), header.placed_frames());
+fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
+    let placed = header.placed_frames() as u64;
     if count > 1 && placed == 0 {
         let feature =
             format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
@@ -350,6 +349,10 @@ impl Source for DicomSeries {
 
     fn access(&self) -> Access {
         Access::Planes
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.files.iter().map(|(_, frames)| frames.reader_bytes()).max().unwrap_or(0)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -10,6 +10,7 @@ mod axes;
 mod dicom;
 mod element;
 mod error;
+mod mapped;
 mod mesh;
 mod nifti;
 mod npy;
@@ -19,6 +20,7 @@ mod placement;
 mod raw;
 mod series;
 mod source;
+mod stamp;
 mod synth;
 #[cfg(test)]
 mod testing;

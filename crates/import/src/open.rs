@@ -242,6 +242,10 @@ impl Source for Described {
         self.source.access()
     }
 
+    fn reader_bytes(&self) -> u64 {
+        self.source.reader_bytes()
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.source.read_box(time, channel, region, out)
     }

@@ -1,10 +1,12 @@
 //! What a pack will need, before it starts.
 //!
 //! ```text
-//! memory = fixed + windows kept in memory + 24 MiB (program, stacks, allocator)
+//! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
 //!        + bricks of all stages * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
 //! stages = level 0, and levels k >= 1 of each pyramid
+//! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
+//!         = threads * what the source's reader says it takes               (sources that read boxes)
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
 //! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
@@ -18,7 +20,7 @@
 //! ```
 //!
 //! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
-//! rings of the same size in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
+//! rings of the same size in a scratch file. So `fixed + reading` is the least memory a pack needs.
 
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
@@ -144,7 +146,9 @@ pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, Pack
     let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
     plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
     plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
-    let streaming = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
+    let streaming = fixed_bytes(&plan, info.voxel_type, options)
+        .saturating_add(reading_bytes(source, options))
+        .saturating_add(PROGRAM_BYTES);
     let apron_pass = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
     let needed_bytes = streaming.max(apron_pass.as_ref().map_or(0, ApronMemory::least));
     if needed_bytes > options.memory_bytes {
@@ -248,6 +252,18 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
     let channels = plan.layout.channels as u64 * (MIB / 2);
     threads * (buffers + compressor) + in_flight + bricks + indexes + channels
+}
+
+/// What threads hold of a source while they read it.
+fn reading_bytes(source: &dyn Source, options: &PackOptions) -> u64 {
+    let info = source.info();
+    match source.access() {
+        Access::Planes => {
+            let plane = info.extent.x as u64 * info.extent.y as u64 * info.voxel_type.bytes() as u64;
+            source.reader_bytes().saturating_add(plane)
+        }
+        Access::Box => source.reader_bytes().saturating_mul(options.threads as u64),
+    }
 }
 
 /// The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.
