@@ -31,6 +31,9 @@ use pixels::Meaning;
 use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
 
+/// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
+const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
+
 /// Slices in files.
 pub(crate) struct DicomSeries {
     info: SourceInfo,
@@ -282,7 +285,8 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
     let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
     let possible = smallest_type(slices, limits)?;
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
-    if possible.bytes() < 4 || !is_short {
+    let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
+    if possible.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.

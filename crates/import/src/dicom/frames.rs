@@ -21,7 +21,7 @@ const ABSURD_RATIO: u64 = 1 << 16;
 
 /// What the decoders take for a pixel, coefficients and results together.
 const JPEG_PIXEL_BYTES: u64 = 8;
-const JPEG_2000_PIXEL_BYTES: u64 = 24;
+const JPEG_2000_PIXEL_BYTES: u64 = 20;
 
 /// How frames are packed.
 #[derive(Clone, Copy, Debug, PartialEq)]

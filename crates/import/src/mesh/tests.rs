@@ -295,7 +295,7 @@ fn what_gltf_declares_is_counted_before_it_is_allocated() {
         let json = format!("{}{all}{}", &json[..at], &json[end..]);
         json.replace(r#""scenes": [{"nodes": [0]}]"#, &format!(r#""scenes": [{{"nodes": [{list}]}}]"#))
     };
-    assert_eq!(read("a.glb", glb(|json| nodes(json))).unwrap().positions().len(), 240_000);
+    assert_eq!(read("a.glb", glb(nodes)).unwrap().positions().len(), 240_000);
     let message = refusal("a.glb", glb(|json| nodes(json).replace(r#""count": 4"#, r#""count": 4000"#)));
     assert!(message.contains("with all its copies the mesh would take") && message.contains("MiB"), "{message}");
     // JSON of little but brackets takes many times its size.
