@@ -31,6 +31,9 @@ use pixels::Meaning;
 use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
 
+/// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
+const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
+
 /// Slices in files.
 pub(crate) struct DicomSeries {
     info: SourceInfo,
@@ -138,7 +141,6 @@ impl DicomSeries {
         check_sizes(&files)?;
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
-            check_frames(header, frames)?;
             for frame in 0..frames.count() {
                 slices.push((find_slice(header, file, frame, options)?, meaning_of(header, frames, frame)?));
             }
@@ -194,8 +196,8 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
 }
 
 /// Frames of one file need a place each.
-fn check_frames(header: &Header, frames: &Frames) -> Result<(), ImportError> {
-    let (count, placed) = (frames.count(), header.placed_frames());
+fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
+    let placed = header.placed_frames() as u64;
     if count > 1 && placed == 0 {
         let feature =
             format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
@@ -283,7 +285,8 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
     let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
     let possible = smallest_type(slices, limits)?;
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
-    if possible.bytes() < 4 || !is_short {
+    let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
+    if possible.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
@@ -350,6 +353,10 @@ impl Source for DicomSeries {
 
     fn access(&self) -> Access {
         Access::Planes
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.files.iter().map(|(_, frames)| frames.reader_bytes()).max().unwrap_or(0)
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -31,8 +31,16 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
             return Err(ImportError::invalid(path, problem));
         }
     };
-    let bytes = std::fs::read(path).map_err(ImportError::io(path))?;
+    let bytes = read_file(path)?;
     read(path, bytes)?.mesh().map_err(|error| ImportError::invalid(path, error.to_string()))
+}
+
+/// The bytes of a file. Devices and pipes have no end that could be counted before.
+fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    if !std::fs::metadata(path).map_err(ImportError::io(path))?.is_file() {
+        return Err(ImportError::invalid(path, "expected a regular file"));
+    }
+    std::fs::read(path).map_err(ImportError::io(path))
 }
 
 /// What a reader finds. Normals and colours stop where the last vertex that has one does.

@@ -9,9 +9,11 @@ mod placement;
 use crate::axes::Sizes;
 use crate::element::{Decode, Scale};
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
+use crate::stamp::Stamp;
 use flate2::read::MultiGzDecoder;
 use header::Header;
 use std::fs::File;
@@ -21,8 +23,10 @@ use std::path::{Path, PathBuf};
 /// Opens a NIfTI file, or a pair by either of its names.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
     let (header_path, pair_body) = pair_of(path);
+    let stamp = Stamp::of(&header_path)?;
     let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
     let body_path = if header.single_file { header_path.clone() } else { pair_body };
+    let body_stamp = Stamp::of(&body_path)?;
     let mut notes: Vec<String> = header.element.check_narrowing(path, options.allow_lossy)?.into_iter().collect();
     let scale = header.scale();
     if let Some(Scale { slope, intercept }) = scale {
@@ -39,19 +43,21 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let body = array.body_bytes().map_err(|problem| ImportError::invalid(&header_path, problem))?;
     let expected = body.saturating_add(header.body_offset);
     let (file, trailing) = match Stream::open(&body_path)? {
-        Stream::Plain(file) => {
-            let found = file.get_ref().metadata().map_err(ImportError::io(&body_path))?.len();
+        Stream::Plain(_) => {
+            let file = MappedFile::open(&body_path)?;
+            let found = file.len() as u64;
             if found < expected {
                 return Err(ImportError::invalid(&body_path, cut_short(&array, expected, found)));
             }
-            (file.into_inner(), found - expected)
+            (file, found - expected)
         }
         Stream::Gzip(stream) => {
             notes.push(format!(
                 "The file is compressed and cannot be read at random: {} of scratch space hold it inflated.",
                 human_bytes(expected)
             ));
-            inflate(stream, &body_path, &array, expected, options)?
+            let (scratch, trailing) = inflate(stream, &body_path, &array, expected, options)?;
+            (MappedFile::of_scratch(&body_path, &scratch)?, trailing)
         }
     };
     if trailing > 0 {
@@ -60,7 +66,10 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let mut info = SourceInfo { identity: identity("nifti", &[&header_path, &body_path])?, ..array.info() };
     placement::place(&header, &mut info, &mut notes);
     info.notes = notes;
-    RawSource::map(&body_path, &file, array, info)
+    // Header and body were opened one after the other, and inflating takes its time.
+    stamp.check(&header_path)?;
+    body_stamp.check(&body_path)?;
+    RawSource::new(file, array, info)
 }
 
 /// The header's name and, for a pair, the body's, whichever of the two was given.

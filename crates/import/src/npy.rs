@@ -5,11 +5,11 @@
 use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
 use brickyard_volume::VoxelType;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -21,8 +21,8 @@ const LONGEST_HEADER: usize = 65536;
 
 /// Opens a `.npy` file of 2 to 5 dimensions.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
-    let mut file = File::open(path).map_err(ImportError::io(path))?;
-    let header = Header::read(&mut file, path)?;
+    let file = MappedFile::open(path)?;
+    let header = Header::read(&mut &file[..], path)?;
     let note = header.element.check_narrowing(path, options.allow_lossy)?;
     let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
     let array = ArrayLayout {
@@ -33,7 +33,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     };
     let body = array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
     let expected = body.saturating_add(header.body_offset);
-    let found = file.metadata().map_err(ImportError::io(path))?.len();
+    let found = file.len() as u64;
     if found < expected {
         let problem = format!(
             "cut short: expected {expected} bytes for shape {:?} of {}, found {found} ({} missing)",
@@ -49,7 +49,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         notes: note.into_iter().chain(trailing).collect(),
         ..array.info()
     };
-    RawSource::map(path, &file, array, info)
+    RawSource::new(file, array, info)
 }
 
 /// Gives each dimension its axis.

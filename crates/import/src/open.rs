@@ -2,13 +2,13 @@
 //! what the user knows better than the file.
 
 use crate::error::ImportError;
+use crate::file_order::{FileList, in_natural_order};
 use crate::options::OpenOptions;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::{dicom, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelBox;
-use std::cmp::Ordering;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -25,8 +25,9 @@ enum Format {
 const READ: &str = "raw (.raw, .bin, .dat, or any file with --shape and --dtype), NumPy .npy, NIfTI (.nii, .nii.gz, \
                     .hdr with .img), TIFF (.tif, .tiff, or a folder of them), DICOM (a folder, files or one file of a series)";
 
-/// Opens one input; several inputs (put in natural order) are one file per time step, or, if they are TIFF files of a
-/// single page, one file per plane. DICOM files are of one series, and sorted by what they say of their place.
+/// Opens one input; several inputs are one file per time step, or, if they are TIFF files of a single page, one file per plane, in the
+/// order that is given or that of the numbers in their names ([`OpenOptions::order`]). DICOM files are of one series, and sorted
+/// by what they say of their place.
 ///
 /// # Errors
 /// Says which file cannot be read, why, and which flag would help.
@@ -34,8 +35,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let (paths, folder) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
         [folder] if folder.is_dir() => (slices_in(folder)?, true),
-        [one] => (vec![one.clone()], false),
-        many => (in_natural_order(many), false),
+        files => (files.to_vec(), false),
     };
     let format = format_of(&paths[0], options)?;
     for path in &paths[1..] {
@@ -43,6 +43,22 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
             return Err(ImportError::options(path, format!("is of another format than {}", paths[0].display())));
         }
     }
+    let (paths, order_note) = match format {
+        Format::Dicom if options.order.is_some() => {
+            let problem = "--order: DICOM slices are put in order by the places that they name";
+            return Err(ImportError::options(&paths[0], problem));
+        }
+        Format::Dicom => (in_natural_order(&paths), None),
+        _ if folder || paths.len() > 1 => {
+            let are_planes = format == Format::Tiff && !tiff_stack::is_multi_page(&paths[0])?;
+            let list = match folder {
+                true => FileList::of_folder(&inputs[0], &paths, options.order, are_planes)?,
+                false => FileList::of_list(&paths, options.order, are_planes)?,
+            };
+            (list.paths, Some(list.note))
+        }
+        _ => (paths, None),
+    };
     let source = match (format, &paths[..]) {
         (Format::Dicom, paths) if folder || paths.len() > 1 => dicom::open_series(paths, folder, options)?,
         (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
@@ -53,11 +69,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         }
     };
     let mut info = source.info().clone();
-    if (paths.len() > 1 || folder) && format != Format::Dicom {
-        let name = |p: &PathBuf| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
-        info.notes.push(format!("{} files in natural order, from {first} to {last}.", paths.len()));
-    }
+    info.notes.extend(order_note);
     override_geometry(&mut info, &paths[0], options)?;
     Ok(Box::new(Described { info, source }))
 }
@@ -147,7 +159,7 @@ fn is_tiff_name(path: &Path) -> bool {
     ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
 }
 
-/// The TIFF files of a folder, in natural order, or its DICOM files.
+/// The TIFF files of a folder, or its DICOM files.
 fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let dicom = dicom::files_in(folder)?;
     let mut planes = Vec::new();
@@ -163,47 +175,12 @@ fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
             Err(ImportError::invalid(folder, format!("a folder without TIFF or DICOM files; what is read: {READ}")))
         }
         (0, _) => Ok(dicom),
-        (_, 0) => Ok(in_natural_order(&planes)),
+        (_, 0) => Ok(planes),
         (tiffs, dicoms) => {
             let problem = format!("holds {tiffs} TIFF and {dicoms} DICOM files: name the files that you mean");
             Err(ImportError::options(folder, problem))
         }
     }
-}
-
-/// Sorted so that numbers within names count as numbers: `s2` before `s10`.
-fn in_natural_order(paths: &[PathBuf]) -> Vec<PathBuf> {
-    let mut sorted = paths.to_vec();
-    sorted.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()).then_with(|| a.cmp(b)));
-    sorted
-}
-
-fn natural_order(a: &str, b: &str) -> Ordering {
-    let (mut a, mut b) = (a.as_bytes(), b.as_bytes());
-    loop {
-        let (Some(&x), Some(&y)) = (a.first(), b.first()) else { return a.len().cmp(&b.len()) };
-        if x.is_ascii_digit() && y.is_ascii_digit() {
-            let (m, n) = (leading_number(&mut a), leading_number(&mut b));
-            // Without leading zeros the longer number is the greater one, however long.
-            match m.len().cmp(&n.len()).then_with(|| m.cmp(n)) {
-                Ordering::Equal => continue,
-                unequal => return unequal,
-            }
-        }
-        if x != y {
-            return x.cmp(&y);
-        }
-        (a, b) = (&a[1..], &b[1..]);
-    }
-}
-
-/// Splits the digits off the front; leading zeros are dropped.
-fn leading_number<'a>(text: &mut &'a [u8]) -> &'a [u8] {
-    let end = text.iter().position(|c| !c.is_ascii_digit()).unwrap_or(text.len());
-    let (digits, rest) = text.split_at(end);
-    *text = rest;
-    let zeros = digits.iter().take_while(|&&c| c == b'0').count();
-    &digits[zeros..]
 }
 
 /// Puts the user's spacing, origin and unit in place of the file's.
@@ -240,6 +217,10 @@ impl Source for Described {
 
     fn access(&self) -> Access {
         self.source.access()
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.source.reader_bytes()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
@@ -280,17 +261,6 @@ mod tests {
 
     fn refusal(path: &Path, options: &OpenOptions) -> String {
         open(&[path.to_owned()], options).err().unwrap().to_string()
-    }
-
-    #[test]
-    fn numbers_in_names_count_as_numbers() {
-        let sort = |names: &[&str]| {
-            let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
-            in_natural_order(&paths).iter().map(|p| p.display().to_string()).collect::<Vec<_>>()
-        };
-        assert_eq!(sort(&["s10", "s9", "s1", "s010b"]), ["s1", "s9", "s10", "s010b"]);
-        assert_eq!(sort(&["a2b10", "a2b9", "a10b1", "a"]), ["a", "a2b9", "a2b10", "a10b1"]);
-        assert_eq!(sort(&["t99999999999999999999999", "t100000000000000000000000"])[0], "t99999999999999999999999");
     }
 
     #[test]

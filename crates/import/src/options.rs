@@ -6,6 +6,15 @@ use brickyard_volume::{Extent, VoxelType};
 use glam::DVec3;
 use std::path::PathBuf;
 
+/// How several files are put in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileOrder {
+    /// As they are given.
+    Given,
+    /// By the numbers in their names, whatever these count.
+    Natural,
+}
+
 /// What the user says of the input. Everything is optional but for raw files, which need shape and type.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
@@ -23,6 +32,9 @@ pub struct OpenOptions {
     pub times: Option<u32>,
     /// Order of the axes, slowest first, in place of what the file or the format says.
     pub axes: Option<AxisOrder>,
+    /// The order of several files. By default that of a list, unless a shell made it of a pattern, and else that of the numbers in their
+    /// names, where these count them one after another.
+    pub order: Option<FileOrder>,
     /// Spacing in place of the file's.
     pub spacing: Option<DVec3>,
     /// Position of the first voxel's centre in place of the file's.

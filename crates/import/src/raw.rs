@@ -2,16 +2,15 @@
 //! plain array (`.npy`, NIfTI, ImageJ's single-directory TIFF).
 //!
 //! The files are memory-mapped; a box is copied line by line along the array's fastest axis, whatever the order of
-//! its axes. Cost of a box: its own bytes, once; nothing where they are lent as they lie in the file. The kernel is told of
+//! its axes. A box is believed only if the file is still as it was opened once the box was read. Cost of a box: its own bytes, once; nothing where they are lent as they lie in the file. The kernel is told of
 //! announced boxes plane by plane, since plain faulting reads a cold file several times slower.
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
 use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
-use memmap2::Mmap;
-use std::fs::File;
 use std::path::Path;
 
 /// What a headerless file holds.
@@ -44,7 +43,7 @@ impl RawLayout {
 /// A source whose voxels lie uncompressed in one memory-mapped file.
 pub struct RawSource {
     info: SourceInfo,
-    map: Mmap,
+    file: MappedFile,
     array: ArrayLayout,
 }
 
@@ -93,26 +92,24 @@ impl RawSource {
         };
         let body = array.body_bytes().map_err(|problem| ImportError::options(path, problem))?;
         check_letters(path, &array)?;
-        let file = File::open(path).map_err(ImportError::io(path))?;
-        let found = file.metadata().map_err(ImportError::io(path))?.len();
+        let file = MappedFile::open(path)?;
+        let found = file.len() as u64;
         if found.checked_sub(layout.offset) != Some(body) {
             return Err(ImportError::invalid(path, misfit(layout, body, found)));
         }
         let info = SourceInfo { identity: identity(&format!("raw {layout:?}"), &[path])?, ..array.info() };
-        Self::map(path, &file, array, info)
+        Self::new(file, array, info)
     }
 
-    /// Maps a file whose size the reader of its format has checked.
-    pub(crate) fn map(path: &Path, file: &File, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
-        // SAFETY: the map is read-only and never handed out; reading it is undefined only if another process
-        // truncates the file meanwhile, which ends this process with SIGBUS, as for every program that maps its input.
-        let map = unsafe { Mmap::map(file) }.map_err(ImportError::io(path))?;
+    /// An array in a file whose size the reader of its format has checked.
+    pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
-        if needed.is_none_or(|needed| needed > map.len() as u64) {
-            return Err(ImportError::invalid(path, format!("shrank to {} bytes while it was opened", map.len())));
+        if needed.is_none_or(|needed| needed > file.len() as u64) {
+            let problem = format!("shrank to {} bytes while it was opened", file.len());
+            return Err(ImportError::invalid(file.path(), problem));
         }
-        Ok(Self { info, map, array })
+        Ok(Self { info, file, array })
     }
 
     /// Where a box begins in the file, and how it is copied.
@@ -136,20 +133,20 @@ impl Source for RawSource {
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let (start, copy) = self.copy_of(time, channel, region);
-        copy.run(&self.map[start..], out);
-        Ok(())
+        copy.run(&self.file[start..], out);
+        self.file.confirm()
     }
 
     fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
         let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
         let as_it_is = self.array.decode.is_copy() && x == self.info.voxel_type.bytes();
         let (start, _) = self.copy_of(time, channel, region);
-        as_it_is.then(|| Lent { bytes: &self.map[start..], row_bytes: y, slice_bytes: z })
+        as_it_is.then(|| Lent::of_file(&self.file, start, y, z))
     }
 
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
         let (start, copy) = self.copy_of(time, channel, region);
-        copy.advise(&self.map, start);
+        copy.advise(&self.file, start);
     }
 }
 
@@ -193,21 +190,17 @@ impl BoxCopy {
     }
 
     /// Announces what will be read, one range per outermost step, where the box uses a good part of that range.
-    #[cfg(unix)]
-    fn advise(&self, map: &Mmap, start: usize) {
+    fn advise(&self, file: &MappedFile, start: usize) {
         let line = (self.counts[0] - 1) * self.src[0] + self.decode.element.bytes();
         if line.saturating_mul(8) < self.src[1] && self.counts[1] > 1 {
             return;
         }
         let range = (self.counts[1] - 1) * self.src[1] + line;
         for k in 0..self.counts[2] {
-            // Advice is a hint: where the system refuses it, the copy reads all the same, only slower.
-            let _ = map.advise_range(memmap2::Advice::WillNeed, start + k * self.src[2], range);
+            let start = start + k * self.src[2];
+            file.advise(start..start + range);
         }
     }
-
-    #[cfg(not(unix))]
-    fn advise(&self, _map: &Mmap, _start: usize) {}
 }
 
 /// Every axis of more than one element needs a letter.
@@ -394,5 +387,40 @@ mod tests {
         let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
         file.set_modified(std::time::UNIX_EPOCH + std::time::Duration::from_secs(1)).unwrap();
         assert_ne!(before, of(Extent::new(2, 2, 2)));
+    }
+
+    /// Whether all that is read of a source is refused now: lent voxels and copied ones.
+    fn all_is_refused(source: &RawSource, what: &str) {
+        let full = source.info().extent.full_box();
+        let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
+        let message = source.read_box(0, 0, full, &mut out).unwrap_err().to_string();
+        assert!(message.contains("changed while it was read") && message.contains(what), "{message}");
+        let lent = source.lend(0, 0, full).unwrap();
+        let sum: u64 = lent.bytes.iter().map(|&b| b as u64).sum();
+        assert!(lent.confirm().is_err(), "{what}: {sum}");
+    }
+
+    #[test]
+    fn a_file_that_changes_while_it_is_mapped_is_an_error_and_not_zeros() {
+        let bytes = vec![7; 64 * 64 * 16];
+        let layout = RawLayout::new(Extent::new(64, 64, 16), VoxelType::U8);
+        let write = |path: &Path| std::fs::OpenOptions::new().write(true).open(path).unwrap();
+        // Cut short by whole pages, which faults, and within the last page, which does not.
+        for left in [0, 100, bytes.len() as u64 - 1] {
+            let (_folder, path) = temp_file("a.raw", &bytes);
+            let source = RawSource::open(&path, &layout).unwrap();
+            write(&path).set_len(left).unwrap();
+            all_is_refused(&source, &format!("found {left}"));
+        }
+        let (_folder, path) = temp_file("a.raw", &bytes);
+        let source = RawSource::open(&path, &layout).unwrap();
+        write(&path).set_modified(std::time::UNIX_EPOCH).unwrap();
+        all_is_refused(&source, "written to or replaced");
+        let (folder, path) = temp_file("a.raw", &bytes);
+        let source = RawSource::open(&path, &layout).unwrap();
+        let other = folder.path().join("b.raw");
+        std::fs::write(&other, &bytes[1..]).unwrap();
+        std::fs::rename(other, &path).unwrap();
+        all_is_refused(&source, "found 65535");
     }
 }

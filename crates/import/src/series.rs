@@ -53,6 +53,10 @@ impl Source for Series {
         self.steps[0].access()
     }
 
+    fn reader_bytes(&self) -> u64 {
+        self.steps.iter().map(|step| step.reader_bytes()).max().unwrap_or(0)
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         self.steps[time as usize].read_box(0, channel, region, out)

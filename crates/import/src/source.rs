@@ -2,6 +2,7 @@
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
 use brickyard_volume::{Extent, Geometry, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
@@ -63,7 +64,7 @@ pub enum Access {
 }
 
 /// Voxels in memory, little-endian, those of a row side by side. Nothing is aligned.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Lent<'a> {
     /// From the first voxel of a box on.
     pub bytes: &'a [u8],
@@ -71,6 +72,29 @@ pub struct Lent<'a> {
     pub row_bytes: usize,
     /// From one slice to the next along z.
     pub slice_bytes: usize,
+    /// The file they lie in, if it is one that others can change.
+    file: Option<&'a MappedFile>,
+}
+
+impl<'a> Lent<'a> {
+    /// Voxels in memory that is nobody else's.
+    pub fn new(bytes: &'a [u8], row_bytes: usize, slice_bytes: usize) -> Self {
+        Self { bytes, row_bytes, slice_bytes, file: None }
+    }
+
+    /// Voxels in a file.
+    pub(crate) fn of_file(file: &'a MappedFile, start: usize, row_bytes: usize, slice_bytes: usize) -> Self {
+        Self { bytes: &file[start..], row_bytes, slice_bytes, file: Some(file) }
+    }
+
+    /// Whether the voxels that were read so far can be believed. To be asked after they were copied: a file may be cut short or
+    /// written to while it is read.
+    ///
+    /// # Errors
+    /// Names the file and what has become of it.
+    pub fn confirm(&self) -> Result<(), ImportError> {
+        self.file.map_or(Ok(()), MappedFile::confirm)
+    }
 }
 
 /// A readable volume, series or multi-channel set. Calls may come from many threads.
@@ -83,6 +107,11 @@ pub trait Source: Send + Sync {
         Access::Box
     }
 
+    /// Memory that a thread takes, at most, while it reads a box, besides the buffer that it fills: what must be decoded at once.
+    fn reader_bytes(&self) -> u64 {
+        0
+    }
+
     /// Fills `out` with the box's voxels, little-endian, x fastest.
     ///
     /// # Errors
@@ -92,7 +121,8 @@ pub trait Source: Send + Sync {
     /// If the box leaves the extent, or `out` is not exactly the box's bytes.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
-    /// The voxels of a box where they lie, if they lie in memory as [`Source::read_box`] would deliver them.
+    /// The voxels of a box where they lie, if they lie in memory as [`Source::read_box`] would deliver them. Whoever has copied them
+    /// asks [`Lent::confirm`] then.
     fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<Lent<'_>> {
         None
     }

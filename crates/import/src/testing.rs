@@ -5,7 +5,7 @@ use crate::source::Source;
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A test array: sizes along x, y, z, c, t.
 #[derive(Clone, Copy)]
@@ -103,4 +103,41 @@ pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     (folder, path)
+}
+
+/// Runs the test of this name again in a process of its own, whose memory is its own too, on a file that is written here. In that process,
+/// the file.
+pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBuf> {
+    const ALONE: &str = "BRICKYARD_TEST_ALONE";
+    if let Some(path) = std::env::var_os(ALONE) {
+        return Some(path.into());
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("alone");
+    write(&path);
+    let test = std::env::current_exe().unwrap();
+    let child =
+        std::process::Command::new(test).args(["--exact", name, "--nocapture"]).env(ALONE, path).output().unwrap();
+    let said = String::from_utf8_lossy(&child.stdout) + String::from_utf8_lossy(&child.stderr);
+    assert!(child.status.success() && said.contains("1 passed"), "{said}");
+    None
+}
+
+/// The most memory that this process has had, as the kernel counts it.
+pub(crate) fn peak_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    peak.trim().trim_end_matches("kB").trim().parse::<u64>().unwrap() << 10
+}
+
+/// Checks that opening and reading a source of one plane take about what it says and no more, beside the plane itself.
+pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, plane_bytes: usize) {
+    const SLACK_BYTES: u64 = 4 << 20;
+    let mut plane = vec![1; plane_bytes];
+    let before = peak_bytes();
+    let source = open();
+    source.read_box(0, 0, source.info().extent.full_box(), &mut plane).unwrap();
+    let (taken, said) = (peak_bytes() - before, source.reader_bytes());
+    assert!(taken <= said + SLACK_BYTES && said <= taken + SLACK_BYTES, "took {taken}, said {said}");
+    assert!(said >= plane_bytes as u64, "a plane is decoded at once");
 }

@@ -14,13 +14,14 @@ mod tests;
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Endian};
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Access, Source, SourceInfo};
+use crate::stamp::Stamp;
 use brickyard_volume::VoxelBox;
 use description::{Declared, Description};
 use page::{OpenTiff, PageFormat};
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -32,10 +33,14 @@ pub(crate) struct TiffStack {
     /// Pages per file: either one file has all, or each has one.
     pages_per_file: u32,
     order: PageOrder,
+    /// Memory for the largest strip or tile.
+    reader_bytes: u64,
 }
 
 struct TiffFile {
     path: PathBuf,
+    /// Of the file when its pages were checked.
+    stamp: Stamp,
     /// Decoders at rest: as many as threads have read at once.
     decoders: Mutex<Vec<OpenTiff>>,
 }
@@ -81,6 +86,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     }
     tiff.check_data(path, 1)?;
     let mut pages = 1u32;
+    let mut reader_bytes = tiff.reader_bytes(&format)?;
     while tiff.has_more_pages() {
         tiff.next_page(pages + 1)?;
         pages += 1;
@@ -89,19 +95,25 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
             return Err(ImportError::invalid(path, format!("page {pages} is {other}, but page 1 is {format}")));
         }
         tiff.check_data(path, pages)?;
+        reader_bytes = reader_bytes.max(tiff.reader_bytes(&format)?);
     }
     let order = arrange(path, pages, options, description.declared.as_ref(), &format)?;
-    let files = vec![TiffFile { path: path.to_owned(), decoders: Mutex::new(vec![tiff]) }];
-    TiffStack::new(files, pages, format, order, &description, options).map(|s| Box::new(s) as _)
+    let files = vec![TiffFile { path: path.to_owned(), stamp: tiff.stamp, decoders: Mutex::new(vec![tiff]) }];
+    let stack = TiffStack::new(files, pages, format, order, &description, options)?;
+    Ok(Box::new(TiffStack { reader_bytes, ..stack }))
 }
 
 /// Opens single-page files as planes, in the order given.
 pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let mut first: Option<(PageFormat, Description)> = None;
+    let mut files = Vec::with_capacity(paths.len());
+    let mut reader_bytes = 0;
     for path in paths {
         let mut tiff = OpenTiff::open(path)?;
         let format = tiff.format()?;
         tiff.check_data(path, 1)?;
+        reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
+        files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, decoders: Mutex::default() });
         match &first {
             Some((expected, _)) if format != *expected => {
                 let problem = format!("is {format}, but {} is {expected}", paths[0].display());
@@ -117,8 +129,8 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     // What a single plane's file says of a stack's shape is about the stack it was cut from.
     description.declared = None;
     let order = arrange(&paths[0], paths.len() as u32, options, None, &format)?;
-    let files = paths.iter().map(|p| TiffFile { path: p.clone(), decoders: Mutex::new(Vec::new()) }).collect();
-    TiffStack::new(files, 1, format, order, &description, options).map(|s| Box::new(s) as _)
+    let stack = TiffStack::new(files, 1, format, order, &description, options)?;
+    Ok(Box::new(TiffStack { reader_bytes, ..stack }))
 }
 
 /// ImageJ's form for stacks past 4 GiB: one directory, then all planes without a gap.
@@ -139,8 +151,8 @@ fn open_contiguous(
         offset,
     };
     let expected = array.body_bytes().map_err(|p| ImportError::invalid(path, p))?.saturating_add(offset);
-    let file = File::open(path).map_err(ImportError::io(path))?;
-    let found = file.metadata().map_err(ImportError::io(path))?.len();
+    let file = MappedFile::open(path)?;
+    let found = file.len() as u64;
     if found < expected {
         let problem = format!(
             "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} ({} missing); \
@@ -153,7 +165,7 @@ fn open_contiguous(
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
     info.notes.extend(note);
-    Ok(Box::new(RawSource::map(path, &file, array, info)?))
+    Ok(Box::new(RawSource::new(file, array, info)?))
 }
 
 /// Finds the order of pages: by the caller's axes, else as declared, else all along z.
@@ -245,7 +257,7 @@ impl TiffStack {
         if format.samples > 1 {
             info.notes.push(format!("Each page holds {} samples a pixel; they are read as channels.", format.samples));
         }
-        Ok(Self { info, format, files, pages_per_file, order })
+        Ok(Self { info, format, files, pages_per_file, order, reader_bytes: 0 })
     }
 
     /// Runs `f` on a decoder of the page's file that stands at the page.
@@ -259,12 +271,23 @@ impl TiffStack {
         // A poisoned lock holds decoders all the same: nothing is changed while it is held but the list.
         let rest = || file.decoders.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let idle = rest().pop();
-        let mut tiff = idle.map_or_else(|| OpenTiff::open(&file.path), Ok)?;
-        tiff.seek(page)?;
-        f(&mut tiff)?;
+        let read = || {
+            let mut tiff = idle.map_or_else(|| OpenTiff::open(&file.path), Ok)?;
+            tiff.seek(page)?;
+            if tiff.format()? != self.format {
+                let problem = format!("page {} is of another kind than when the file was opened", page + 1);
+                return Err(ImportError::invalid(&file.path, problem));
+            }
+            f(&mut tiff)?;
+            Ok(tiff)
+        };
+        let tiff = read();
+        // What was read, an error too, is of the file whose pages were checked, or of none.
+        file.stamp.check(&file.path)?;
+        let tiff = tiff?;
         // With one page per file there may be more files than a process may hold open.
         if self.pages_per_file > 1 {
-            rest().push(tiff);
+            rest().push(tiff.rest());
         }
         Ok(())
     }
@@ -277,6 +300,10 @@ impl Source for TiffStack {
 
     fn access(&self) -> Access {
         Access::Planes
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.reader_bytes
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -10,7 +10,6 @@ pub mod codec;
 pub mod downsample;
 pub mod error;
 pub mod export;
-mod guarded_map;
 pub mod layout;
 pub mod metadata;
 pub mod pack;

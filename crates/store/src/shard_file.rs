@@ -1,8 +1,8 @@
 //! An open shard: its checked index, and its bytes, mapped or read at offsets.
 
 use crate::error::{CodecError, ReadError, ShardError};
-use crate::guarded_map::GuardedMap;
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, index_bytes};
+use brickyard_filemap::GuardedMap;
 use brickyard_volume::BrickId;
 use std::fs::File;
 use std::os::unix::fs::FileExt;

@@ -19,6 +19,7 @@ mod session_args;
 mod session_errors;
 mod store_errors;
 mod synth;
+mod text_file;
 mod values;
 mod verify;
 mod volume_args;

@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::pack_settings::PackSettings;
 use super::{store_errors, values};
-use brickyard::import::{self, AxisOrder, Endian, OpenOptions};
+use brickyard::import::{self, AxisOrder, Endian, FileOrder, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -36,6 +36,10 @@ pub(crate) struct PackArguments {
     /// Channels in the file, for raw input with a c axis
     #[arg(long)]
     channels: Option<u32>,
+    /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
+    /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
+    #[arg(long, value_enum)]
+    order: Option<OrderArgument>,
     /// World distance between voxel centres; overrides the file's
     #[arg(long, value_name = "X,Y,Z", value_parser = values::spacing)]
     spacing: Option<DVec3>,
@@ -61,6 +65,12 @@ enum EndianArgument {
     Big,
 }
 
+#[derive(Clone, Copy, ValueEnum)]
+enum OrderArgument {
+    Given,
+    Natural,
+}
+
 /// Runs `pack`.
 ///
 /// # Errors
@@ -80,6 +90,10 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
         axes: arguments.axes,
         times: arguments.times,
         channels: arguments.channels,
+        order: arguments.order.map(|order| match order {
+            OrderArgument::Given => FileOrder::Given,
+            OrderArgument::Natural => FileOrder::Natural,
+        }),
         spacing: arguments.spacing,
         origin: arguments.origin,
         unit: arguments.unit.as_deref().map(unit_name),

@@ -5,6 +5,7 @@ use super::output::may_write;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
+use super::text_file::read_text;
 use super::values;
 use brickyard::backend::CompositorChoice;
 use brickyard::session::SessionOptions;
@@ -127,7 +128,7 @@ impl RenderArguments {
         }
         let Some(path) = &self.path else { return Ok(vec![scene]) };
         let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
-        let text = std::fs::read_to_string(path).map_err(|error| bad(error.to_string()))?;
+        let text = read_text(path)?;
         let cameras: Vec<Camera> =
             serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
         if cameras.is_empty() {

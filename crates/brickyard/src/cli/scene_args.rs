@@ -1,6 +1,7 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
+use super::text_file::read_text;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
 use brickyard::ensemble::expression_window;
@@ -422,10 +423,6 @@ fn scene_file(path: &Path) -> Result<Scene, Failure> {
         look.path = path.with_file_name(&look.path);
     }
     Ok(scene)
-}
-
-fn read_text(path: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(path).map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))
 }
 
 #[cfg(test)]

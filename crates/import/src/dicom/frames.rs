@@ -19,6 +19,10 @@ const READ: &str = "implicit and explicit little endian, explicit big endian, de
 /// No packing reaches this ratio: a frame that claims more is a damaged header, not something to allocate.
 const ABSURD_RATIO: u64 = 1 << 16;
 
+/// What the decoders take for a pixel, coefficients and results together.
+const JPEG_PIXEL_BYTES: u64 = 8;
+const JPEG_2000_PIXEL_BYTES: u64 = 20;
+
 /// How frames are packed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Packing {
@@ -63,6 +67,8 @@ impl Frames {
             Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) => n as u64,
             Some(n) => return Err(ImportError::invalid(path, format!("NumberOfFrames is {n}, expected 1 or more"))),
         };
+        // Before a place is noted for each.
+        super::check_frames(header, count)?;
         let places = match (packing, pixels.length) {
             (Packing::Encapsulated(_), None) => fragment_places(path, count, pixels.offset)?,
             (_, None) => {
@@ -76,8 +82,7 @@ impl Frames {
                 return Err(ImportError::unsupported(path, "a deflated file of several frames"));
             }
             (Packing::Deflated, Some(length)) => {
-                let end = header.inflate()?.len() as u64;
-                native_places(path, &format, count, pixels.offset, length, end)?
+                native_places(path, &format, count, pixels.offset, length, header.inflated_bytes())?
             }
             (_, Some(length)) => {
                 // Some archives decompress pixels and leave the name of the syntax.
@@ -88,6 +93,7 @@ impl Frames {
                 native_places(path, &format, count, pixels.offset, length, end)?
             }
         };
+        header.confirm()?;
         Ok(Self { format, packing, places })
     }
 
@@ -95,18 +101,38 @@ impl Frames {
         self.places.len()
     }
 
+    /// Memory that reading a frame takes: its bytes as they are packed, and what a decoder makes of them.
+    pub(super) fn reader_bytes(&self) -> u64 {
+        let packed = |ranges: &Vec<(u64, u64)>| ranges.iter().map(|range| range.1).sum();
+        let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);
+        let per_pixel = match self.packing {
+            Packing::Native(_) | Packing::Deflated => 0,
+            Packing::Encapsulated(Codec::Rle) => self.format.width as u64,
+            Packing::Encapsulated(Codec::Jpeg) => JPEG_PIXEL_BYTES,
+            Packing::Encapsulated(Codec::Jpeg2000) => JPEG_2000_PIXEL_BYTES,
+        };
+        packed + self.format.pixels() * per_pixel
+    }
+
+    /// The bytes of one frame as they are packed.
+    fn read_packed(&self, header: &Header, frame: usize) -> Result<Vec<u8>, ImportError> {
+        let path = header.path.as_path();
+        match self.packing {
+            Packing::Deflated => {
+                let (first, length) = self.places[frame][0];
+                header.read_inflated(first, length)
+            }
+            _ => read_ranges(path, &self.places[frame]),
+        }
+    }
+
     /// Reads and decodes one frame.
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
         let path = header.path.as_path();
-        let bytes = match self.packing {
-            Packing::Deflated => {
-                let inflated = header.inflate()?;
-                let (first, length) = self.places[frame][0];
-                let gone = || ImportError::invalid(path, "changed while it was read");
-                inflated.get(first as usize..(first + length) as usize).ok_or_else(gone)?.to_vec()
-            }
-            _ => read_ranges(path, &self.places[frame])?,
-        };
+        let bytes = self.read_packed(header, frame);
+        // The file is opened anew for each frame: what was read, an error too, is of the file whose header this is, or of none.
+        header.confirm()?;
+        let bytes = bytes?;
         let refuse = |problem: String| {
             ImportError::invalid(
                 path,

@@ -5,6 +5,8 @@
 //! weighs. Lengths are checked against the file before anything is read by them.
 
 use crate::error::ImportError;
+use crate::mapped::MappedFile;
+use crate::stamp::Stamp;
 use dicom_core::header::DataElementHeader;
 use dicom_core::{PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -13,11 +15,10 @@ use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::{DynStatefulDecoder, StatefulDecode};
 use dicom_transfer_syntax_registry::{TransferSyntaxIndex, TransferSyntaxRegistry};
 use flate2::read::DeflateDecoder;
-use memmap2::Mmap;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{Cursor, Read};
+use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Where the magic letters stand, and they.
@@ -26,8 +27,9 @@ const MAGIC: &[u8] = b"DICM";
 /// Where the elements begin.
 const BODY_AT: usize = MAGIC_AT + MAGIC.len();
 
-/// No deflated stream is longer than this many times its file.
-const MOST_INFLATION: u64 = 1032;
+/// Of a deflated data set so much is inflated to find its header, then ever more, until there is no more sense in it.
+const FIRST_INFLATED: u64 = 1 << 20;
+const MOST_INFLATED_HEADER: u64 = 64 << 20;
 
 /// What begins an item of a sequence.
 const ITEM: Tag = Tag(0xfffe, 0xe000);
@@ -82,6 +84,11 @@ type Values = BTreeMap<Tag, PrimitiveValue>;
 /// One file before its pixels are looked at.
 pub(super) struct Header {
     pub(super) path: PathBuf,
+    /// Of the file when the header was read.
+    stamp: Option<Stamp>,
+    /// Where the data set begins in the file, and for a deflated one the bytes that it inflates to.
+    body: u64,
+    inflated_bytes: u64,
     /// UID of the transfer syntax.
     pub(super) syntax: String,
     top: Values,
@@ -107,16 +114,23 @@ pub(super) struct PixelElement {
 impl Header {
     /// Reads the header; the pixels stay where they are.
     pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
-        let file = File::open(path).map_err(ImportError::io(path))?;
-        // SAFETY: the map is read-only and private to this call; reading it is undefined only if another process
-        // truncates the file meanwhile, which ends this process with SIGBUS, as for every program that maps its input.
-        let map = unsafe { Mmap::map(&file) }.map_err(ImportError::io(path))?;
-        if !is_dicom(&map) {
+        let file = MappedFile::open(path)?;
+        let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp(), ..header });
+        // Whatever was found, damage included: of a file that changed it says nothing.
+        file.confirm()?;
+        header
+    }
+
+    fn parse(path: &Path, map: &[u8]) -> Result<Self, ImportError> {
+        if !is_dicom(map) {
             return Err(ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128"));
         }
-        let (syntax, body) = read_meta(path, &map)?;
+        let (syntax, body) = read_meta(path, map)?;
         let mut header = Self {
             path: path.to_owned(),
+            stamp: None,
+            body: body as u64,
+            inflated_bytes: 0,
             syntax,
             top: Values::new(),
             shared: Values::new(),
@@ -125,19 +139,63 @@ impl Header {
             pixels: None,
         };
         if header.is_deflated() {
-            let inflated = inflate(path, &map, body)?;
-            header.read_data_set(&inflated, 0)?;
+            header.read_deflated(map.get(body..).unwrap_or(&[]))?;
         } else {
-            header.read_data_set(&map, body)?;
+            header.read_data_set(map, body)?;
         }
         Ok(header)
     }
 
-    /// The whole data set inflated, for deflated files.
-    pub(super) fn inflate(&self) -> Result<Vec<u8>, ImportError> {
-        let bytes = std::fs::read(&self.path).map_err(ImportError::io(&self.path))?;
-        let (_, body) = read_meta(&self.path, &bytes)?;
-        inflate(&self.path, &bytes, body)
+    /// Reads the header of a deflated data set, of which no more is held than it needs; the rest is only counted.
+    fn read_deflated(&mut self, deflated: &[u8]) -> Result<(), ImportError> {
+        let path = self.path.clone();
+        let mut inflater = DeflateDecoder::new(deflated);
+        let mut start = Vec::new();
+        let mut most = FIRST_INFLATED;
+        loop {
+            let more = most - start.len() as u64;
+            let read = inflater.by_ref().take(more).read_to_end(&mut start);
+            read.map_err(|error| not_inflated(&path, start.len() as u64, &error))?;
+            let is_whole = (start.len() as u64) < most;
+            let (top, shared, frames) = (Values::new(), Values::new(), Vec::new());
+            (self.top, self.shared, self.frames) = (top, shared, frames);
+            (self.has_value_table, self.pixels) = (false, None);
+            match self.read_data_set(&start, 0) {
+                found if is_whole => break found?,
+                Ok(()) if self.pixels.is_some() => break,
+                _ if most >= MOST_INFLATED_HEADER => {
+                    let problem = format!("expected pixel data within {} MiB inflated, found none", most >> 20);
+                    return Err(ImportError::invalid(&path, problem));
+                }
+                _ => most *= 4,
+            }
+        }
+        let held = start.len() as u64;
+        let rest = std::io::copy(&mut inflater, &mut std::io::sink());
+        self.inflated_bytes = held + rest.map_err(|error| not_inflated(&path, held, &error))?;
+        Ok(())
+    }
+
+    /// Whether what was read of the file since can be believed: it is the one whose header this is.
+    pub(super) fn confirm(&self) -> Result<(), ImportError> {
+        self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
+    }
+
+    /// Bytes of a deflated data set once it is inflated.
+    pub(super) fn inflated_bytes(&self) -> u64 {
+        self.inflated_bytes
+    }
+
+    /// Some bytes of what a deflated data set inflates to; what is before them is not held.
+    pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>, ImportError> {
+        let mut file = File::open(&self.path).map_err(ImportError::io(&self.path))?;
+        file.seek(SeekFrom::Start(self.body)).map_err(ImportError::io(&self.path))?;
+        let mut inflater = DeflateDecoder::new(file);
+        let mut bytes = vec![0; length as usize];
+        let skipped = std::io::copy(&mut inflater.by_ref().take(first), &mut std::io::sink());
+        let read = skipped.and_then(|_| inflater.read_exact(&mut bytes));
+        read.map_err(|error| not_inflated(&self.path, first, &error))?;
+        Ok(bytes)
     }
 
     pub(super) fn is_deflated(&self) -> bool {
@@ -246,15 +304,9 @@ fn read_meta(path: &Path, bytes: &[u8]) -> Result<(String, usize), ImportError> 
     Ok((syntax.ok_or_else(missing)?, elements.position))
 }
 
-fn inflate(path: &Path, bytes: &[u8], body: usize) -> Result<Vec<u8>, ImportError> {
-    let mut inflated = Vec::new();
-    let limit = (bytes.len() as u64).saturating_mul(MOST_INFLATION);
-    DeflateDecoder::new(&bytes[body..]).take(limit).read_to_end(&mut inflated).map_err(|error| {
-        let problem =
-            format!("deflated data cut short or damaged after {} bytes: {error}; fetch the file again", inflated.len());
-        ImportError::invalid(path, problem)
-    })?;
-    Ok(inflated)
+fn not_inflated(path: &Path, before: u64, error: &std::io::Error) -> ImportError {
+    let problem = format!("deflated data cut short or damaged after {before} bytes: {error}; fetch the file again");
+    ImportError::invalid(path, problem)
 }
 
 /// What is met in a data set. Sequences that it stands in come with it, outermost first.

@@ -119,13 +119,14 @@ pub(super) struct Meaning {
 impl Samples {
     /// Least and greatest of the numbers.
     pub(super) fn range(&self, format: &PixelFormat) -> [i64; 2] {
-        let whole = VoxelBox::new([0; 3], [format.columns, format.rows, 1]);
-        let mut voxels = vec![0; format.pixels() as usize * VoxelType::I32.bytes()];
+        let mut row = vec![0; format.columns as usize * VoxelType::I32.bytes()];
         let plain = Meaning { slope: 1.0, intercept: 0.0, padding: None };
-        self.deliver(format, &plain, VoxelType::I32, whole, &mut voxels);
-        let (voxels, _) = voxels.as_chunks::<4>();
-        let numbers = voxels.iter().map(|v| i64::from(i32::from_le_bytes(*v)));
-        numbers.fold([i64::MAX, i64::MIN], |[a, b], n| [a.min(n), b.max(n)])
+        (0..format.rows).fold([i64::MAX, i64::MIN], |range, y| {
+            let region = VoxelBox::new([0, y, 0], [format.columns, y + 1, 1]);
+            self.deliver(format, &plain, VoxelType::I32, region, &mut row);
+            let numbers = row.as_chunks::<4>().0.iter().map(|v| i64::from(i32::from_le_bytes(*v)));
+            numbers.fold(range, |[a, b], n| [a.min(n), b.max(n)])
+        })
     }
 
     /// Fills `out` with the voxels in the x, y rectangle of `region`.

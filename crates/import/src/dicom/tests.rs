@@ -4,12 +4,14 @@ use crate::error::ImportError;
 use crate::open::open;
 use crate::options::OpenOptions;
 use crate::source::Source;
+use crate::testing::{alone_with, assert_takes_what_it_says};
 use brickyard_volume::VoxelType;
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 use glam::DVec3;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const BIG_ENDIAN: &str = super::header::EXPLICIT_BIG_ENDIAN;
@@ -76,6 +78,24 @@ impl Written {
             .media_storage_sop_class_uid(uids::CT_IMAGE_STORAGE)
             .media_storage_sop_instance_uid("1.2.3.4");
         self.0.clone().with_meta(meta).unwrap().write_to_file(path).unwrap();
+    }
+}
+
+impl Written {
+    /// Like [`Written::save`], with the data set deflated.
+    fn save_deflated(&self, path: &Path) {
+        self.save(path, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let mut bytes = std::fs::read(path).unwrap();
+        // The group's length counts from its own end.
+        let length = u32::from_le_bytes(bytes[140..144].try_into().unwrap());
+        let body = bytes.split_off(144 + length as usize);
+        let name = uids::EXPLICIT_VR_LITTLE_ENDIAN.as_bytes();
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap();
+        bytes.splice(at - 2..at + 20, [&[22, 0], uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN.as_bytes()].concat());
+        bytes[140..144].copy_from_slice(&(length + 2).to_le_bytes());
+        let mut deflated = flate2::write::DeflateEncoder::new(bytes, flate2::Compression::best());
+        deflated.write_all(&body).unwrap();
+        std::fs::write(path, deflated.finish().unwrap()).unwrap();
     }
 }
 
@@ -173,6 +193,45 @@ fn sagittal_slices_go_along_their_normal() {
     let found = source.info().orientation.unwrap();
     for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
         assert!((f - e).abs() < 1e-12, "{found:?}");
+    }
+}
+
+/// Slices are opened again when they are read: each must still be the file whose header was read.
+#[test]
+fn a_slice_that_changes_after_it_was_opened_is_an_error() {
+    for (is_deflated, smaller) in [(false, false), (false, true), (true, false), (true, true)] {
+        let folder = Folder::of(shuffled());
+        let save = |written: &Written, path: &Path| match is_deflated {
+            true => written.save_deflated(path),
+            false => written.save(path, uids::EXPLICIT_VR_LITTLE_ENDIAN),
+        };
+        save(&Written::slice(22.5, 100), &folder.file(3));
+        let source = folder.open().unwrap();
+        let mut other = Written::slice(22.5, 900);
+        if smaller {
+            other.number(tags::ROWS, 1).pixels(&[1, 2, 3, 4]);
+        }
+        let new = folder.0.path().join("new");
+        save(&other, &new);
+        std::fs::File::options().write(true).open(&new).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
+        std::fs::rename(new, folder.file(3)).unwrap();
+        let mut out = vec![0; 12 * 5 * 2];
+        let message = source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap_err().to_string();
+        assert!(message.contains("IM3: changed while it was read"), "{message}");
+    }
+}
+
+/// Of a deflated file no more is held than its header and a frame, though it inflates to a thousand times itself.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_deflated_file_takes_what_it_says() {
+    let written = alone_with("dicom::tests::a_deflated_file_takes_what_it_says", |path| {
+        let mut large = Written::slice(0.0, 0);
+        large.number(tags::ROWS, 2048).number(tags::COLUMNS, 2048).pixels(&vec![7; 2048 * 2048]).save_deflated(path);
+        assert!(std::fs::metadata(path).unwrap().len() < 1 << 16);
+    });
+    if let Some(path) = written {
+        assert_takes_what_it_says(|| open(&[path], &OpenOptions::default()).unwrap(), 2048 * 2048 * 2);
     }
 }
 

@@ -1,5 +1,8 @@
 //! glTF 2.0, as `.gltf` with its buffers inside or beside it, or `.glb`: all triangles of the scene, each where its node puts it, in
 //! the pose without animation. Colours are the vertices' times the material's, which glTF counts in light and pictures in codes.
+//!
+//! A file may come from anybody: what it names must lie in its own folder, and what it declares is counted before anything is allocated
+//! for it.
 
 use super::{Parts, code};
 use crate::error::ImportError;
@@ -8,41 +11,148 @@ use base64::prelude::BASE64_STANDARD;
 use glam::{DMat3, DMat4, DVec3};
 use gltf::accessor::{DataType, Dimensions};
 use gltf::mesh::Mode;
-use gltf::{Accessor, Document, Gltf, Node, Primitive, Semantic};
-use std::path::Path;
+use gltf::{Accessor, Document, Node, Primitive, Semantic};
+use std::borrow::Cow;
+use std::path::{Component, Path, PathBuf};
+
+/// Most memory for what a JSON document describes, of which each object and list may take [`CONTAINER_BYTES`] and each value in one
+/// [`VALUE_BYTES`].
+const MOST_JSON_BYTES: u64 = 1 << 30;
+const CONTAINER_BYTES: u64 = 600;
+const VALUE_BYTES: u64 = 32;
+
+/// What a vertex and a triangle take: place, normal and colour; three indices.
+const VERTEX_BYTES: u64 = 27;
+const TRIANGLE_BYTES: u64 = 12;
+/// Copies of meshes may take this much, or [`MOST_COPIES`] times the buffers.
+const MOST_PLACED_BYTES: u64 = 1 << 30;
+const MOST_COPIES: u64 = 8;
+
+/// Bytes before the parts of a binary file.
+const BINARY_HEADER: usize = 12;
 
 pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
     let bad = |problem: String| ImportError::invalid(path, problem);
-    let Gltf { document, blob } =
-        Gltf::from_slice(&bytes).map_err(|error| bad(format!("expected a glTF file: {error}")))?;
+    let (document, blob) = document(&bytes).map_err(bad)?;
     if let Some(extension) = document.extensions_required().next() {
         return Err(ImportError::unsupported(path, format!("the glTF extension {extension}")));
     }
     let buffers = buffers(path, &document, blob)?;
     let scene = document.default_scene().or_else(|| document.scenes().next());
     let Some(scene) = scene else { return Err(bad("there is no scene in it".into())) };
+    let nodes = placed_nodes(&document, scene.nodes().collect()).map_err(bad)?;
+    check_size(&nodes, &buffers).map_err(bad)?;
     let mut parts = Parts::default();
-    let mut is_placed = vec![false; document.nodes().len()];
-    let mut open: Vec<(Node<'_>, DMat4)> = scene.nodes().map(|node| (node, DMat4::IDENTITY)).collect();
-    while let Some((node, world_from_parent)) = open.pop() {
-        if std::mem::replace(&mut is_placed[node.index()], true) {
-            return Err(bad(format!("node {} is the child of two nodes: expected a tree", node.index())));
-        }
-        let own = node.transform().matrix().map(|column| column.map(f64::from));
-        let world_from_node = world_from_parent * DMat4::from_cols_array_2d(&own);
+    for (node, world_from_node) in nodes {
         for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
             let part = primitive_parts(&primitive, &buffers, world_from_node)
                 .map_err(|problem| bad(format!("the mesh of node {}: {problem}", node.index())))?;
             parts.join(part);
         }
-        open.extend(node.children().map(|child| (child, world_from_node)));
     }
     Ok(parts)
+}
+
+/// What is in a file: its document, and its binary part.
+fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
+    let not_gltf = |error: gltf::Error| format!("expected a glTF file: {error}");
+    let (json, blob) = if bytes.starts_with(b"glTF") {
+        // The library subtracts the header from the length that is declared.
+        let length = bytes.get(8..BINARY_HEADER).map_or(0, |n| u32::from_le_bytes([n[0], n[1], n[2], n[3]]));
+        if (length as usize) < BINARY_HEADER {
+            return Err(format!("expected a glTF file of at least {BINARY_HEADER} bytes, found a length of {length}"));
+        }
+        let parts = gltf::binary::Glb::from_slice(bytes).map_err(not_gltf)?;
+        (parts.json, parts.bin.map(Cow::into_owned))
+    } else {
+        (Cow::Borrowed(bytes), None)
+    };
+    let needed = json_bytes(&json);
+    if needed > MOST_JSON_BYTES {
+        return Err(format!(
+            "its JSON would take up to {} MiB, more than {}: save the mesh with fewer nodes",
+            needed >> 20,
+            MOST_JSON_BYTES >> 20
+        ));
+    }
+    let root: gltf::json::Root = gltf::json::deserialize::from_slice(&json).map_err(|error| not_gltf(error.into()))?;
+    // The library's check of a primitive takes for granted that its accessors are there.
+    let accessors = root.accessors.len();
+    let named =
+        root.meshes.iter().flat_map(|mesh| &mesh.primitives).flat_map(|primitive| primitive.attributes.values());
+    if let Some(missing) = named.map(|accessor| accessor.value()).find(|&accessor| accessor >= accessors) {
+        return Err(format!("a mesh names accessor {missing}, but there are {accessors}, numbered from 0"));
+    }
+    Ok((Document::from_json(root).map_err(not_gltf)?, blob))
+}
+
+/// The most that a JSON document takes once it is read, from the objects, lists and values in it.
+fn json_bytes(json: &[u8]) -> u64 {
+    let (mut containers, mut values) = (0, 0);
+    let mut bytes = json.iter();
+    while let Some(byte) = bytes.next() {
+        match byte {
+            b'{' | b'[' => containers += 1,
+            b',' => values += 1,
+            // To the string's end; what is after a backslash is none.
+            b'"' => {
+                while let Some(byte) = bytes.next() {
+                    match byte {
+                        b'"' => break,
+                        b'\\' => drop(bytes.next()),
+                        _ => {}
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    containers * CONTAINER_BYTES + values * VALUE_BYTES + json.len() as u64
+}
+
+/// The nodes of a tree, each with its place in the world.
+fn placed_nodes<'a>(document: &Document, roots: Vec<Node<'a>>) -> Result<Vec<(Node<'a>, DMat4)>, String> {
+    let mut is_placed = vec![false; document.nodes().len()];
+    let mut open: Vec<(Node<'_>, DMat4)> = roots.into_iter().map(|node| (node, DMat4::IDENTITY)).collect();
+    let mut placed = Vec::new();
+    while let Some((node, world_from_parent)) = open.pop() {
+        if std::mem::replace(&mut is_placed[node.index()], true) {
+            return Err(format!("node {} is the child of two nodes: expected a tree", node.index()));
+        }
+        let own = node.transform().matrix().map(|column| column.map(f64::from));
+        let world_from_node = world_from_parent * DMat4::from_cols_array_2d(&own);
+        open.extend(node.children().map(|child| (child, world_from_node)));
+        placed.push((node, world_from_node));
+    }
+    Ok(placed)
+}
+
+/// Counts what the meshes of all nodes take, of which many may show the same one.
+fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), String> {
+    let bytes_of = |primitive: Primitive<'_>| {
+        let vertices = primitive.get(&Semantic::Positions).map_or(0, |accessor| accessor.count() as u64);
+        let corners = primitive.indices().map_or(vertices, |accessor| accessor.count() as u64);
+        let triangles = if primitive.mode() == Mode::Triangles { corners / 3 } else { corners };
+        vertices.saturating_mul(VERTEX_BYTES).saturating_add(triangles.saturating_mul(TRIANGLE_BYTES))
+    };
+    let meshes = nodes.iter().filter_map(|(node, _)| node.mesh());
+    let needed = meshes.flat_map(|mesh| mesh.primitives()).map(bytes_of).fold(0, u64::saturating_add);
+    let own: u64 = buffers.iter().map(|buffer| buffer.len() as u64).sum();
+    let most = MOST_PLACED_BYTES.max(own.saturating_mul(MOST_COPIES));
+    if needed > most {
+        return Err(format!(
+            "with all its copies the mesh would take {} MiB, more than {}: save it with fewer nodes that show the same mesh",
+            needed >> 20,
+            most >> 20
+        ));
+    }
+    Ok(())
 }
 
 /// What is in each buffer: of the file itself, beside it, or written out in its name.
 fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>, ImportError> {
     let mut buffers = Vec::new();
+    let mut named = Vec::new();
     for buffer in document.buffers() {
         let bad = |problem: String| ImportError::invalid(path, format!("buffer {}: {problem}", buffer.index()));
         let bytes = match buffer.source() {
@@ -51,13 +161,18 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
                 Some((kind, text)) if kind.starts_with("data:") => {
                     BASE64_STANDARD.decode(text).map_err(|error| bad(format!("not in base 64: {error}")))?
                 }
-                _ if uri.contains(':') => {
-                    let shown: String = uri.chars().take(80).collect();
-                    return Err(bad(format!("it is at {shown}: expected a file beside this one")));
-                }
                 _ => {
-                    let beside = path.with_file_name(unescaped(uri));
-                    std::fs::read(&beside).map_err(ImportError::io(&beside))?
+                    let shown: String = uri.chars().take(80).collect();
+                    let beside = file_beside(path, uri)?.ok_or_else(|| {
+                        bad(format!("it is at {shown}: expected a file in the folder of this one; copy it there"))
+                    })?;
+                    // Else a file could be read over and over.
+                    if named.contains(&beside) {
+                        return Err(bad(format!("it is at {shown}, as one before it: expected a file of its own")));
+                    }
+                    let bytes = super::read_file(&beside)?;
+                    named.push(beside);
+                    bytes
                 }
             },
         };
@@ -67,6 +182,20 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
         buffers.push(bytes);
     }
     Ok(buffers)
+}
+
+/// The file of a name, if the name leads to one in the folder of `path` or a folder in that.
+fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
+    let name = PathBuf::from(unescaped(uri));
+    let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if uri.contains(':') || !is_below {
+        return Ok(None);
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let beside = folder.join(name);
+    // Where links lead, too.
+    let real = |path: &Path| path.canonicalize().map_err(ImportError::io(path));
+    Ok(real(&beside)?.starts_with(real(folder)?).then_some(beside))
 }
 
 /// A name with `%20` and the like replaced by what they stand for.

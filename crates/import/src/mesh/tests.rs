@@ -251,3 +251,67 @@ fn what_gltf_says_of_its_buffers_is_checked() {
     bytes[last] = 9;
     assert!(refusal("a.glb", bytes).contains("names vertex 9"));
 }
+
+/// What lies outside of the file's folder is not read, whatever it is called by.
+#[cfg(unix)]
+#[test]
+fn gltf_stays_in_its_own_folder() {
+    let (buffer, json) = gltf(|json| json);
+    let outside = tempfile::tempdir().unwrap();
+    std::fs::write(outside.path().join("b.bin"), &buffer).unwrap();
+    let (folder, path) = file("a.gltf", "");
+    std::fs::create_dir(folder.path().join("sub")).unwrap();
+    std::fs::write(folder.path().join("sub/b.bin"), &buffer).unwrap();
+    std::os::unix::fs::symlink(outside.path().join("b.bin"), folder.path().join("link.bin")).unwrap();
+    let read = |uri: &str| {
+        std::fs::write(&path, json.replace("URI", &format!(r#", "uri": "{uri}""#))).unwrap();
+        read_mesh(&path).map_err(|error| error.to_string())
+    };
+    assert!(read("sub/b.bin").is_ok() && read("./sub/b.bin").is_ok());
+    let name = |path: &std::path::Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+    let other = format!("../{}/b.bin", name(outside.path()));
+    let escaped = other.replace("..", "%2e%2e");
+    let absolute = outside.path().join("b.bin").display().to_string();
+    for uri in ["/dev/zero", "file:///dev/zero", &other, &escaped, &absolute, "sub/../../x", "link.bin", ".."] {
+        let message = read(uri).unwrap_err();
+        assert!(message.contains("expected a file in the folder of this one"), "{uri}: {message}");
+    }
+    assert!(read("sub").unwrap_err().contains("expected a regular file"));
+    assert!(read_mesh("/dev/zero.stl".as_ref()).is_err());
+    let zero = folder.path().join("zero.stl");
+    std::os::unix::fs::symlink("/dev/zero", &zero).unwrap();
+    assert!(read_mesh(&zero).unwrap_err().to_string().contains("expected a regular file"));
+}
+
+#[test]
+fn what_gltf_declares_is_counted_before_it_is_allocated() {
+    // 60,000 nodes that show one mesh, which declares a thousand times the vertices that it has.
+    let nodes = |json: String| {
+        let list = (0..60_000).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
+        let node = r#"{"mesh": 0}"#;
+        let at = json.find(r#""nodes": [{"#).unwrap();
+        let end = at + json[at..].find("}]").unwrap() + 2;
+        let all = format!(r#""nodes": [{}]"#, vec![node; 60_000].join(","));
+        let json = format!("{}{all}{}", &json[..at], &json[end..]);
+        json.replace(r#""scenes": [{"nodes": [0]}]"#, &format!(r#""scenes": [{{"nodes": [{list}]}}]"#))
+    };
+    assert_eq!(read("a.glb", glb(nodes)).unwrap().positions().len(), 240_000);
+    let message = refusal("a.glb", glb(|json| nodes(json).replace(r#""count": 4"#, r#""count": 4000"#)));
+    assert!(message.contains("with all its copies the mesh would take") && message.contains("MiB"), "{message}");
+    // JSON of little but brackets takes many times its size.
+    let message = refusal("a.gltf", format!(r#"{{"nodes": [{}{{}}]}}"#, "{},".repeat(2_000_000)));
+    assert!(message.contains("its JSON would take up to 1"), "{message}");
+    let string = format!(r#"{{"asset": {{"version": "2.0", "generator": "{}\""}}}}"#, "{},[".repeat(1_000_000));
+    assert!(refusal("a.gltf", string).contains("no scene"));
+}
+
+#[test]
+fn gltf_that_names_what_is_not_there_is_refused() {
+    let spoil = |from: &str, to: &str| refusal("a.glb", glb(|json| json.replace(from, to)));
+    assert!(spoil(r#""POSITION": 0"#, r#""POSITION": 70"#).contains("accessor 70"));
+    spoil(r#""indices": 1"#, r#""indices": 70"#);
+    spoil(r#""bufferView": 0"#, r#""bufferView": 70"#);
+    let mut short = glb(|json| json);
+    short[8..12].copy_from_slice(&5u32.to_le_bytes());
+    assert!(refusal("a.glb", short).contains("found a length of 5"));
+}

@@ -3,6 +3,7 @@
 use super::description::Description;
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::BufReader;
@@ -14,11 +15,19 @@ use tiff::tags::{ByteOrder, Tag};
 /// Most bytes of a description that are read; OME-XML of large plates reaches tens of megabytes.
 const LONGEST_DESCRIPTION: u64 = 256 << 20;
 
-/// Most memory for the values of one tag: 64 million strips.
-const MOST_TAG_BYTES: usize = 2 << 30;
+/// Most memory for the values of one tag: 8 million strips.
+const MOST_TAG_BYTES: usize = 256 << 20;
 
 /// No compression reaches this ratio: a strip that claims more is a damaged header, not something to allocate.
 const ABSURD_RATIO: u64 = 1 << 16;
+
+/// Values of the tag Compression.
+const JPEG: u16 = 7;
+const ZSTD: u16 = 50000;
+/// What a Zstandard decoder keeps of its output at most, by default.
+const MOST_ZSTD_WINDOW: u64 = 128 << 20;
+/// A strip's or tile's offset and length.
+const CHUNK_PLACE_BYTES: u64 = 16;
 
 /// What all pages of a stack must agree in.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +60,8 @@ impl std::fmt::Display for PageFormat {
 pub(super) struct OpenTiff {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
-    file_bytes: u64,
+    /// Of the file when it was opened.
+    pub(super) stamp: Stamp,
     /// The decoded strip or tile.
     chunk: Vec<u8>,
 }
@@ -59,10 +69,10 @@ pub(super) struct OpenTiff {
 impl OpenTiff {
     pub(super) fn open(path: &Path) -> Result<Self, ImportError> {
         let file = File::open(path).map_err(ImportError::io(path))?;
-        let file_bytes = file.metadata().map_err(ImportError::io(path))?.len();
+        let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
-        let decoder = decoder.with_limits(limits(file_bytes));
-        Ok(Self { path: path.to_owned(), decoder, file_bytes, chunk: Vec::new() })
+        let decoder = decoder.with_limits(limits(stamp.bytes()));
+        Ok(Self { path: path.to_owned(), decoder, stamp, chunk: Vec::new() })
     }
 
     pub(super) fn has_more_pages(&self) -> bool {
@@ -84,7 +94,9 @@ impl OpenTiff {
     pub(super) fn description(&mut self) -> Description {
         let resolution = self.resolution();
         let mut tags = self.decoder.image_ifd();
-        let length = tags.find_entry(Tag::ImageDescription).map_or(0, |e| e.count().min(LONGEST_DESCRIPTION));
+        let length = tags
+            .find_entry(Tag::ImageDescription)
+            .map_or(0, |e| e.count().min(LONGEST_DESCRIPTION).min(self.stamp.bytes()));
         let mut bytes = vec![0; length as usize];
         // A description that cannot be read is no reason to refuse the voxels.
         let read = tags.find_tag_bytes(Tag::ImageDescription, &mut bytes, 0).ok().flatten().unwrap_or(0);
@@ -125,15 +137,39 @@ impl OpenTiff {
             Some(0) if !matches!(element, Element::Voxel(VoxelType::F32) | Element::F64) => true,
             _ => return Err(unsupported()),
         };
-        if layout.len as u64 > self.file_bytes.saturating_mul(ABSURD_RATIO) {
+        let file_bytes = self.stamp.bytes();
+        if layout.len as u64 > file_bytes.saturating_mul(ABSURD_RATIO) {
             let problem = format!(
-                "claims strips or tiles of {} bytes in a file of {}: the header is damaged",
-                layout.len, self.file_bytes
+                "claims strips or tiles of {} bytes in a file of {file_bytes}: the header is damaged",
+                layout.len
             );
             return Err(ImportError::invalid(&path, problem));
         }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
+    }
+
+    /// Memory that decoding a strip or tile of the page takes: what comes out, what the decompressor keeps, and the lists of places.
+    pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
+        let path = self.path.clone();
+        let refuse = |e| refusal(&path, "unsupported page", e);
+        let decoded = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?.len as u64;
+        let kept = match self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? {
+            // Both of it and of what it is made from.
+            Some(JPEG) => decoded.saturating_mul(2),
+            Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
+            _ => 0,
+        };
+        let (width, height) = self.decoder.chunk_dimensions();
+        let chunks = format.width.div_ceil(width.max(1)) as u64 * format.height.div_ceil(height.max(1)) as u64;
+        let planes = if format.planar { format.samples as u64 } else { 1 };
+        Ok(decoded.saturating_add(kept).saturating_add(chunks.saturating_mul(planes * CHUNK_PLACE_BYTES)))
+    }
+
+    /// Gives up the memory of the last strip or tile.
+    pub(super) fn rest(mut self) -> Self {
+        self.chunk = Vec::new();
+        self
     }
 
     /// Checks that all strips or tiles of the page lie inside the file.
@@ -146,11 +182,11 @@ impl OpenTiff {
         for (offsets, counts) in tags {
             let ends = numbers(offsets)?.into_iter().zip(numbers(counts)?).map(|(o, n)| o.saturating_add(n));
             let end = ends.max().unwrap_or(0);
-            if end > self.file_bytes {
+            let found = self.stamp.bytes();
+            if end > found {
                 let problem = format!(
-                    "cut short: the data of page {number} reach to byte {end}, found {} ({} missing)",
-                    self.file_bytes,
-                    end - self.file_bytes
+                    "cut short: the data of page {number} reach to byte {end}, found {found} ({} missing)",
+                    end - found
                 );
                 return Err(ImportError::invalid(path, problem));
             }

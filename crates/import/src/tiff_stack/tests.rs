@@ -4,7 +4,7 @@ use crate::error::ImportError;
 use crate::open::open;
 use crate::options::OpenOptions;
 use crate::source::{Access, Source};
-use crate::testing::{Field, assert_boxes, temp_file};
+use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, temp_file};
 use brickyard_volume::{VoxelBox, VoxelType};
 use glam::DVec3;
 use proptest::prelude::*;
@@ -417,6 +417,46 @@ fn cut_files_are_refused_at_opening() {
     late[list..list + 4].copy_from_slice(&(bytes.len() as u32).to_le_bytes());
     let message = refusal(&late, &options());
     assert!(message.contains("data of page 3") && message.contains("missing"), "{message}");
+}
+
+/// A strip is decoded at once, be it a whole plane.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_plane_of_one_strip_takes_what_it_says() {
+    let file = alone_with("tiff_stack::tests::a_plane_of_one_strip_takes_what_it_says", |path| {
+        let field = Field { sizes: [1500, 1500, 1, 1, 1], voxel_type: VoxelType::U32 };
+        let layout = Layout { chunk: Err(1500), ..Layout::default() };
+        std::fs::write(path, written(field, "z", &layout)).unwrap();
+    });
+    if let Some(path) = file {
+        assert_takes_what_it_says(|| opened(&path).unwrap(), 1500 * 1500 * 4);
+    }
+}
+
+/// Files are opened again when their planes are read: each must still be the one whose pages were checked.
+#[test]
+fn planes_that_change_after_they_were_opened_are_an_error() {
+    let field = Field { sizes: [7, 5, 4, 1, 1], voxel_type: VoxelType::U16 };
+    for (is_list, width) in [(true, 7), (true, 3), (false, 7), (false, 3)] {
+        let (folder, paths) = planes(field);
+        let stack = folder.path().join("stack");
+        std::fs::write(&stack, written(field, "z", &Layout::default())).unwrap();
+        let stack = [stack];
+        let paths = if is_list { &paths[..] } else { &stack };
+        let source = open(paths, &options()).unwrap();
+        let changed = &paths[paths.len() - 1];
+        let other = Field { sizes: [width, 5, if is_list { 1 } else { 4 }, 1, 1], ..field };
+        let new = folder.path().join("new");
+        std::fs::write(&new, written(other, "z", &Layout::default())).unwrap();
+        std::fs::File::options().write(true).open(&new).unwrap().set_modified(std::time::UNIX_EPOCH).unwrap();
+        std::fs::rename(new, changed).unwrap();
+        let full = source.info().extent.full_box();
+        let message = source.read_box(0, 0, full, &mut [0; 7 * 5 * 4 * 2]).unwrap_err().to_string();
+        assert!(
+            message.contains("changed while it was read") && message.contains(changed.to_str().unwrap()),
+            "{message}"
+        );
+    }
 }
 
 #[test]

@@ -467,7 +467,13 @@ impl<'a, T: Measure> Volume<'a, T> {
         if s == 0 && run.first.x == 0 {
             self.announce(run.first.y + 1, run.first.z);
         }
-        let gathered = self.gather(&mut worker.workspace, s, run);
+        let gathered = match self.gather(&mut worker.workspace, s, run) {
+            Ok(gathered) => gathered,
+            Err(error) => {
+                self.shared.fail(Stop::Source(error));
+                return false;
+            }
+        };
         (0..run.count).all(|i| {
             let (index, number) = (run.brick(i), first_number + run.number + i as u64);
             if gathered {
@@ -525,17 +531,18 @@ impl<'a, T: Measure> Volume<'a, T> {
     }
 
     /// Fetches the cores of a run from where they lie in memory, if they do.
-    fn gather(&self, workspace: &mut Workspace<T>, s: usize, run: &Run) -> bool {
+    fn gather(&self, workspace: &mut Workspace<T>, s: usize, run: &Run) -> Result<bool, ImportError> {
         let Stage { layout, level, .. } = &self.plan().stages[s];
         let [first, last] = [0, run.count - 1].map(|i| layout.pyramid.brick_box(*level, run.brick(i)));
         let region = VoxelBox { min: first.min, max: last.max };
         if s > 0 || self.by_planes() {
             let window = self.windows[s].read().unwrap_or_else(PoisonError::into_inner);
             workspace.gather(window.lend(region), shape(region));
-            return true;
+            return Ok(true);
         }
-        let lent = self.shared.pass.source.lend(self.time, self.channel, region);
-        lent.map(|lent| workspace.gather(lent, shape(region))).is_some()
+        let Some(lent) = self.shared.pass.source.lend(self.time, self.channel, region) else { return Ok(false) };
+        workspace.gather(lent, shape(region));
+        lent.confirm().map(|()| true)
     }
 
     /// Reads a brick of level 0 to core 0, unless the source knows that it is constant.

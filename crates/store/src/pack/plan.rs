@@ -1,11 +1,13 @@
 //! What a pack will need, before it starts.
 //!
 //! ```text
-//! memory = fixed + windows kept in memory + 24 MiB (program, stacks, allocator)
+//! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
 //!        + side data on their way + open shards' indexes + channels * 512 KiB
 //! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes
 //! stages = level 0, and levels k >= 1 of each pyramid
+//! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
+//!         = threads * what the source's reader says it takes               (sources that read boxes)
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
 //! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
@@ -19,7 +21,7 @@
 //! ```
 //!
 //! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
-//! rings of the same size in a scratch file. So `fixed` is the least memory a pack needs, however large the planes are.
+//! rings of the same size in a scratch file. So `fixed + reading` is the least memory a pack needs.
 
 use crate::chunks::Chunks;
 use crate::codec::{BrickCodec, Codec};
@@ -216,7 +218,9 @@ impl Draft {
         let maker = options.apron().map(|apron| ApronMaker { apron, voxel_bytes: info.voxel_type.bytes() });
         plan.apron_bytes = maker.map_or(0, |maker| plan.brick_count().saturating_mul(maker.apron_bytes() as u64));
         plan.output_bytes_at_most = core_bytes.saturating_add(plan.apron_bytes);
-        let streaming = fixed_bytes(&plan, info.voxel_type, options) + PROGRAM_BYTES;
+        let streaming = fixed_bytes(&plan, info.voxel_type, options)
+            .saturating_add(reading_bytes(source, options))
+            .saturating_add(PROGRAM_BYTES);
         let aprons = maker.map(|maker| ApronMemory::new(&plan, maker, info.voxel_type, options));
         Self { plan, streaming, aprons }
     }
@@ -338,6 +342,18 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
     let channels = plan.layout.channels as u64 * (MIB / 2);
     threads * (buffers + compressor) + in_flight + side_data + indexes + channels
+}
+
+/// What threads hold of a source while they read it.
+fn reading_bytes(source: &dyn Source, options: &PackOptions) -> u64 {
+    let info = source.info();
+    match source.access() {
+        Access::Planes => {
+            let plane = info.extent.x as u64 * info.extent.y as u64 * info.voxel_type.bytes() as u64;
+            source.reader_bytes().saturating_add(plane)
+        }
+        Access::Box => source.reader_bytes().saturating_mul(options.threads as u64),
+    }
 }
 
 /// The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.

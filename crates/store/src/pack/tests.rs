@@ -770,3 +770,89 @@ fn occupancy_bins_of_bytes_are_four_values_wide() {
     let store = Store::open(&path).unwrap();
     assert_eq!(store.occupancy_bins(0), OccupancyBins { low: 0.0, width: 4.0 });
 }
+
+/// Cuts a file short once some voxels of it are packed.
+struct Cutter {
+    path: PathBuf,
+    left: u64,
+}
+
+impl Progress for Cutter {
+    fn advanced(&self, done: u64, _: u64) {
+        if done > 0 {
+            let file = std::fs::OpenOptions::new().write(true).open(&self.path).unwrap();
+            if file.metadata().unwrap().len() > self.left {
+                file.set_len(self.left).unwrap();
+            }
+        }
+    }
+}
+
+/// Of what is gone of a mapped file zeros are read: none of them may become a store's voxels.
+#[test]
+fn a_source_cut_short_while_it_is_packed_ends_the_pack() {
+    use brickyard_import::{Endian, RawLayout, RawSource};
+    let extent = Extent::new(64, 64, 512);
+    // Lent as they lie in the file, and copied; cut by pages, and by a byte of the last page.
+    for (voxel_type, endian) in [(VoxelType::U8, Endian::Little), (VoxelType::U16, Endian::Big)] {
+        let bytes = extent.volume() * voxel_type.bytes() as u64;
+        for left in [bytes / 4, bytes - 1] {
+            let dir = tempfile::tempdir().unwrap();
+            let (path, store) = (dir.path().join("a.raw"), dir.path().join("s.zarr"));
+            std::fs::write(&path, vec![7; bytes as usize]).unwrap();
+            let layout = RawLayout { endian, ..RawLayout::new(extent, voxel_type) };
+            let source = RawSource::open(&path, &layout).unwrap();
+            let stopped = pack(&source, &store, &options(voxel_type), &Cutter { path: path.clone(), left });
+            match stopped.unwrap_err() {
+                PackError::Source { error: ImportError::Invalid { path: named, problem }, .. } => {
+                    assert!(named == path && problem.contains("changed while it was read"), "{problem}");
+                }
+                other => panic!("{other}"),
+            }
+            assert!(Store::open(&store).is_err(), "there is no store");
+        }
+    }
+}
+
+/// A source that must decode whole planes, and takes memory for it.
+struct Decoding(Array<u8>, u64);
+
+impl Source for Decoding {
+    fn info(&self) -> &SourceInfo {
+        &self.0.info
+    }
+
+    fn access(&self) -> Access {
+        self.0.access
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.1
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.0.read_box(time, channel, region, out)
+    }
+}
+
+/// What a source decodes at once is counted, and refused with the number that would do.
+#[test]
+fn memory_of_the_readers_is_counted() {
+    let extent = [64, 32, 5];
+    let of = |access, reader_bytes| Decoding(Array { access, ..Array::new(extent, |_| 1) }, reader_bytes);
+    let needed = |source: &Decoding, memory_bytes| {
+        let options = PackOptions { memory_bytes, threads: 3, ..options(VoxelType::U8) };
+        match plan(source, &options) {
+            Err(PackError::Memory { needed_bytes, .. }) => needed_bytes,
+            other => panic!("{other:?}"),
+        }
+    };
+    let least = needed(&of(Access::Box, 0), 0);
+    assert_eq!(needed(&of(Access::Box, 1 << 30), 0), least + (3 << 30), "each thread reads");
+    let by_planes = of(Access::Planes, 1 << 30);
+    let enough = needed(&by_planes, 0);
+    assert_eq!(enough, least + 64 * 32 + (1 << 30), "one reads, to a plane's buffer");
+    needed(&by_planes, enough - 1);
+    let allowed = PackOptions { memory_bytes: enough, threads: 3, ..options(VoxelType::U8) };
+    assert!(plan(&by_planes, &allowed).unwrap().memory_bytes >= enough);
+}

@@ -2,10 +2,12 @@
 //! reading gives zeros instead of the signal (SIGBUS) that ends the process.
 //!
 //! The guard is a signal handler, installed with the first map. It looks the faulting address up in a table of all maps, puts
-//! pages of zeros over the fault and returns, so that the read goes on; checksums over the bytes find the damage then.
-//! [`GuardedMap::lost`] tells it from damage in the file. A fault anywhere else is passed on to the handler that was
-//! there before. In a signal handler only atomics and system calls are allowed: so the table is a list of blocks that is
-//! never freed, and a place in it is taken and given back by atomic stores.
+//! pages of zeros over the fault and returns, so that the read goes on. Zeros look like data: so whoever reads asks
+//! [`GuardedMap::lost`] *after* it has copied or decoded, and takes nothing for true of a map that has lost bytes. A file that is cut
+//! short within a page reads as zeros without any signal: where nothing else would find that (a checksum, say), readers ask the file for its length too.
+//! A fault anywhere else, and a signal that somebody sent (it has no address), are passed on to the handler that was there before. In a
+//! signal handler only atomics and system calls are allowed: so the table is a list of blocks that is never freed, and a
+//! place in it is taken and given back by atomic stores.
 //!
 //! Cost: nothing while all goes well, but a scan of the table for each map that is made.
 
@@ -14,33 +16,38 @@ use std::fs::File;
 use std::ops::{Deref, Range};
 use std::ptr::{null, null_mut};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering, fence};
 
-/// A read-only map of a whole file.
-pub(crate) struct GuardedMap {
+/// A read-only map of a whole file. See the module's documentation for what its readers owe: [`GuardedMap::lost`] after reading.
+pub struct GuardedMap {
     map: Mmap,
     place: &'static Place,
 }
 
 impl GuardedMap {
     /// Maps a file.
-    pub(crate) fn new(file: &File) -> std::io::Result<Self> {
+    ///
+    /// # Errors
+    /// If the operating system refuses.
+    pub fn new(file: &File) -> std::io::Result<Self> {
         install()?;
-        // SAFETY: the map is read-only and only ever read as bytes, which any file is. Shards are written whole under another
-        // name and renamed, so nobody who follows the format changes a mapped one. Where somebody does, or truncates it,
-        // readers see other bytes or zeros, and never trust what they decode.
+        // SAFETY: the map is read-only, of pages that the handler keeps readable, and lent as bytes, for which every value is valid.
+        // That nobody writes to the file meanwhile cannot be had of any file. Where somebody does, reads give old bytes or new
+        // ones: so nothing that is read here may be trusted twice, and readers check what they have copied or decoded.
         let map = unsafe { Mmap::map(file) }?;
         let place = Place::take(map.as_ptr() as usize, map.len());
         Ok(Self { map, place })
     }
 
     /// Whether bytes of the file could not be read, so that there are zeros in their place.
-    pub(crate) fn lost(&self) -> bool {
-        self.place.faults.load(Ordering::Relaxed) > 0
+    pub fn lost(&self) -> bool {
+        // What was read before is read before: another thread's fault may have put the zeros there.
+        fence(Ordering::Acquire);
+        self.place.faults.load(Ordering::Acquire) > 0
     }
 
     /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
-    pub(crate) fn advise(&self, range: Range<usize>) {
+    pub fn advise(&self, range: Range<usize>) {
         if let Err(error) = self.map.advise_range(Advice::WillNeed, range.start, range.len()) {
             tracing::debug!(%error, "madvise");
         }
@@ -172,18 +179,36 @@ fn install_now() -> std::io::Result<()> {
         let mut previous: libc::sigaction = std::mem::zeroed();
         checked(libc::sigaction(libc::SIGBUS, null(), &mut previous))?;
         PREVIOUS.store(Box::into_raw(Box::new(previous)), Ordering::Release);
+        checked(set_handler())
+    }
+}
+
+/// Makes [`on_bus_error`] the handler; returns what the system does.
+fn set_handler() -> libc::c_int {
+    // SAFETY: all-zero is a valid `sigaction`; the call gets a valid pointer and null.
+    unsafe {
         let mut action: libc::sigaction = std::mem::zeroed();
         action.sa_sigaction = on_bus_error as *const () as usize;
         action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
-        checked(libc::sigaction(libc::SIGBUS, &action, null_mut()))
+        libc::sigaction(libc::SIGBUS, &action, null_mut())
     }
 }
 
 extern "C" fn on_bus_error(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
-    // SAFETY: the kernel passes what belongs to the signal.
-    let address = unsafe { (*info).si_addr() } as usize;
-    if !mend(address) {
+    // SAFETY: the kernel passes what belongs to the signal; the handler was installed with `SA_SIGINFO`, so that is there.
+    let info_read = unsafe { &*info };
+    // Only the kernel's reports of an access that failed carry an address. Of a signal sent by `kill` or `sigqueue` the same bytes are
+    // the sender and what it likes; one about memory found broken that nobody reads is no failed access.
+    let is_fault = matches!(info_read.si_code, libc::BUS_ADRERR | libc::BUS_OBJERR | libc::BUS_MCEERR_AR);
+    // SAFETY: signals with these codes have an address.
+    let is_mended = is_fault && mend(unsafe { info_read.si_addr() } as usize);
+    if !is_mended {
         pass_on(signal, info, context);
+        if !is_fault {
+            // Handlers before (Rust's own, for one) give the signal back its default and return, so that a fault comes again and ends the
+            // process. One that was sent does not come again, and the maps are still to be guarded.
+            set_handler();
+        }
     }
 }
 
@@ -195,8 +220,9 @@ fn mend(address: usize) -> bool {
     let is_last = place.faults.fetch_add(1, Ordering::Relaxed) + 1 >= MAX_HOLES;
     let bytes = if is_last { place.end.load(Ordering::Acquire) - first } else { page_bytes };
     let flags = libc::MAP_PRIVATE | libc::MAP_FIXED | libc::MAP_ANON;
-    // SAFETY: the pages lie inside a map of ours (its last page is all its own), which cannot go away now: this thread was
-    // reading from it. A page that can still be read is replaced only past the last hole, by zeros, with the same access.
+    // SAFETY: the pages lie inside a map of ours (its last page is all its own), which cannot go away now: the access that failed
+    // is this thread's, through a borrow of the map. A page that can still be read is replaced only past the last hole, by zeros,
+    // with the same access; the fault was counted before, so whoever reads those zeros finds the map lost afterwards.
     let zeros = unsafe { libc::mmap(first as *mut libc::c_void, bytes, libc::PROT_READ, flags, -1, 0) };
     zeros != libc::MAP_FAILED
 }
@@ -204,10 +230,12 @@ fn mend(address: usize) -> bool {
 /// Does what would have been done without this handler.
 fn pass_on(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
     // SAFETY: the pointer is that of a leaked box, stored before this handler was installed. A handler that is neither the
-    // default nor to be ignored is a function of the kind that its flags say. All-zero is a valid `sigaction`.
+    // default nor to be ignored is a function of the kind that its flags say. All-zero is a valid `sigaction`. `info` is the
+    // kernel's, whose codes above 0 are its own reports.
     unsafe {
         let previous = &*PREVIOUS.load(Ordering::Acquire);
         match previous.sa_sigaction {
+            libc::SIG_IGN if (*info).si_code <= 0 => {}
             libc::SIG_DFL | libc::SIG_IGN => {
                 // The kernel does not let a fault be ignored. Raised again, the signal arrives when this handler returns.
                 let mut default: libc::sigaction = std::mem::zeroed();
@@ -297,5 +325,25 @@ mod tests {
         let unguarded = unsafe { Mmap::map(&file) }.unwrap();
         file.set_len(0).unwrap();
         std::process::exit(unguarded[5] as i32);
+    }
+
+    /// A signal that somebody sends has no address, whatever stands where one would be: here, that of a map.
+    #[test]
+    fn a_signal_that_is_sent_mends_nothing_and_leaves_the_guard() {
+        let file = file_of(3 * page_bytes());
+        let map = GuardedMap::new(&file).unwrap();
+        // SAFETY: all-zero is a valid `siginfo_t`; its third word of 8 bytes, where faults have their address, is the sender's to fill.
+        // The signal goes to this thread, so it is dealt with when the call returns.
+        let sent = unsafe {
+            let mut info: libc::siginfo_t = std::mem::zeroed();
+            info.si_signo = libc::SIGBUS;
+            info.si_code = libc::SI_QUEUE;
+            (&raw mut info).cast::<u64>().add(2).write(map.as_ptr() as u64);
+            libc::syscall(libc::SYS_rt_tgsigqueueinfo, libc::getpid(), libc::gettid(), libc::SIGBUS, &raw const info)
+        };
+        assert_eq!(sent, 0);
+        assert!(map.iter().all(|&b| b == 7) && !map.lost(), "nothing was wrong with the map");
+        file.set_len(0).unwrap();
+        assert!(map.iter().all(|&b| b == 0) && map.lost(), "and now there is");
     }
 }

@@ -1,0 +1,68 @@
+//! A file that is read through a map, and what must hold for its bytes to be believed.
+
+use crate::error::ImportError;
+use crate::stamp::Stamp;
+use brickyard_filemap::GuardedMap;
+use std::fs::File;
+use std::ops::{Deref, Range};
+use std::path::{Path, PathBuf};
+
+/// A mapped file. What is gone of it reads as zeros: so [`MappedFile::confirm`] after every read.
+pub(crate) struct MappedFile {
+    path: PathBuf,
+    map: GuardedMap,
+    /// `None` for a scratch file without a name, which is nobody else's to change.
+    stamp: Option<Stamp>,
+}
+
+impl MappedFile {
+    /// Maps the file of a name.
+    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+        let file = File::open(path).map_err(ImportError::io(path))?;
+        // The stamp before the map: what changes between the two is noticed.
+        let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
+        let map = GuardedMap::new(&file).map_err(ImportError::io(path))?;
+        Ok(Self { path: path.to_owned(), map, stamp: Some(stamp) })
+    }
+
+    /// Maps a scratch file without a name, made from the file of the name given.
+    pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
+        let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
+        Ok(Self { path: path.to_owned(), map, stamp: None })
+    }
+
+    /// The state in which it was opened; `None` for a scratch file.
+    pub(crate) fn stamp(&self) -> Option<Stamp> {
+        self.stamp
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the bytes that were read so far can be believed.
+    ///
+    /// # Errors
+    /// If the file has changed since it was opened, or its disk could not read all that was asked for.
+    pub(crate) fn confirm(&self) -> Result<(), ImportError> {
+        // A file cut short within a page reads as zeros to that page's end, and no fault tells.
+        self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))?;
+        if self.map.lost() {
+            let error = std::io::Error::other("the file could be opened but not read; is its disk well?");
+            return Err(ImportError::Io { path: self.path.clone(), error });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn advise(&self, range: Range<usize>) {
+        self.map.advise(range);
+    }
+}
+
+impl Deref for MappedFile {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.map
+    }
+}

@@ -1,0 +1,254 @@
+//! What the numbers in files' names count. Files that are taken one after another must have one counter without gaps: with a
+//! second one (`_c0`, `_c1`) planes of one thing would come to lie between those of another, and a missing file would move
+//! all that follow.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Longer runs of digits are no counters, but stamps or sums.
+const LONGEST_NUMBER: usize = 18;
+/// Numbers, or names, that a message lists.
+const MOST_SHOWN: usize = 6;
+
+/// A name and the numbers in it.
+struct Name {
+    /// The text between the numbers.
+    texts: Vec<String>,
+    numbers: Vec<u64>,
+}
+
+impl Name {
+    fn of(path: &Path) -> Self {
+        let path = path.to_string_lossy();
+        let mut found = Self { texts: vec![String::new()], numbers: Vec::new() };
+        let mut rest = &*path;
+        while let Some(first) = rest.chars().next() {
+            let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
+            let taken = if digits > 0 { digits } else { first.len_utf8() };
+            let (piece, after) = rest.split_at(taken);
+            match piece.parse() {
+                Ok(number) if digits > 0 && digits <= LONGEST_NUMBER => {
+                    found.numbers.push(number);
+                    found.texts.push(String::new());
+                }
+                _ => found.texts.last_mut().into_iter().for_each(|text| text.push_str(piece)),
+            }
+            rest = after;
+        }
+        found
+    }
+
+    /// The letters before number `i`, as `c` of `_c0`.
+    fn label(&self, i: usize) -> String {
+        let letters = self.texts[i].chars().rev().take_while(|c| c.is_alphabetic()).collect::<Vec<_>>();
+        letters.into_iter().rev().collect::<String>().to_lowercase()
+    }
+}
+
+/// Checks files in natural order, two at least. `are_planes` says that each is a plane, of which `--axes` may say more.
+///
+/// # Errors
+/// Says what is missing or too much, and how to have it all the same.
+pub(crate) fn check(paths: &[PathBuf], are_planes: bool) -> Result<(), String> {
+    let names: Vec<Name> = paths.iter().map(|path| Name::of(path)).collect();
+    let mut kinds: BTreeMap<&[String], usize> = BTreeMap::new();
+    names.iter().for_each(|name| *kinds.entry(&name.texts).or_default() += 1);
+    if kinds.len() == names.len() {
+        // Names of words: nothing is counted.
+        return Ok(());
+    }
+    if kinds.len() > 1 {
+        return Err(several_kinds(paths, &names, kinds.len()));
+    }
+    let column = |i: usize| names.iter().map(|name| name.numbers[i]).collect::<Vec<u64>>();
+    let counters: Vec<(usize, Vec<u64>)> = (0..names[0].numbers.len())
+        .map(|i| (i, column(i)))
+        .filter(|(_, numbers)| numbers.iter().any(|n| *n != numbers[0]))
+        .collect();
+    // One that goes up with every file counts them, whatever else goes along with it (a time of day, say).
+    let rising: Vec<&Vec<u64>> = counters.iter().map(|(_, n)| n).filter(|n| n.is_sorted_by(|a, b| a < b)).collect();
+    match (&rising[..], &counters[..]) {
+        ([], [_, _, ..]) => Err(several_counters(paths, &names[0], &counters, are_planes)),
+        ([], _) => Err(same_number(paths, &names)),
+        (rising, _) if rising.iter().any(|numbers| gaps(numbers).is_none()) => Ok(()),
+        (rising, _) => {
+            let closest = rising.iter().min_by_key(|numbers| numbers[numbers.len() - 1] - numbers[0]);
+            closest.and_then(|numbers| gaps(numbers).map(|gap| gap.describe(numbers, paths))).map_or(Ok(()), Err)
+        }
+    }
+}
+
+/// Where numbers that go up do not go up evenly.
+struct Gap {
+    /// The first file after it.
+    at: usize,
+    /// The step that most have.
+    step: u64,
+}
+
+fn gaps(numbers: &[u64]) -> Option<Gap> {
+    let mut steps: BTreeMap<u64, usize> = BTreeMap::new();
+    numbers.windows(2).for_each(|pair| *steps.entry(pair[1] - pair[0]).or_default() += 1);
+    // Of those that are as frequent, the smallest.
+    let (step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
+    let at = numbers.windows(2).position(|pair| pair[1] - pair[0] != *step)? + 1;
+    Some(Gap { at, step: *step })
+}
+
+impl Gap {
+    fn describe(&self, numbers: &[u64], paths: &[PathBuf]) -> String {
+        let missing = numbers.windows(2).flat_map(|pair| (pair[0] + self.step..pair[1]).step_by(self.step as usize));
+        let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| n.to_string()).collect();
+        let more = if missing.clone().nth(MOST_SHOWN).is_some() { ", ..." } else { "" };
+        let (before, after) = (name(&paths[self.at - 1]), name(&paths[self.at]));
+        let lack = match shown.is_empty() {
+            true => String::new(),
+            false => format!(", without {}{more}", shown.join(", ")),
+        };
+        format!(
+            "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add what is missing, or \
+             pass --order natural to take those that are there one after another",
+            numbers[0],
+            numbers[numbers.len() - 1],
+            self.step
+        )
+    }
+}
+
+fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
+    let mut seen: Vec<&[String]> = Vec::new();
+    let mut shown = Vec::new();
+    for (path, of) in paths.iter().zip(names) {
+        if shown.len() < MOST_SHOWN && !seen.contains(&&of.texts[..]) {
+            seen.push(&of.texts);
+            shown.push(name(path));
+        }
+    }
+    let more = if kinds > shown.len() { ", ..." } else { "" };
+    format!(
+        "the files' names are of {kinds} kinds, such as {}{more}: name the files of one, or pass --order natural to take all one after \
+         another",
+        shown.join(", ")
+    )
+}
+
+fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<u64>)], are_planes: bool) -> String {
+    let ends = |numbers: &[u64]| [numbers.iter().min(), numbers.iter().max()].map(|n| n.copied().unwrap_or(0));
+    let describe = |(i, numbers): &(usize, Vec<u64>)| {
+        let [least, greatest] = ends(numbers);
+        match first.label(*i) {
+            label if label.is_empty() => format!("number {} ({least} to {greatest})", i + 1),
+            label => format!("'{label}' ({least} to {greatest})"),
+        }
+    };
+    let found: Vec<String> = counters.iter().map(describe).collect();
+    let axes = if are_planes { axes_of(first, counters, paths.len()) } else { None };
+    let as_axes = axes.map_or(String::new(), |axes| format!("pass --order natural {axes} to read them so, or "));
+    let [a, b] = [&paths[0], &paths[1]].map(|path| name(path));
+    format!(
+        "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one, or pass --order natural to \
+         take all one after another",
+        found.join(" and ")
+    )
+}
+
+/// The flags that say what the counters of `files` planes are, if their letters tell and no plane is missing.
+fn axes_of(first: &Name, counters: &[(usize, Vec<u64>)], files: usize) -> Option<String> {
+    let (mut letters, mut sizes, mut product) = (String::new(), String::new(), 1);
+    for (i, numbers) in counters {
+        let (letter, flag) = match &*first.label(*i) {
+            "c" | "ch" | "channel" => ('c', Some("--channels")),
+            "t" | "time" => ('t', Some("--times")),
+            "z" | "slice" => ('z', None),
+            _ => return None,
+        };
+        if letters.contains(letter) {
+            return None;
+        }
+        letters.push(letter);
+        let mut different = numbers.clone();
+        different.sort();
+        different.dedup();
+        product *= different.len();
+        sizes += &flag.map_or(String::new(), |flag| format!(" {flag} {}", different.len()));
+    }
+    (product == files).then(|| format!("--axes {letters}yx{sizes}"))
+}
+
+fn same_number(paths: &[PathBuf], names: &[Name]) -> String {
+    let at = names.windows(2).position(|pair| pair[0].numbers == pair[1].numbers).unwrap_or(0);
+    let [a, b] = [at, at + 1].map(|i| name(&paths[i]));
+    format!(
+        "{a} and {b} have the same number: name one of them, or pass --order natural to take both, one after the other"
+    )
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file_order::in_natural_order;
+
+    fn checked(names: &[&str], are_planes: bool) -> Result<(), String> {
+        let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+        check(&in_natural_order(&paths), are_planes)
+    }
+
+    #[track_caller]
+    fn refused(names: &[&str], words: &[&str]) {
+        let message = checked(names, true).unwrap_err();
+        for word in words.iter().chain(&["--order natural"]) {
+            assert!(message.contains(word), "{word:?} is not in: {message}");
+        }
+    }
+
+    #[test]
+    fn one_counter_without_gaps_is_as_it_should_be() {
+        for names in [
+            &[
+                "s_1.tif", "s_2.tif", "s_10.tif", "s_3.tif", "s_4.tif", "s_5.tif", "s_6.tif", "s_7.tif", "s_8.tif",
+                "s_9.tif",
+            ][..],
+            &["s000.tif", "s005.tif", "s010.tif"],
+            &["after.npy", "before.npy"],
+            // As on a plate, and of a kind each.
+            &["a1.tif", "b1.tif", "c7.tif"],
+            &["s_3.tif", "s_9.tif"],
+            // A time of day goes along, unevenly; a sum that is too long for a number is text.
+            &["i_0001_120000.tif", "i_0002_120007.tif", "i_0003_120013.tif"],
+            &["2019/s1.tif", "2019/s2.tif", "2019/s3.tif"],
+            &["a.1.3.6.1.4.1.14519.5.2.1.123456789012345678901", "a.1.3.6.1.4.1.14519.5.2.1.123456789012345678902"],
+        ] {
+            assert_eq!(checked(names, true), Ok(()), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn gaps_are_named() {
+        refused(
+            &["s1.tif", "s2.tif", "s4.tif", "s5.tif"],
+            &["1 to 5 in steps of 1, without 3", "s4.tif follows s2.tif"],
+        );
+        refused(&["s0.tif", "s5.tif", "s10.tif", "s25.tif"], &["steps of 5, without 15, 20:"]);
+        refused(&["s1.tif", "s2.tif", "s3.tif", "s900000000.tif"], &["without 4, 5, 6, 7, 8, 9, ..."]);
+        refused(&["s0.tif", "s10.tif", "s20.tif", "s24.tif"], &["in steps of 10: s24.tif follows s20.tif"]);
+        // The counter, not the time of day that goes along with it.
+        refused(&["i_1_120000.tif", "i_2_120007.tif", "i_4_120013.tif"], &["1 to 4", "without 3"]);
+        refused(&["s_1.tif", "s_01.tif", "s_2.tif"], &["s_01.tif", "s_1.tif", "same number"]);
+    }
+
+    #[test]
+    fn second_counters_are_named() {
+        let both = ["s_c0_z1.tif", "s_c0_z2.tif", "s_c1_z1.tif", "s_c1_z2.tif", "s_c2_z1.tif", "s_c2_z2.tif"];
+        refused(&both, &["'c' (0 to 2) and 'z' (1 to 2)", "--axes czyx --channels 3 "]);
+        refused(&["s_z1_t0.tif", "s_z1_t1.tif", "s_z2_t0.tif", "s_z2_t1.tif"], &["--axes ztyx --times 2 "]);
+        assert!(!checked(&both, false).unwrap_err().contains("--axes"), "files that are volumes");
+        // One is missing: what the axes are cannot be told.
+        assert!(!checked(&both[1..], true).unwrap_err().contains("--axes"));
+        refused(&["1_1.tif", "1_2.tif", "2_1.tif", "2_2.tif"], &["number 1 (1 to 2) and number 2 (1 to 2)"]);
+        refused(&["dapi_1.tif", "dapi_2.tif", "gfp_1.tif", "gfp_2.tif"], &["2 kinds", "dapi_1.tif, gfp_1.tif"]);
+    }
+}

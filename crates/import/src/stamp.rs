@@ -1,0 +1,49 @@
+//! The state of a file that is read more than once: its size and when it was last written.
+
+use crate::error::ImportError;
+use std::fs::Metadata;
+use std::path::Path;
+use std::time::SystemTime;
+
+/// The state of a file when it was opened. A source reads a file while it is packed, for days perhaps; whatever was checked at the
+/// begin holds only for this state. Not part of it is the file's number: on some network file systems that changes by itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stamp {
+    bytes: u64,
+    modified: Option<SystemTime>,
+}
+
+impl Stamp {
+    /// The state of the file that has this name now.
+    pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
+        std::fs::metadata(path).map(|file| Self::in_metadata(&file)).map_err(ImportError::io(path))
+    }
+
+    pub(crate) fn in_metadata(file: &Metadata) -> Self {
+        Self { bytes: file.len(), modified: file.modified().ok() }
+    }
+
+    /// Bytes of the file.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Checks that the file of this name is as it was. To be called *after* the bytes were read that are to be believed.
+    ///
+    /// # Errors
+    /// If it is gone, or was cut short, replaced or written to.
+    pub(crate) fn check(&self, path: &Path) -> Result<(), ImportError> {
+        let found = Self::of(path)?;
+        if found == *self {
+            return Ok(());
+        }
+        let how = match found.bytes == self.bytes {
+            true => "it was written to or replaced".into(),
+            false => format!("expected {} bytes, as it had when it was opened, found {}", self.bytes, found.bytes),
+        };
+        Err(ImportError::invalid(
+            path,
+            format!("changed while it was read: {how}; start over when nothing writes to it"),
+        ))
+    }
+}
