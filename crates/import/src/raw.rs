@@ -8,11 +8,15 @@
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::losses::Losses;
 use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use memmap2::Mmap;
 use std::fs::File;
 use std::path::Path;
+
+/// Bytes looked at in one go for what they lose: whole numbers of every type.
+const LOSSES_AT_ONCE: usize = 1 << 20;
 
 /// What a headerless file holds.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +117,16 @@ impl RawSource {
             return Err(ImportError::invalid(path, format!("shrank to {} bytes while it was opened", map.len())));
         }
         Ok(Self { info, map, array })
+    }
+
+    /// Counts what its voxels lose, over the whole array; an error if something is lost that must not be.
+    pub(crate) fn count_losses(&mut self, path: &Path, allowed: bool) -> Result<(), ImportError> {
+        let Some(mut losses) = Losses::may_occur(path, self.array.decode, allowed) else { return Ok(()) };
+        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
+        let numbers = &self.map[self.array.offset as usize..][..body as usize];
+        numbers.chunks(LOSSES_AT_ONCE).try_for_each(|part| losses.see(part))?;
+        self.info.notes.push(losses.note());
+        Ok(())
     }
 
     /// Where a box begins in the file, and how it is copied.

@@ -1,8 +1,11 @@
-//! What ImageJ and OME-XML write into the image description of the first page: the order of pages, spacing, unit.
+//! What ImageJ and OME-XML write into the image description of the first page: the order of pages, spacing, unit, and what
+//! stored numbers stand for.
 //!
 //! Both are read tolerantly, as text: anything not understood leaves the pages as a plain stack along z, and a note.
 
+use super::calibration::Calibration;
 use crate::axes::{Axis, Sizes};
+use crate::element::{Element, Scale};
 use crate::source::SourceInfo;
 use brickyard_volume::Extent;
 use glam::DVec3;
@@ -14,6 +17,8 @@ pub(super) struct Description {
     spacing: Option<[f64; 3]>,
     /// UDUNITS name.
     unit: Option<&'static str>,
+    /// What stored numbers stand for.
+    pub(super) calibration: Option<Calibration>,
     notes: Vec<String>,
 }
 
@@ -82,6 +87,7 @@ impl Description {
                 in_one_directory: true,
                 counts_samples: false,
             }),
+            calibration: Calibration::parse(value),
             ..Self::default()
         };
         let depth = value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|s| *s > 0.0);
@@ -130,6 +136,11 @@ impl Description {
             Some((unit, _)) => self.unit = Some(unit),
             None => self.notes.push(format!("The unit '{name}' is not known; lengths are kept without a unit.")),
         }
+    }
+
+    /// How stored numbers become values, with a note.
+    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
+        self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
     /// Adds spacing, unit and notes to a source.

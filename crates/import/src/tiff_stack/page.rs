@@ -1,11 +1,12 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
 use super::description::Description;
+use super::lzw::{self, Predictor, Rows};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
@@ -19,6 +20,26 @@ const MOST_TAG_BYTES: usize = 2 << 30;
 
 /// No compression reaches this ratio: a strip that claims more is a damaged header, not something to allocate.
 const ABSURD_RATIO: u64 = 1 << 16;
+
+/// Compressions that are read, by their number in a file, and how others are called that are met.
+const READ: [u16; 7] = [1, LZW, 7, 8, 32773, 32946, 50000];
+const LZW: u16 = 5;
+const NOT_READ: [(u16, &str); 14] = [
+    (2, "CCITT RLE"),
+    (3, "CCITT fax 3"),
+    (4, "CCITT fax 4"),
+    (6, "JPEG of before 1995"),
+    (32809, "ThunderScan"),
+    (33003, "JPEG 2000 (Aperio)"),
+    (33005, "JPEG 2000 (Aperio)"),
+    (34677, "SGI log"),
+    (34712, "JPEG 2000"),
+    (34887, "LERC"),
+    (34892, "lossy JPEG of a DNG"),
+    (34925, "LZMA"),
+    (50001, "WebP"),
+    (50002, "JPEG XL"),
+];
 
 /// What all pages of a stack must agree in.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,8 +73,24 @@ pub(super) struct OpenTiff {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
     file_bytes: u64,
+    /// Of the page at which the decoder stands.
+    packing: Packing,
     /// The decoded strip or tile.
     chunk: Vec<u8>,
+    /// Whole rows of it, where they are wider than what is wanted; and packed bytes.
+    scratch: [Vec<u8>; 2],
+}
+
+/// How the strips or tiles of a page are packed, and where those lie that are not left to the library.
+enum Packing {
+    /// Not looked at yet.
+    Unknown,
+    Library,
+    Lzw {
+        offsets: Vec<u64>,
+        counts: Vec<u64>,
+        predictor: Predictor,
+    },
 }
 
 impl OpenTiff {
@@ -62,7 +99,14 @@ impl OpenTiff {
         let file_bytes = file.metadata().map_err(ImportError::io(path))?.len();
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
         let decoder = decoder.with_limits(limits(file_bytes));
-        Ok(Self { path: path.to_owned(), decoder, file_bytes, chunk: Vec::new() })
+        Ok(Self {
+            path: path.to_owned(),
+            decoder,
+            file_bytes,
+            packing: Packing::Unknown,
+            chunk: Vec::new(),
+            scratch: Default::default(),
+        })
     }
 
     pub(super) fn has_more_pages(&self) -> bool {
@@ -71,11 +115,13 @@ impl OpenTiff {
 
     /// Goes on to the page with this number, counted from 1.
     pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
+        self.packing = Packing::Unknown;
         self.decoder.next_image().map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))
     }
 
     /// Goes to a page counted from 0.
     pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
+        self.packing = Packing::Unknown;
         let seek = self.decoder.seek_to_image(page as usize);
         seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
     }
@@ -109,7 +155,8 @@ impl OpenTiff {
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
         let path = self.path.clone();
-        let refuse = |e| refusal(&path, "unsupported page", e);
+        let refuse = |e| refusal(&path, "a page", e);
+        self.check_packing()?;
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
@@ -121,8 +168,8 @@ impl OpenTiff {
         let tag = |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(refuse);
         let white_is_zero = match tag(&mut self.decoder, Tag::PhotometricInterpretation)? {
             Some(1 | 2) => false,
-            // Undone by inverting once more; not exact for floats.
-            Some(0) if !matches!(element, Element::Voxel(VoxelType::F32) | Element::F64) => true,
+            // Undone by inverting once more; the library does it for unsigned integers, one a pixel.
+            Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
             _ => return Err(unsupported()),
         };
         if layout.len as u64 > self.file_bytes.saturating_mul(ABSURD_RATIO) {
@@ -134,6 +181,25 @@ impl OpenTiff {
         }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
+    }
+
+    /// Refuses what the library would refuse only when it is read, or would read wrongly.
+    fn check_packing(&mut self) -> Result<(), ImportError> {
+        let path = self.path.clone();
+        let tag = |decoder: &mut Decoder<_>, tag| {
+            decoder.find_tag_unsigned::<u16>(tag).map_err(|e| refusal(&path, "a page", e))
+        };
+        let code = tag(&mut self.decoder, Tag::Compression)?.unwrap_or(1);
+        if !READ.contains(&code) {
+            let name = NOT_READ.iter().find(|(c, _)| *c == code).map_or("unknown", |(_, name)| name);
+            let advice = "write it again with another: none, LZW, Deflate, PackBits, JPEG and Zstandard are read";
+            return Err(ImportError::unsupported_but(&path, format!("compression {code} ({name})"), advice));
+        }
+        if tag(&mut self.decoder, Tag::FillOrder)? == Some(2) {
+            let advice = "write it again with the highest first (tiffcp -f msb2lsb)";
+            return Err(ImportError::unsupported_but(&path, "a FillOrder of the lowest bit first", advice));
+        }
+        Ok(())
     }
 
     /// Checks that all strips or tiles of the page lie inside the file.
@@ -167,11 +233,7 @@ impl OpenTiff {
             let feature = "a stack in one directory that is compressed, tiled or coloured";
             return Err(ImportError::unsupported(path, feature));
         };
-        let endian = match self.decoder.byte_order() {
-            ByteOrder::LittleEndian => Endian::Little,
-            ByteOrder::BigEndian => Endian::Big,
-        };
-        Ok((start, endian))
+        Ok((start, self.endian()))
     }
 
     /// Fills `out` with one sample of the pixels in the x, y rectangle of `region`, from the page where the decoder
@@ -184,11 +246,8 @@ impl OpenTiff {
         region: VoxelBox,
         out: &mut [u8],
     ) -> Result<(), ImportError> {
-        let (chunk_width, chunk_height) = match self.decoder.get_chunk_type() {
-            ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),
-            ChunkType::Tile => self.decoder.chunk_dimensions(),
-        };
-        let (across, down) = (format.width.div_ceil(chunk_width), format.height.div_ceil(chunk_height));
+        let (chunk_width, chunk_height) = self.chunk_size(format);
+        let (across, down) = self.chunks(format);
         let plane = if format.planar { sample * across * down } else { 0 };
         for row in region.min.y / chunk_height..=(region.max.y - 1) / chunk_height {
             for column in region.min.x / chunk_width..=(region.max.x - 1) / chunk_width {
@@ -210,17 +269,116 @@ impl OpenTiff {
 
     /// Decodes a strip or tile into the buffer; returns the bytes from one of its rows to the next.
     fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize, ImportError> {
+        let layout = self.decoder.image_chunk_buffer_layout(index);
+        let layout = layout.map_err(|e| refusal(&self.path, &format!("strip or tile {index}"), e))?;
+        let stride = layout.row_stride.map_or(layout.len, usize::from);
+        self.chunk.resize(layout.len, 0);
+        if let Packing::Unknown = self.packing {
+            self.packing = self.find_packing()?;
+        }
+        if let Packing::Lzw { .. } = self.packing {
+            self.decode_lzw(index, format, stride)?;
+            return Ok(stride);
+        }
         let Self { path, decoder, chunk, .. } = self;
-        let layout = decoder.image_chunk_buffer_layout(index);
-        let layout = layout.map_err(|e| refusal(path, &format!("strip or tile {index}"), e))?;
-        chunk.resize(layout.len, 0);
         decoder
             .read_chunk_bytes(index, chunk)
             .map_err(|e| refusal(path, &format!("strip or tile {index} cannot be decoded"), e))?;
         if format.white_is_zero {
             chunk.iter_mut().for_each(|b| *b = !*b);
         }
-        Ok(layout.row_stride.map_or(layout.len, usize::from))
+        Ok(stride)
+    }
+
+    /// Decodes a strip or tile that is packed by LZW into the buffer, whose rows have `stride` bytes.
+    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<(), ImportError> {
+        let damaged = |path: &Path, problem: String| {
+            let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
+            ImportError::invalid(path, problem)
+        };
+        let endian = self.endian();
+        let (data_width, rows) = self.decoder.chunk_data_dimensions(index);
+        let chunk_width = self.decoder.chunk_dimensions().0.max(data_width);
+        let Self { path, decoder, file_bytes, packing, chunk, scratch: [unpacked, packed] } = self;
+        let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
+        let place = offsets.get(index as usize).zip(counts.get(index as usize));
+        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= *file_bytes));
+        let Some((&at, &count)) = place else { return Err(damaged(path, "its place is not in the file".into())) };
+        packed.resize(count as usize, 0);
+        let file = decoder.inner();
+        file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(packed)).map_err(ImportError::io(path))?;
+
+        let samples = if format.planar { 1 } else { format.samples as usize };
+        let width = format.element.bytes();
+        let rows_of =
+            Rows { predictor: *predictor, endian, width, samples, bytes: chunk_width as usize * samples * width };
+        // Rows of a tile may go on past the image.
+        let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut *unpacked };
+        whole.resize(rows_of.bytes * rows as usize, 0);
+        lzw::unpack(packed, whole).map_err(|problem| damaged(path, problem))?;
+        lzw::undo(whole, rows_of);
+        if rows_of.bytes != stride {
+            for (row, whole) in chunk.chunks_exact_mut(stride).zip(unpacked.chunks_exact(rows_of.bytes)) {
+                row.copy_from_slice(&whole[..stride]);
+            }
+        }
+        Ok(())
+    }
+
+    fn find_packing(&mut self) -> Result<Packing, ImportError> {
+        let path = self.path.clone();
+        let refuse = |e| refusal(&path, "a page", e);
+        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? != Some(LZW) {
+            return Ok(Packing::Library);
+        }
+        let (offsets, counts) = match self.decoder.get_chunk_type() {
+            ChunkType::Strip => (Tag::StripOffsets, Tag::StripByteCounts),
+            ChunkType::Tile => (Tag::TileOffsets, Tag::TileByteCounts),
+        };
+        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
+        let (offsets, counts) = (numbers(offsets).map_err(refuse)?, numbers(counts).map_err(refuse)?);
+        let predictor = match self.decoder.find_tag_unsigned::<u16>(Tag::Predictor).map_err(refuse)? {
+            Some(2) => Predictor::Horizontal,
+            Some(3) => Predictor::Floats,
+            _ => Predictor::None,
+        };
+        Ok(Packing::Lzw { offsets, counts, predictor })
+    }
+
+    fn endian(&self) -> Endian {
+        match self.decoder.byte_order() {
+            ByteOrder::LittleEndian => Endian::Little,
+            ByteOrder::BigEndian => Endian::Big,
+        }
+    }
+
+    /// Shows `see` the samples of every strip or tile of the page where the decoder stands, in this machine's byte order.
+    pub(super) fn each_chunk(
+        &mut self,
+        format: &PageFormat,
+        mut see: impl FnMut(&[u8]) -> Result<(), ImportError>,
+    ) -> Result<(), ImportError> {
+        let (across, down) = self.chunks(format);
+        let planes = if format.planar { format.samples as u32 } else { 1 };
+        for index in 0..planes * across * down {
+            self.decode_chunk(index, format)?;
+            see(&self.chunk)?;
+        }
+        Ok(())
+    }
+
+    /// Width and height of a strip or tile.
+    fn chunk_size(&self, format: &PageFormat) -> (u32, u32) {
+        match self.decoder.get_chunk_type() {
+            ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),
+            ChunkType::Tile => self.decoder.chunk_dimensions(),
+        }
+    }
+
+    /// How many strips or tiles a plane has along x and y.
+    fn chunks(&self, format: &PageFormat) -> (u32, u32) {
+        let (width, height) = self.chunk_size(format);
+        (format.width.div_ceil(width), format.height.div_ceil(height))
     }
 
     /// Copies what `region` has of the decoded chunk.
@@ -262,6 +420,10 @@ fn limits(file_bytes: u64) -> Limits {
     limits
 }
 
+fn is_unsigned(element: Element) -> bool {
+    matches!(element, Element::Voxel(VoxelType::U8 | VoxelType::U16 | VoxelType::U32) | Element::U64)
+}
+
 fn element_of(sample: DecodingSampleType) -> Option<Element> {
     use DecodingSampleType as S;
     Some(match sample {
@@ -275,7 +437,7 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
         S::U64 => Element::U64,
         S::I64 => Element::I64,
         S::F64 => Element::F64,
-        S::F16 => return None,
+        S::F16 => Element::F16,
     })
 }
 
