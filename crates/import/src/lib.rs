@@ -10,6 +10,7 @@ mod axes;
 mod dicom;
 mod element;
 mod error;
+mod foreign;
 mod losses;
 mod mesh;
 mod nifti;
