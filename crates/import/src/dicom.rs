@@ -10,12 +10,15 @@
 mod decode;
 mod frames;
 mod header;
+#[cfg(test)]
+mod lossy_tests;
 mod pixels;
 mod stack;
 #[cfg(test)]
 mod tests;
 
 use crate::axes::Sizes;
+use crate::element::smallest_type;
 use crate::error::ImportError;
 use crate::options::OpenOptions;
 use crate::placement;
@@ -238,7 +241,8 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
             [along_row, along_column]
         }
     };
-    let thickness = [tags::SPACING_BETWEEN_SLICES, tags::SLICE_THICKNESS];
+    let roundings = header.roundings(frame, tags::IMAGE_POSITION_PATIENT);
+    let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
     Ok(Slice {
         file,
         frame,
@@ -246,11 +250,11 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
         along_row: vector(&directions),
         along_column: vector(&directions[3..]),
         pixel_mm,
-        thickness_mm: thickness
-            .into_iter()
-            .find_map(|tag| header.numbers(frame, tag))
-            .map(|n| n[0])
-            .filter(|mm| *mm > 0.0),
+        rounding: if let [x, y, z] = roundings[..] { DVec3::new(x, y, z) } else { DVec3::ZERO },
+        step_mm: steps.into_iter().find_map(|(tag, name)| {
+            let mm = header.numbers(frame, tag)?[0];
+            (mm > 0.0).then_some((mm, name))
+        }),
     })
 }
 
@@ -281,20 +285,20 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
         return Ok(VoxelType::F32);
     }
     let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
-    let possible = smallest_type(slices, limits)?;
+    let possible = type_of_range(slices, limits)?;
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     if possible.bytes() < 4 || !is_short {
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
-    smallest_type(slices, |slice| {
+    type_of_range(slices, |slice| {
         let (header, frames) = &files[slice.file];
         Ok(frames.read(header, slice.frame)?.range(&frames.format))
     })
 }
 
 /// The smallest integer type that holds the rescaled ends of what each slice stores; floats if there is none.
-fn smallest_type(
+fn type_of_range(
     slices: &[(Slice, Meaning)],
     stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
 ) -> Result<VoxelType, ImportError> {
@@ -305,16 +309,7 @@ fn smallest_type(
             greatest = greatest.max(value);
         }
     }
-    let types = [
-        (VoxelType::U8, u8::MIN as f64, u8::MAX as f64),
-        (VoxelType::I8, i8::MIN as f64, i8::MAX as f64),
-        (VoxelType::U16, u16::MIN as f64, u16::MAX as f64),
-        (VoxelType::I16, i16::MIN as f64, i16::MAX as f64),
-        (VoxelType::U32, u32::MIN as f64, u32::MAX as f64),
-        (VoxelType::I32, i32::MIN as f64, i32::MAX as f64),
-    ];
-    let fits = types.iter().find(|(_, lo, hi)| *lo <= least && greatest <= *hi);
-    Ok(fits.map_or(VoxelType::F32, |(voxel_type, ..)| *voxel_type))
+    Ok(smallest_type(least, greatest))
 }
 
 fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<String> {
