@@ -259,8 +259,16 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
 }
 
 fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning, ImportError> {
-    let first = |tag| header.numbers(frame, tag).map(|numbers| numbers[0]);
-    let slope = first(tags::RESCALE_SLOPE);
+    let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
+        (Some(numbers), _) => Ok(Some(numbers[0])),
+        (None, Some(text)) => {
+            let problem = format!("{name} is '{text}', expected a finite number: what its values mean is not known");
+            Err(ImportError::invalid(&header.path, problem))
+        }
+        (None, None) => Ok(None),
+    };
+    let slope = first(tags::RESCALE_SLOPE, "RescaleSlope")?;
+    let intercept = first(tags::RESCALE_INTERCEPT, "RescaleIntercept")?;
     if header.has_value_table && slope.is_none() {
         return Err(ImportError::unsupported(&header.path, "a table of values (ModalityLUTSequence)"));
     }
@@ -275,7 +283,7 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning,
         let [a, b] = [wrap(value), wrap(limit)];
         [a.min(b), a.max(b)]
     });
-    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: first(tags::RESCALE_INTERCEPT).unwrap_or(0.0), padding })
+    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
 
 /// The smallest type that holds every value; floats where values are not integers.
@@ -320,8 +328,10 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         notes.push(format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}."));
     } else if scale(first) != (1.0, 0.0) {
         let Meaning { slope, intercept, .. } = first;
+        let is_long = voxel_type == VoxelType::F32 && files.iter().any(|(_, frames)| frames.format.width == 4);
+        let rounded = if is_long { ", rounded to 24 bits" } else { "" };
         notes.push(format!(
-            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}{rounded}."
         ));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {

@@ -416,6 +416,9 @@ fn missing_and_wrong_elements_are_named() {
     changed(&|s| s.number(tags::BITS_ALLOCATED, 1)).refused(&["1 bits a pixel"]);
     changed(&|s| s.number(tags::BITS_STORED, 17)).refused(&["BitsStored 17"]);
     changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "0")).refused(&["RescaleSlope is 0"]);
+    changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "NaN")).refused(&["RescaleSlope is 'NaN'"]);
+    changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "2").text(tags::RESCALE_INTERCEPT, VR::DS, "1,5"))
+        .refused(&["RescaleIntercept is '1,5'", "finite number"]);
     changed(&|s| s.number(tags::ROWS, 30)).refused(&["cut short", "240 bytes", "found 24 (216 missing)"]);
     changed(&|s| s.text(tags::NUMBER_OF_FRAMES, VR::IS, "2").number(tags::ROWS, 1))
         .refused(&["2 frames without a place for each", "PerFrameFunctionalGroupsSequence"]);

@@ -90,7 +90,8 @@ impl Description {
             calibration: Calibration::parse(value),
             ..Self::default()
         };
-        let depth = value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|s| *s > 0.0);
+        let depth =
+            value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|s| *s > 0.0 && s.is_finite());
         let unit = value("unit").filter(|u| !u.starts_with("pixel"));
         description.set_unit(unit);
         if unit.is_some() || depth.is_some() {
@@ -271,6 +272,10 @@ mod tests {
         let d = Description::parse("ImageJ=1.4\nimages=5\nspacing=-3\n", Some((72.0, 72.0)));
         assert_eq!((d.spacing, d.unit, d.declared.unwrap().z), (Some([1.0, 1.0, 3.0]), None, 5));
         assert_eq!(Description::parse("ImageJ=1.4\nimages=5\nunit=pixel\n", Some((72.0, 72.0))).spacing, None);
+        for spacing in ["inf", "-Infinity", "NaN", "0"] {
+            let text = format!("ImageJ=1.4\nimages=5\nspacing={spacing}\n");
+            assert_eq!(Description::parse(&text, None).spacing, None, "{spacing}");
+        }
         let odd = Description::parse("ImageJ=1.4\nimages=5\nunit=furlong\n", None);
         assert!(odd.notes[0].contains("furlong"));
     }

@@ -7,6 +7,9 @@ use crate::element::Endian;
 use weezl::decode::{Configuration, Decoder};
 use weezl::{BitOrder, LzwStatus};
 
+/// No stream is longer than this many times what it is packed to: a code of 12 bits stands for less than 4096 bytes.
+pub(super) const BEST_RATIO: u64 = 4096;
+
 /// What was done to the bytes of a row before they were packed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Predictor {

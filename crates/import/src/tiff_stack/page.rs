@@ -179,6 +179,16 @@ impl OpenTiff {
             );
             return Err(ImportError::invalid(&path, problem));
         }
+        let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
+        if stored != color.num_samples() {
+            let feature = format!("a page of {stored} samples a pixel, of which {} are known", color.num_samples());
+            let advice = "write it again with one sample a pixel, or as red, green and blue";
+            return Err(ImportError::unsupported_but(&path, feature, advice));
+        }
+        let is_float = matches!(element, Element::Voxel(VoxelType::F32) | Element::F16 | Element::F64);
+        if tag(&mut self.decoder, Tag::Predictor)? == Some(3) && !is_float {
+            return Err(ImportError::unsupported(&path, "a floating-point predictor of integers"));
+        }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
     }
@@ -304,14 +314,17 @@ impl OpenTiff {
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
         let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= *file_bytes));
         let Some((&at, &count)) = place else { return Err(damaged(path, "its place is not in the file".into())) };
+        let samples = if format.planar { 1 } else { format.samples as usize };
+        let width = format.element.bytes();
+        let row = u128::from(chunk_width) * (samples * width) as u128;
+        if row * u128::from(rows) > u128::from(count) * u128::from(lzw::BEST_RATIO) {
+            return Err(damaged(path, format!("{count} bytes cannot hold {rows} rows of {row}")));
+        }
         packed.resize(count as usize, 0);
         let file = decoder.inner();
         file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(packed)).map_err(ImportError::io(path))?;
 
-        let samples = if format.planar { 1 } else { format.samples as usize };
-        let width = format.element.bytes();
-        let rows_of =
-            Rows { predictor: *predictor, endian, width, samples, bytes: chunk_width as usize * samples * width };
+        let rows_of = Rows { predictor: *predictor, endian, width, samples, bytes: row as usize };
         // Rows of a tile may go on past the image.
         let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut *unpacked };
         whole.resize(rows_of.bytes * rows as usize, 0);

@@ -339,6 +339,17 @@ fn lzw_strips_and_tiles_of_every_type_are_read() {
 }
 
 #[test]
+fn an_lzw_tile_that_claims_too_much_is_refused() {
+    let field = Field { sizes: [7, 5, 1, 1, 1], voxel_type: VoxelType::U8 };
+    let mut bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
+    let width = bytes.windows(4).rposition(|w| w == [0x42, 1, 4, 0]).unwrap() + 8;
+    bytes[width..width + 4].copy_from_slice(&0xffff_fff0u32.to_le_bytes());
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    let read = opened(&path).and_then(|source| source.read_box(0, 0, source.info().extent.full_box(), &mut [0; 35]));
+    assert!(read.unwrap_err().to_string().contains("cannot hold 5 rows of 4294967280"));
+}
+
+#[test]
 fn damaged_lzw_names_the_chunk() {
     let field = Field { sizes: [37, 19, 1, 1, 1], voxel_type: VoxelType::U8 };
     let bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
@@ -369,6 +380,13 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
         let message = refusal(&written(field, "z", &layout), &options());
         assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
     }
+    // Four samples, of which nothing says what the fourth is; and a predictor for floats.
+    let four = Field { sizes: [7, 5, 2, 4, 1], ..field };
+    let extra = Layout { samples: 4, photometric: 2, tags: vec![(338, 0)], ..Layout::default() };
+    let message = refusal(&written(four, "zc", &extra), &options());
+    assert!(message.contains("4 samples a pixel, of which 3 are known"), "{message}");
+    let floats = Layout { tags: vec![(317, 3)], lzw: Some(1), ..Layout::default() };
+    assert!(refusal(&written(field, "z", &floats), &options()).contains("predictor of integers"));
     let signed = Layout { photometric: 0, ..Layout::default() };
     let message = refusal(&written(Field { voxel_type: VoxelType::I16, ..field }, "z", &signed), &options());
     assert!(message.contains("not supported"), "{message}");
@@ -646,10 +664,12 @@ proptest! {
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         tiled in any::<bool>(),
         big_tiff in any::<bool>(),
+        lzw in any::<bool>(),
     ) {
         let field = Field { sizes: [9, 5, 2, 1, 1], voxel_type: VoxelType::U16 };
         let chunk = if tiled { Ok([16, 16]) } else { Err(2) };
-        let layout = Layout { chunk, big_tiff, description: HYPERSTACK.replace("30", "2"), ..Layout::default() };
+        let lzw = lzw.then_some(2);
+        let layout = Layout { chunk, big_tiff, lzw, description: HYPERSTACK.replace("30", "2"), ..Layout::default() };
         let mut bytes = written(field, "z", &layout);
         for (place, value) in damage {
             let place = place.index(bytes.len());
