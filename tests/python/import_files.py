@@ -183,6 +183,16 @@ def tiff_imagej():
     pack([path], channels, "cyx")
 
 
+def tiff_imagej_calibrated():
+    """ImageJ has no signed images: they are stored 32768 higher, and calibrated by a line."""
+    signed = noise("i2", 6, 25, 30)
+    meta = {"axes": "ZYX", "cf": 0, "c0": -32768.0, "c1": 1.0, "vunit": "Gray Value"}
+    stored = (signed.astype("i4") + 32768).astype("u2")
+    pack([tiff("a.tif", stored, imagej=True, metadata=meta)], signed)
+    meta = {"axes": "ZYX", "cf": 0, "c0": -1.5, "c1": 0.25, "vunit": "OD"}
+    pack([tiff("a.tif", stored, imagej=True, metadata=meta)], (stored * 0.25 - 1.5).astype("f4"))
+
+
 def tiff_ome():
     array = noise("u2", 2, 3, 4, 25, 30)
     meta = {"axes": "TCZYX", "PhysicalSizeX": 0.25, "PhysicalSizeXUnit": "µm", "PhysicalSizeY": 0.5,
@@ -218,6 +228,15 @@ def numpy_arrays():
     pack([npy(last)], last.transpose(3, 0, 1, 2), "czyx", ["--axes", "zyxc"])
     turned = noise("u2", 31, 23, 9)
     pack([npy(turned)], turned.T, "zyx", ["--axes", "xyz"])
+    for d in ["<f2", ">f2"]:
+        halves = noise(d, 9, 23, 31)
+        pack([npy(halves)], halves.astype("f4"))
+    fitting = noise("i4", 9, 23, 31)
+    pack([npy(fitting.astype("i8"))], fitting)
+    pack([npy(fitting.view("u4").astype(">u8"))], fitting.view("u4"))
+    pack([npy(fitting > 0)], (fitting > 0).astype("u1"))
+    singles = noise("f4", 9, 23, 31)
+    pack([npy(singles.astype("f8"))], singles)
     doubles = noise("f8", 9, 23, 31)
     pack([npy(doubles)], doubles.astype("f4"), "zyx", ["--allow-lossy"])
     steps = noise("u1", 3, 9, 23, 31)
@@ -402,6 +421,31 @@ def dicom_jpeg():
         check(found.shape == decoded.shape and abs(found - decoded).max() <= 1, abs(found - decoded).max())
 
 
+def dicom_jpeg_2000():
+    """Squares of the least and the greatest number, packed strongly by OpenJPEG: what overshoots is clamped, as there."""
+    y, x = np.indices((40, 48))
+    low = (x // 5 + y // 5) % 2 == 0
+    (FOLDER / "jpeg2000").mkdir()
+    for bits, d in [(8, "u1"), (12, "u2"), (16, "u2")]:
+        plane = np.where(low, 0, 2**bits - 1).astype(d)
+        stream = io.BytesIO()
+        options = {"no_jp2": True, "irreversible": True, "quality_mode": "rates", "quality_layers": [6]}
+        PIL.Image.fromarray(plane).save(stream, "jpeg2000", **options)
+        decoded = np.asarray(PIL.Image.open(io.BytesIO(stream.getvalue()))).astype(int)
+        check(bits != 12 or decoded.max() > 4095, "the test's own file is not as meant:", decoded.max())
+        data = dicom_slice(plane, (0, 0, 0), slope=(1, -1024), bits=bits)
+        data.PixelData = pydicom.encaps.encapsulate([stream.getvalue()])
+        data["PixelData"].is_undefined_length = True
+        dicom_write("jpeg2000/a.dcm", data, pydicom.uid.JPEG2000)
+        brickyard("pack", "jpeg2000/a.dcm", "o.zarr", "--overwrite", "--progress", "none")
+        brickyard("export", "o.zarr", "o.npy", "--overwrite")
+        found = np.load(FOLDER / "o.npy")[0].astype(int)
+        expected = decoded.clip(0, 2**bits - 1) - 1024
+        # Decoders of f32 may round otherwise: by some 2^-14 of the range.
+        limit = max(1, 2**bits >> 13)
+        check(abs(found - expected).max() <= limit, bits, abs(found - expected).max())
+
+
 def dicom_of_others():
     """Scanners' files that come with pydicom: one slice in every syntax."""
     for name in ["CT_small", "MR_small", "MR_small_implicit", "MR_small_bigendian", "MR_small_expb", "MR_small_RLE", "MR_small_padded",
@@ -424,6 +468,6 @@ def dicom_of_others():
 
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
-    tiff_types, tiff_layouts, tiff_lzw, tiff_imagej, tiff_ome, tiff_folder, numpy_arrays, raw_files,
-    dicom_syntaxes, dicom_rescaled, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_of_others,
+    tiff_types, tiff_layouts, tiff_lzw, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files,
+    dicom_syntaxes, dicom_rescaled, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
 ]})

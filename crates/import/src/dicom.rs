@@ -10,12 +10,15 @@
 mod decode;
 mod frames;
 mod header;
+#[cfg(test)]
+mod lossy_tests;
 mod pixels;
 mod stack;
 #[cfg(test)]
 mod tests;
 
 use crate::axes::Sizes;
+use crate::element::smallest_type;
 use crate::error::ImportError;
 use crate::options::OpenOptions;
 use crate::placement;
@@ -240,7 +243,8 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
             [along_row, along_column]
         }
     };
-    let thickness = [tags::SPACING_BETWEEN_SLICES, tags::SLICE_THICKNESS];
+    let roundings = header.roundings(frame, tags::IMAGE_POSITION_PATIENT);
+    let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
     Ok(Slice {
         file,
         frame,
@@ -248,17 +252,25 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
         along_row: vector(&directions),
         along_column: vector(&directions[3..]),
         pixel_mm,
-        thickness_mm: thickness
-            .into_iter()
-            .find_map(|tag| header.numbers(frame, tag))
-            .map(|n| n[0])
-            .filter(|mm| *mm > 0.0),
+        rounding: if let [x, y, z] = roundings[..] { DVec3::new(x, y, z) } else { DVec3::ZERO },
+        step_mm: steps.into_iter().find_map(|(tag, name)| {
+            let mm = header.numbers(frame, tag)?[0];
+            (mm > 0.0).then_some((mm, name))
+        }),
     })
 }
 
 fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning, ImportError> {
-    let first = |tag| header.numbers(frame, tag).map(|numbers| numbers[0]);
-    let slope = first(tags::RESCALE_SLOPE);
+    let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
+        (Some(numbers), _) => Ok(Some(numbers[0])),
+        (None, Some(text)) => {
+            let problem = format!("{name} is '{text}', expected a finite number: what its values mean is not known");
+            Err(ImportError::invalid(&header.path, problem))
+        }
+        (None, None) => Ok(None),
+    };
+    let slope = first(tags::RESCALE_SLOPE, "RescaleSlope")?;
+    let intercept = first(tags::RESCALE_INTERCEPT, "RescaleIntercept")?;
     if header.has_value_table && slope.is_none() {
         return Err(ImportError::unsupported(&header.path, "a table of values (ModalityLUTSequence)"));
     }
@@ -273,7 +285,7 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning,
         let [a, b] = [wrap(value), wrap(limit)];
         [a.min(b), a.max(b)]
     });
-    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: first(tags::RESCALE_INTERCEPT).unwrap_or(0.0), padding })
+    Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
 
 /// The smallest type that holds every value; floats where values are not integers.
@@ -283,21 +295,21 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
         return Ok(VoxelType::F32);
     }
     let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
-    let possible = smallest_type(slices, limits)?;
+    let possible = type_of_range(slices, limits)?;
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
     if possible.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
-    smallest_type(slices, |slice| {
+    type_of_range(slices, |slice| {
         let (header, frames) = &files[slice.file];
         Ok(frames.read(header, slice.frame)?.range(&frames.format))
     })
 }
 
 /// The smallest integer type that holds the rescaled ends of what each slice stores; floats if there is none.
-fn smallest_type(
+fn type_of_range(
     slices: &[(Slice, Meaning)],
     stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
 ) -> Result<VoxelType, ImportError> {
@@ -308,16 +320,7 @@ fn smallest_type(
             greatest = greatest.max(value);
         }
     }
-    let types = [
-        (VoxelType::U8, u8::MIN as f64, u8::MAX as f64),
-        (VoxelType::I8, i8::MIN as f64, i8::MAX as f64),
-        (VoxelType::U16, u16::MIN as f64, u16::MAX as f64),
-        (VoxelType::I16, i16::MIN as f64, i16::MAX as f64),
-        (VoxelType::U32, u32::MIN as f64, u32::MAX as f64),
-        (VoxelType::I32, i32::MIN as f64, i32::MAX as f64),
-    ];
-    let fits = types.iter().find(|(_, lo, hi)| *lo <= least && greatest <= *hi);
-    Ok(fits.map_or(VoxelType::F32, |(voxel_type, ..)| *voxel_type))
+    Ok(smallest_type(least, greatest))
 }
 
 fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<String> {
@@ -328,8 +331,10 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         notes.push(format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}."));
     } else if scale(first) != (1.0, 0.0) {
         let Meaning { slope, intercept, .. } = first;
+        let is_long = voxel_type == VoxelType::F32 && files.iter().any(|(_, frames)| frames.format.width == 4);
+        let rounded = if is_long { ", rounded to 24 bits" } else { "" };
         notes.push(format!(
-            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}{rounded}."
         ));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {

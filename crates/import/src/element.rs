@@ -1,9 +1,8 @@
-//! Numbers as files store them, and how a line of them becomes little-endian voxels: copied, byte-swapped, narrowed
-//! or scaled. Contiguous lines of the native order cost one `memcpy`.
+//! Numbers as files store them, and how a line of them becomes little-endian voxels: copied, byte-swapped, widened,
+//! narrowed or scaled. Contiguous lines of the native order cost one `memcpy`.
 
-use crate::error::ImportError;
 use brickyard_volume::{VoxelType, with_voxel_type};
-use std::path::Path;
+use half::f16;
 
 /// Byte order of stored numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,10 +42,12 @@ impl std::fmt::Display for Endian {
     }
 }
 
-/// The type of a number in a file: a voxel type, or one of the wider ones that must be narrowed.
+/// The type of a number in a file: a voxel type, one that is widened, or one of the wider ones that must be narrowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     Voxel(VoxelType),
+    /// Widened to f32, which holds every one of them.
+    F16,
     I64,
     U64,
     F64,
@@ -56,6 +57,7 @@ impl Element {
     pub(crate) fn bytes(self) -> usize {
         match self {
             Self::Voxel(t) => t.bytes(),
+            Self::F16 => 2,
             _ => 8,
         }
     }
@@ -63,6 +65,7 @@ impl Element {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Voxel(t) => t.name(),
+            Self::F16 => "f16",
             Self::I64 => "i64",
             Self::U64 => "u64",
             Self::F64 => "f64",
@@ -75,27 +78,19 @@ impl Element {
             Self::Voxel(t) => t,
             Self::I64 => VoxelType::I32,
             Self::U64 => VoxelType::U32,
-            Self::F64 => VoxelType::F32,
+            Self::F16 | Self::F64 => VoxelType::F32,
         }
     }
 
-    /// Lets a narrowing pass only where the user allowed it; the note says what is lost.
-    pub(crate) fn check_narrowing(self, path: &Path, allow_lossy: bool) -> Result<Option<String>, ImportError> {
-        if let Self::Voxel(_) = self {
-            return Ok(None);
+    /// Least and greatest number that may be stored; those of floats are finite.
+    pub(crate) fn limits(self) -> [f64; 2] {
+        match self {
+            Self::Voxel(t) => with_voxel_type!(t, T => [T::MIN as f64, T::MAX as f64]),
+            Self::F16 => [f16::MIN.to_f64(), f16::MAX.to_f64()],
+            Self::I64 => [i64::MIN as f64, i64::MAX as f64],
+            Self::U64 => [0.0, u64::MAX as f64],
+            Self::F64 => [f64::MIN, f64::MAX],
         }
-        let (from, to) = (self.name(), self.voxel_type());
-        if !allow_lossy {
-            return Err(ImportError::options(
-                path,
-                format!("voxels are {from}, which a store cannot hold; pass --allow-lossy to narrow them to {to}"),
-            ));
-        }
-        let loss = match self {
-            Self::F64 => "rounded to the nearest",
-            _ => "values beyond its limits are clamped",
-        };
-        Ok(Some(format!("Voxels are {from} and are narrowed to {to} ({loss}).")))
     }
 }
 
@@ -104,6 +99,33 @@ impl Element {
 pub(crate) struct Scale {
     pub(crate) slope: f64,
     pub(crate) intercept: f64,
+    /// The type of what comes out: f32, or an integer that holds every scaled number.
+    pub(crate) to: VoxelType,
+}
+
+impl Scale {
+    /// Nothing if it changes nothing. Integers stay integers where slope and intercept are, and a type holds them all.
+    pub(crate) fn exact(element: Element, slope: f64, intercept: f64) -> Option<Self> {
+        let [a, b] = element.limits().map(|n| n * slope + intercept);
+        let is_integer = |n: f64| n == n.trunc() && n.abs() < 1e9;
+        let are_floats = matches!(element, Element::Voxel(VoxelType::F32) | Element::F16 | Element::F64);
+        let to = if !are_floats && is_integer(slope) && is_integer(intercept) {
+            smallest_type(a.min(b), a.max(b))
+        } else {
+            VoxelType::F32
+        };
+        ((slope, intercept) != (1.0, 0.0)).then_some(Self { slope, intercept, to })
+    }
+}
+
+/// The smallest integer type that holds both numbers; floats if there is none.
+pub(crate) fn smallest_type(least: f64, greatest: f64) -> VoxelType {
+    use VoxelType::*;
+    let holds = |t: &VoxelType| {
+        let [lo, hi] = Element::Voxel(*t).limits();
+        lo <= least && greatest <= hi
+    };
+    [U8, I8, U16, I16, U32, I32].into_iter().find(holds).unwrap_or(F32)
 }
 
 /// How a stored number becomes a voxel.
@@ -111,31 +133,35 @@ pub(crate) struct Scale {
 pub(crate) struct Decode {
     pub(crate) element: Element,
     pub(crate) endian: Endian,
-    /// Scaled values are delivered as f32.
     pub(crate) scale: Option<Scale>,
 }
 
 impl Decode {
     /// The type that comes out.
     pub(crate) fn voxel_type(&self) -> VoxelType {
-        if self.scale.is_some() { VoxelType::F32 } else { self.element.voxel_type() }
+        self.scale.map_or(self.element.voxel_type(), |scale| scale.to)
     }
 
     /// Decodes `count` numbers that start every `src_stride` bytes to voxels that start every `dst_stride` bytes.
     pub(crate) fn line(&self, src: &[u8], src_stride: usize, dst: &mut [u8], dst_stride: usize, count: usize) {
-        /// One stored type: its bytes in either order, then as it is (`$voxel`) or scaled.
+        /// One stored type: its bytes in either order, then as it is (`$voxel`) or scaled (from its `$wide`).
         macro_rules! decode {
-            ($t:ty, $number:ident => $voxel:expr) => {{
-                let plain = |$number: $t| $voxel.to_le_bytes();
-                let scaled = |s: Scale| move |n: $t| ((n as f64 * s.slope + s.intercept) as f32).to_le_bytes();
+            ($t:ty, $number:ident => $voxel:expr, $wide:expr) => {{
                 let (little, big) = (<$t>::from_le_bytes, <$t>::from_be_bytes);
+                let plain = |$number: $t| $voxel.to_le_bytes();
+                let wide = |$number: $t| -> f64 { $wide };
                 match (self.endian, self.scale) {
                     (Endian::Little, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(little(b))),
                     (Endian::Big, None) => map_line(src, src_stride, dst, dst_stride, count, |b| plain(big(b))),
-                    (Endian::Little, Some(s)) => {
-                        map_line(src, src_stride, dst, dst_stride, count, |b| scaled(s)(little(b)))
-                    }
-                    (Endian::Big, Some(s)) => map_line(src, src_stride, dst, dst_stride, count, |b| scaled(s)(big(b))),
+                    (endian, Some(s)) => with_voxel_type!(s.to, Out => {
+                        let scaled = |n: $t| ((wide(n) * s.slope + s.intercept) as Out).to_le_bytes();
+                        match endian {
+                            Endian::Little => {
+                                map_line(src, src_stride, dst, dst_stride, count, |b| scaled(little(b)))
+                            }
+                            Endian::Big => map_line(src, src_stride, dst, dst_stride, count, |b| scaled(big(b))),
+                        }
+                    }),
                 }
             }};
         }
@@ -144,10 +170,11 @@ impl Decode {
             _ if contiguous && self.is_copy() => {
                 dst[..count * dst_stride].copy_from_slice(&src[..count * src_stride]);
             }
-            Element::Voxel(voxel_type) => with_voxel_type!(voxel_type, T => decode!(T, v => v)),
-            Element::I64 => decode!(i64, v => v.clamp(i32::MIN as i64, i32::MAX as i64) as i32),
-            Element::U64 => decode!(u64, v => v.min(u32::MAX as u64) as u32),
-            Element::F64 => decode!(f64, v => (v as f32)),
+            Element::Voxel(voxel_type) => with_voxel_type!(voxel_type, T => decode!(T, v => v, v as f64)),
+            Element::F16 => decode!(f16, v => v.to_f32(), v.to_f64()),
+            Element::I64 => decode!(i64, v => v.clamp(i32::MIN as i64, i32::MAX as i64) as i32, v as f64),
+            Element::U64 => decode!(u64, v => v.min(u32::MAX as u64) as u32, v as f64),
+            Element::F64 => decode!(f64, v => (v as f32), v),
         }
     }
 
@@ -211,14 +238,39 @@ mod tests {
         let bytes: Vec<u8> = [9u64, u64::MAX].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(decode(Element::U64, Endian::Little, None, &bytes), [9.0, u32::MAX as f64]);
         assert_eq!(decode(Element::F64, Endian::Little, None, &0.1f64.to_le_bytes()), [0.1f32 as f64]);
-        let path = Path::new("a");
-        assert!(Element::F64.check_narrowing(path, false).unwrap_err().to_string().contains("--allow-lossy"));
-        assert!(Element::F64.check_narrowing(path, true).unwrap().unwrap().contains("f32"));
+    }
+
+    #[test]
+    fn halves_are_widened_exactly() {
+        for bits in 0..=u16::MAX {
+            let half = f16::from_bits(bits);
+            for (endian, bytes) in [(Endian::Little, bits.to_le_bytes()), (Endian::Big, bits.to_be_bytes())] {
+                let [found] = decode(Element::F16, endian, None, &bytes)[..] else { unreachable!() };
+                assert!(found == half.to_f64() || found.is_nan() && half.is_nan(), "{bits:x}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn integers_scaled_by_integers_stay_integers_where_a_type_holds_them() {
+        use VoxelType::*;
+        let to = |t, slope, intercept| Scale::exact(Element::Voxel(t), slope, intercept).map(|s| s.to);
+        assert_eq!(to(U16, 1.0, -32768.0), Some(I16));
+        assert_eq!(to(I16, 1.0, 32768.0), Some(U16));
+        assert_eq!(to(U8, -1.0, 0.0), Some(I16));
+        assert_eq!(to(U16, 1.0, -32769.0), Some(I32));
+        assert_eq!(to(U32, 1.0, -1.0), Some(F32));
+        assert_eq!(to(U8, 0.5, 0.0), Some(F32));
+        assert_eq!(to(F32, 2.0, 0.0), Some(F32));
+        assert_eq!(to(U8, 1.0, 0.0), None);
+        let scale = Scale::exact(Element::Voxel(U16), 1.0, -32768.0);
+        let bytes: Vec<u8> = [0u16, 31768, 65535].iter().flat_map(|n| n.to_be_bytes()).collect();
+        assert_eq!(decode(Element::Voxel(U16), Endian::Big, scale, &bytes), [-32768.0, -1000.0, 32767.0]);
     }
 
     #[test]
     fn scaled_values_become_floats() {
-        let scale = Some(Scale { slope: 0.5, intercept: -1024.0 });
+        let scale = Some(Scale { slope: 0.5, intercept: -1024.0, to: VoxelType::F32 });
         assert_eq!(decode(Element::Voxel(VoxelType::U8), Endian::Little, scale, &[0, 255]), [-1024.0, -896.5]);
         assert_eq!(decode(Element::Voxel(VoxelType::I16), Endian::Big, scale, &[0xff, 0xfe]), [-1025.0]);
     }

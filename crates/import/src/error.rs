@@ -23,12 +23,14 @@ pub enum ImportError {
         problem: String,
     },
     /// A sound file with something this reader does not do.
-    #[error("{path}: {feature} is not supported", path = path.display())]
+    #[error("{path}: {feature} is not supported{advice}", path = path.display())]
     Unsupported {
         /// The file.
         path: PathBuf,
         /// What it uses.
         feature: String,
+        /// What to do, after a semicolon; empty where nothing helps.
+        advice: String,
     },
     /// The file does not say what is needed, or options contradict it or each other: the caller must choose.
     #[error("{path}: {problem}", path = path.display())]
@@ -51,7 +53,11 @@ impl ImportError {
     }
 
     pub(crate) fn unsupported(path: &Path, feature: impl Into<String>) -> Self {
-        Self::Unsupported { path: path.to_owned(), feature: feature.into() }
+        Self::Unsupported { path: path.to_owned(), feature: feature.into(), advice: String::new() }
+    }
+
+    pub(crate) fn unsupported_but(path: &Path, feature: impl Into<String>, advice: &str) -> Self {
+        Self::Unsupported { path: path.to_owned(), feature: feature.into(), advice: format!("; {advice}") }
     }
 
     pub(crate) fn options(path: &Path, problem: impl Into<String>) -> Self {

@@ -11,6 +11,8 @@ mod dicom;
 mod element;
 mod error;
 mod file_order;
+mod foreign;
+mod losses;
 mod mapped;
 mod mesh;
 mod nifti;

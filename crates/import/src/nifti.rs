@@ -7,13 +7,14 @@ mod header;
 mod placement;
 
 use crate::axes::Sizes;
-use crate::element::{Decode, Scale};
+use crate::element::{Decode, Element, Scale};
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
 use crate::stamp::Stamp;
+use brickyard_volume::VoxelType;
 use flate2::read::MultiGzDecoder;
 use header::Header;
 use std::fs::File;
@@ -27,17 +28,18 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
     let body_path = if header.single_file { header_path.clone() } else { pair_body };
     let body_stamp = Stamp::of(&body_path)?;
-    let mut notes: Vec<String> = header.element.check_narrowing(path, options.allow_lossy)?.into_iter().collect();
-    let scale = header.scale();
-    if let Some(Scale { slope, intercept }) = scale {
+    let mut notes = Vec::new();
+    if let Some(Scale { slope, intercept, to }) = header.scale {
+        let is_long = matches!(header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+        let rounded = if is_long { ", rounded to 24 bits" } else { "" };
         notes.push(format!(
-            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as f32."
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}{rounded}."
         ));
     }
     let array = ArrayLayout {
         sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
         axes: header.axes(),
-        decode: Decode { element: header.element, endian: header.endian, scale },
+        decode: Decode { element: header.element, endian: header.endian, scale: header.scale },
         offset: header.body_offset,
     };
     let body = array.body_bytes().map_err(|problem| ImportError::invalid(&header_path, problem))?;
@@ -69,7 +71,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     // Header and body were opened one after the other, and inflating takes its time.
     stamp.check(&header_path)?;
     body_stamp.check(&body_path)?;
-    RawSource::new(file, array, info)
+    RawSource::new(file, array, info)?.with_losses(options.allow_lossy)
 }
 
 /// The header's name and, for a pair, the body's, whichever of the two was given.
@@ -344,14 +346,21 @@ mod tests {
         let mut out = [0; 8];
         source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
         assert_eq!(out, [0.1f32.to_le_bytes(), f32::INFINITY.to_le_bytes()].concat()[..]);
-        assert!(source.info().notes[0].contains("f64"));
+        assert!(source.info().notes[0].contains("1 infinite, 1 rounded"), "{:?}", source.info().notes);
     }
 
     #[test]
     fn slope_and_intercept_make_floats_unless_they_change_nothing() {
-        for (slope, intercept, expected) in
-            [(2.0, -1.0, Some([1.0f32, 509.0])), (1.0, 0.0, None), (0.0, 5.0, None), (f32::NAN, 0.0, None)]
-        {
+        for (slope, intercept, expected) in [
+            (2.0, -1.0, Some([1.0f32, 509.0])),
+            (1.0, -1024.0, Some([-1023.0, -769.0])),
+            (-1.0, 0.0, Some([-1.0, -255.0])),
+            (1.0, 0.0, None),
+            (0.0, 5.0, None),
+            (0.0, f32::NAN, None),
+            (f32::NAN, 0.0, None),
+            (f32::NAN, f32::NAN, None),
+        ] {
             let header = Written { slope, intercept, ..Written::new(&[2, 1, 1], 2, 8) }.header();
             let (_folder, path) = temp_file("a.nii", &[&header[..], &[1, 255]].concat());
             let source = open(&path, &options()).unwrap();
@@ -361,6 +370,19 @@ mod tests {
             match expected {
                 Some(values) => assert_eq!(out, bytemuck::cast_slice::<f32, u8>(&values)),
                 None => assert_eq!(out, [1, 255]),
+            }
+        }
+    }
+
+    #[test]
+    fn a_slope_without_an_intercept_is_refused() {
+        for (slope, intercept) in [(2.0, f32::NAN), (1.0, f32::INFINITY), (f32::NEG_INFINITY, 0.0)] {
+            for two in [false, true] {
+                let header = Written { two, slope, intercept, ..Written::new(&[2, 1, 1], 2, 8) }.header();
+                let (_folder, path) = temp_file("a.nii", &[&header[..], &[1, 255]].concat());
+                let message = open(&path, &options()).err().unwrap().to_string();
+                let numbers = [format!("scl_slope is {slope}"), format!("scl_inter {intercept}")];
+                assert!(numbers.iter().all(|n| message.contains(n)), "{message}");
             }
         }
     }

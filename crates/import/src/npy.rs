@@ -23,7 +23,6 @@ const LONGEST_HEADER: usize = 65536;
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
     let file = MappedFile::open(path)?;
     let header = Header::read(&mut &file[..], path)?;
-    let note = header.element.check_narrowing(path, options.allow_lossy)?;
     let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
     let array = ArrayLayout {
         sizes,
@@ -46,10 +45,10 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let trailing = (found > expected).then(|| format!("{} bytes after the array are ignored.", found - expected));
     let info = SourceInfo {
         identity: identity(&format!("npy {}", array.axes), &[path])?,
-        notes: note.into_iter().chain(trailing).collect(),
+        notes: trailing.into_iter().collect(),
         ..array.info()
     };
-    RawSource::new(file, array, info)
+    RawSource::new(file, array, info)?.with_losses(options.allow_lossy)
 }
 
 /// Gives each dimension its axis.
@@ -115,8 +114,10 @@ impl Header {
             _ => return Err(lacks("fortran_order")),
         };
         let shape = value_of(text, "shape").and_then(tuple).ok_or_else(|| lacks("shape"))?;
-        let (element, endian) = element_of(descr)
-            .ok_or_else(|| ImportError::unsupported(path, format!("dtype '{descr}' (integers and floats are read)")))?;
+        let (element, endian) = element_of(descr).ok_or_else(|| {
+            let advice = "bool, integers of 8 to 64 bits, float16, float32 and float64 are read";
+            ImportError::unsupported_but(path, format!("dtype '{descr}'"), advice)
+        })?;
         Ok(Self { element, endian, fortran_order, shape, body_offset })
     }
 }
@@ -160,6 +161,7 @@ fn element_of(descr: &str) -> Option<(Element, Endian)> {
         "i2" => Element::Voxel(VoxelType::I16),
         "u4" => Element::Voxel(VoxelType::U32),
         "i4" => Element::Voxel(VoxelType::I32),
+        "f2" => Element::F16,
         "f4" => Element::Voxel(VoxelType::F32),
         "u8" => Element::U64,
         "i8" => Element::I64,
@@ -229,6 +231,32 @@ mod tests {
     }
 
     #[test]
+    fn halves_are_widened_and_wide_integers_kept_where_they_fit() {
+        let read = |descr: &str, body: &[u8]| {
+            let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1, 1, 3)}}");
+            let (_folder, path) = temp_file("a.npy", &with_header(&header, body));
+            let source = open(&path, &options("")).unwrap();
+            let mut out = vec![0; 3 * source.info().voxel_type.bytes()];
+            source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
+            let voxel_type = source.info().voxel_type;
+            (voxel_type, (0..3).map(|i| voxel_type.read(&out, i)).collect::<Vec<_>>(), source.info().notes.clone())
+        };
+        let halves = [-1.5f32, 65504.0, 5.960_464_5e-8].map(half::f16::from_f32);
+        for (descr, body) in [
+            ("<f2", halves.iter().flat_map(|h| h.to_le_bytes()).collect::<Vec<_>>()),
+            (">f2", halves.iter().flat_map(|h| h.to_be_bytes()).collect()),
+        ] {
+            let (voxel_type, found, notes) = read(descr, &body);
+            assert_eq!((voxel_type, found), (VoxelType::F32, halves.map(|h| h.to_f64()).to_vec()));
+            assert_eq!(notes, Vec::<String>::new());
+        }
+        let body: Vec<u8> = [-7i64, i32::MAX.into(), 0].iter().flat_map(|n| n.to_be_bytes()).collect();
+        let (voxel_type, found, notes) = read(">i8", &body);
+        assert_eq!((voxel_type, &found[..]), (VoxelType::I32, &[-7.0, 2147483647.0, 0.0][..]));
+        assert!(notes[0].contains("i64") && notes[0].contains("no value is changed"), "{notes:?}");
+    }
+
+    #[test]
     fn what_cannot_be_read_is_refused_with_advice() {
         let refusal = |header: &str, body: &[u8], axes: &str| {
             let (_folder, path) = temp_file("a.npy", &with_header(header, body));
@@ -244,8 +272,8 @@ mod tests {
         assert!(refusal(&u1("(4294967295, 4294967295, 4294967295)"), &[], "").contains("2^63"));
         assert!(refusal(&u1("(99999999999, 1, 1)"), &[], "").contains("2^32"));
         assert!(refusal(&u1("(99999999999999999999999,)"), &[], "").contains("'shape'"));
-        assert!(refusal(&header("'<f8'", "(1, 1, 1)"), &[0; 8], "").contains("--allow-lossy"));
-        assert!(refusal(&header("'<c8'", "(1, 1, 1)"), &[0; 8], "").contains("'<c8'"));
+        assert!(refusal(&header("'<f8'", "(1, 1, 1)"), &0.1f64.to_le_bytes(), "").contains("--allow-lossy"));
+        assert!(refusal(&header("'<c8'", "(1, 1, 1)"), &[0; 8], "").contains("dtype '<c8' is not supported; bool"));
         assert!(refusal(&header("[('a', '<f4')]", "(1, 1, 1)"), &[0; 8], "").contains("records"));
         assert!(refusal("{}", &[], "").contains("'descr'"));
         let (_folder, path) = temp_file("a.npy", b"\x93NUMPY\x02\x00\xff\xff\xff\x7f");

@@ -7,7 +7,7 @@ use crate::options::OpenOptions;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
-use crate::{dicom, nifti, npy, tiff_stack};
+use crate::{dicom, foreign, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelBox;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -140,6 +140,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if tiff_magics.iter().any(|magic| start.starts_with(magic)) || is_tiff_name(path) {
         return Ok(Format::Tiff);
     }
+    foreign::refuse(path, &name)?;
     if ends(&[".raw", ".bin", ".dat"]) {
         return Ok(Format::Raw);
     }
@@ -172,6 +173,7 @@ fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     }
     match (planes.len(), dicom.len()) {
         (0, 0) => {
+            foreign::refuse_folder(folder)?;
             Err(ImportError::invalid(folder, format!("a folder without TIFF or DICOM files; what is read: {READ}")))
         }
         (0, _) => Ok(dicom),

@@ -8,10 +8,14 @@
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
+
+/// Bytes looked at in one go for what they lose: whole numbers of every type.
+const LOSSES_AT_ONCE: usize = 1 << 20;
 
 /// What a headerless file holds.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,6 +114,25 @@ impl RawSource {
             return Err(ImportError::invalid(file.path(), problem));
         }
         Ok(Self { info, file, array })
+    }
+
+    /// The same, with a note that counts what its voxels lose, over the whole array.
+    ///
+    /// # Errors
+    /// If something is lost that is not allowed to be, or the file cannot be read.
+    pub(crate) fn with_losses(mut self, allowed: bool) -> Result<Self, ImportError> {
+        let path = self.file.path();
+        let Some(mut losses) = Losses::may_occur(path, self.array.decode, allowed) else { return Ok(self) };
+        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
+        let numbers = &self.file[self.array.offset as usize..][..body as usize];
+        for part in numbers.chunks(LOSSES_AT_ONCE) {
+            let seen = losses.see(part);
+            // What is gone of the file reads as zeros.
+            self.file.confirm()?;
+            seen?;
+        }
+        self.info.notes.push(losses.note());
+        Ok(self)
     }
 
     /// Where a box begins in the file, and how it is copied.

@@ -1,12 +1,14 @@
 //! TIFF stacks on the `tiff` crate: multi-page files and BigTIFF, strips and tiles in every compression it decodes,
-//! lists of single-plane files, and what ImageJ and OME-XML say of the order of pages.
+//! lists of single-plane files, and what ImageJ and OME-XML say of the order of pages and the meaning of values.
 //!
 //! Opening walks all directories once: planes must agree, and their data must lie inside the file. Reading decodes only
 //! the strips or tiles that a box meets; since those mostly span a plane's width, callers do best to ask for each plane
 //! once. Each thread that reads has a decoder of its own, kept for the next call. ImageJ's stacks with a single
 //! directory (over 4 GiB) are plain arrays and go through [`RawSource`].
 
+mod calibration;
 mod description;
+mod lzw;
 mod page;
 #[cfg(test)]
 mod tests;
@@ -14,6 +16,7 @@ mod tests;
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Endian};
 use crate::error::ImportError;
+use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
@@ -29,6 +32,8 @@ use std::sync::Mutex;
 pub(crate) struct TiffStack {
     info: SourceInfo,
     format: PageFormat,
+    /// Of the library's samples, which are in this machine's order.
+    decode: Decode,
     files: Vec<TiffFile>,
     /// Pages per file: either one file has all, or each has one.
     pages_per_file: u32,
@@ -114,13 +119,21 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         tiff.check_data(path, 1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
         files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, decoders: Mutex::default() });
+        let description = tiff.description();
         match &first {
+            Some((_, expected)) if description.calibration != expected.calibration => {
+                let problem = format!(
+                    "its values are calibrated (ImageJ's c0, c1, cf) in another way than those of {}; calibrate all alike",
+                    paths[0].display()
+                );
+                return Err(ImportError::invalid(path, problem));
+            }
             Some((expected, _)) if format != *expected => {
                 let problem = format!("is {format}, but {} is {expected}", paths[0].display());
                 return Err(ImportError::invalid(path, problem));
             }
             Some(_) => {}
-            None => first = Some((format, tiff.description())),
+            None => first = Some((format, description)),
         }
     }
     let Some((format, mut description)) = first else {
@@ -142,12 +155,12 @@ fn open_contiguous(
     description: &Description,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>, ImportError> {
-    let note = format.element.check_narrowing(path, options.allow_lossy)?;
+    let (scale, note) = description.scale(format.element, format.samples);
     let (offset, endian) = tiff.contiguous_start(path, format)?;
     let array = ArrayLayout {
         sizes: declared.sizes(format.width, format.height),
         axes: AxisOrder::of(&[&declared.page_axes[..], &[Axis::Y, Axis::X]].concat()),
-        decode: Decode { element: format.element, endian, scale: None },
+        decode: Decode { element: format.element, endian, scale },
         offset,
     };
     let expected = array.body_bytes().map_err(|p| ImportError::invalid(path, p))?.saturating_add(offset);
@@ -165,7 +178,7 @@ fn open_contiguous(
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
     info.notes.extend(note);
-    Ok(Box::new(RawSource::new(file, array, info)?))
+    Ok(Box::new(RawSource::new(file, array, info)?.with_losses(options.allow_lossy)?))
 }
 
 /// Finds the order of pages: by the caller's axes, else as declared, else all along z.
@@ -244,20 +257,42 @@ impl TiffStack {
         options: &OpenOptions,
     ) -> Result<Self, ImportError> {
         let path = &files[0].path;
-        let note = format.element.check_narrowing(path, options.allow_lossy)?;
+        let (scale, note) = description.scale(format.element, format.samples);
+        let decode = Decode { element: format.element, endian: Endian::native(), scale };
         let sizes = Sizes { channels: order.sizes.channels.saturating_mul(format.samples as u32), ..order.sizes };
         sizes.checked_bytes(format.element.bytes()).map_err(|p| ImportError::invalid(path, p))?;
         let paths: Vec<&Path> = files.iter().map(|f| f.path.as_path()).collect();
         let mut info = SourceInfo {
             identity: identity(&format!("tiff {:?}", order.axes), &paths)?,
-            ..SourceInfo::plain(sizes, format.element.voxel_type())
+            ..SourceInfo::plain(sizes, decode.voxel_type())
         };
         description.place(&mut info);
         info.notes.extend(note);
         if format.samples > 1 {
             info.notes.push(format!("Each page holds {} samples a pixel; they are read as channels.", format.samples));
         }
-        Ok(Self { info, format, files, pages_per_file, order, reader_bytes: 0 })
+        let mut stack = Self { info, format, decode, files, pages_per_file, order, reader_bytes: 0 };
+        stack.count_losses(options.allow_lossy)?;
+        Ok(stack)
+    }
+
+    /// Counts what voxels lose, in all pages; an error if something is lost that must not be.
+    fn count_losses(&mut self, allowed: bool) -> Result<(), ImportError> {
+        let mut census: Option<Losses> = None;
+        for (i, file) in (0..).zip(&self.files) {
+            match &mut census {
+                Some(losses) => losses.next_file(&file.path),
+                none => *none = Losses::may_occur(&file.path, self.decode, allowed),
+            }
+            let Some(losses) = &mut census else { return Ok(()) };
+            for page in 0..self.pages_per_file {
+                let page = i * self.pages_per_file as u64 + page as u64;
+                self.with_page(page, |tiff| tiff.each_chunk(&self.format, |samples| losses.see(samples)))?;
+            }
+        }
+        let note = census.map(|losses| losses.note());
+        self.info.notes.extend(note);
+        Ok(())
     }
 
     /// Runs `f` on a decoder of the page's file that stands at the page.
@@ -310,10 +345,11 @@ impl Source for TiffStack {
         self.info.check_box(time, channel, region, out);
         let samples = self.format.samples as u32;
         let plane_bytes = out.len() / region.extent().z as usize;
-        let decode = Decode { element: self.format.element, endian: Endian::native(), scale: None };
         for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
             let page = self.order.page(time, channel / samples, z);
-            self.with_page(page, |tiff| tiff.read_rectangle(&self.format, channel % samples, decode, region, plane))?;
+            self.with_page(page, |tiff| {
+                tiff.read_rectangle(&self.format, channel % samples, self.decode, region, plane)
+            })?;
         }
         Ok(())
     }

@@ -49,7 +49,7 @@ pub(crate) struct PackArguments {
     /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
     #[arg(long)]
     unit: Option<String>,
-    /// Accept input types that must lose precision (f64 to f32, 64-bit integers)
+    /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
     #[arg(long)]
     allow_lossy: bool,
     /// Folder for scratch files of inputs that cannot be sought in

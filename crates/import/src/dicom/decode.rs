@@ -1,10 +1,10 @@
 //! Frames that are packed by themselves: run-length encoded, or by JPEG or JPEG 2000. Errors are what is wrong with the
 //! frame, without the file.
 
-use super::pixels::{PixelFormat, Samples};
+use super::pixels::{MOST_JPEG_2000_BITS, PixelFormat, Samples};
 use crate::element::Endian;
 use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
-use jpeg_decoder::PixelFormat as JpegFormat;
+use jpeg_decoder::{CodingProcess, PixelFormat as JpegFormat};
 
 /// Run-length encoding: a plane for each byte of a number, the highest first, after a table of where they begin.
 pub(super) fn rle(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
@@ -61,18 +61,26 @@ pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String
         colour => return Err(format!("expected one grey value a pixel, found {colour:?}")),
     };
     format.check_decoded(found, width)?;
-    let bytes = decoder.decode().map_err(|e| e.to_string())?;
+    let mut bytes = decoder.decode().map_err(|e| e.to_string())?;
     if bytes.len() as u64 != format.pixels() * width as u64 {
         return Err(format!("expected {} bytes of pixels, found {}", format.pixels() * width as u64, bytes.len()));
+    }
+    // The decoder keeps lossy numbers within eight bits, of which fewer may be stored.
+    if info.coding_process != CodingProcess::Lossless && width == 1 {
+        bytes.iter_mut().for_each(|b| *b = format.clamped((*b).into(), false) as u8);
     }
     Ok(Samples { bytes, width, endian: Endian::native() })
 }
 
-/// JPEG 2000, lossless or not.
+/// JPEG 2000, lossless or not. A stream that is cut short is refused: the decoder would make up the rest.
 pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
-    let image = Image::new(bytes, &DecodeSettings::default()).map_err(|e| e.to_string())?;
+    let settings = DecodeSettings { strict: true, ..DecodeSettings::default() };
+    let image = Image::new(bytes, &settings).map_err(|e| e.to_string())?;
     let bits = image.original_bit_depth() as u32;
     format.check_decoded([image.width(), image.height()], bits.div_ceil(8) as usize)?;
+    if bits > MOST_JPEG_2000_BITS {
+        return Err(format!("numbers of {bits} bits in JPEG 2000, of which {MOST_JPEG_2000_BITS} are read exactly"));
+    }
     let mut context = DecoderContext::default();
     let decoded = image.decode(&mut context).map_err(|e| e.to_string())?;
     let [plane] = decoded.components() else {
@@ -82,10 +90,13 @@ pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, S
         return Err(format!("expected {} pixels, found {}", format.pixels(), plane.samples().len()));
     }
     // The decoder takes all numbers for unsigned, and moves them up by half their range.
-    let moved = if is_signed_jpeg_2000(bytes) { 1i64 << (bits - 1) } else { 0 };
+    let signed = is_signed_jpeg_2000(bytes);
+    let moved = if signed { 1i64 << (bits - 1) } else { 0 };
     let mut out = Vec::with_capacity(plane.samples().len() * format.width);
     for sample in plane.samples() {
-        out.extend_from_slice(&(sample.round() as i64 - moved).to_le_bytes()[..format.width]);
+        // What was lost makes numbers leave their range: those of the stream, and those that the header says are stored.
+        let number = (sample.round() as i64).clamp(0, (1 << bits) - 1) - moved;
+        out.extend_from_slice(&format.clamped(number, signed).to_le_bytes()[..format.width]);
     }
     Ok(Samples { bytes: out, width: format.width, endian: Endian::Little })
 }

@@ -62,6 +62,9 @@ impl Frames {
             return Err(ImportError::unsupported(path, "Float Pixel Data"));
         }
         let mut packing = packing_of(header)?;
+        if let (Packing::Encapsulated(codec @ (Codec::Jpeg | Codec::Jpeg2000)), None) = (packing, pixels.length) {
+            format.check_codec(path, codec == Codec::Jpeg2000)?;
+        }
         let count = match header.number(tags::NUMBER_OF_FRAMES) {
             None => 1,
             Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) => n as u64,

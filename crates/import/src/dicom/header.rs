@@ -220,10 +220,31 @@ impl Header {
     /// The numbers of an element, as a frame (counted from 0) or else all frames or the whole file have it. Those that
     /// are not numbers are none.
     pub(super) fn numbers(&self, frame: usize, tag: Tag) -> Option<Vec<f64>> {
-        let places = [self.frames.get(frame), Some(&self.shared), Some(&self.top)];
-        let value = places.into_iter().flatten().find_map(|values| values.get(&tag))?;
-        let numbers = value.to_multi_float64().ok()?;
+        let numbers = self.value(frame, tag)?.to_multi_float64().ok()?;
         (!numbers.is_empty() && numbers.iter().all(|n| n.is_finite())).then_some(numbers)
+    }
+
+    /// Half a unit in the last decimal place of each number of an element that is written as text; 0 where no decimals are.
+    pub(super) fn roundings(&self, frame: usize, tag: Tag) -> Vec<f64> {
+        match self.value(frame, tag) {
+            Some(value @ (PrimitiveValue::Strs(_) | PrimitiveValue::Str(_))) => {
+                value.to_multi_str().iter().map(|text| rounding_of(text)).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// What is written in an element, unless it is nothing.
+    pub(super) fn written(&self, frame: usize, tag: Tag) -> Option<String> {
+        let text = self.value(frame, tag)?.to_str();
+        let text = text.trim_matches(['\0', ' ']);
+        (!text.is_empty()).then(|| text.to_owned())
+    }
+
+    /// An element as a frame (counted from 0) or else all frames or the whole file have it.
+    fn value(&self, frame: usize, tag: Tag) -> Option<&PrimitiveValue> {
+        let places = [self.frames.get(frame), Some(&self.shared), Some(&self.top)];
+        places.into_iter().flatten().find_map(|values| values.get(&tag))
     }
 
     /// The first number of an element of the whole file.
@@ -284,6 +305,15 @@ impl Header {
             _ => None,
         }
     }
+}
+
+/// Half a unit in the last decimal place of a number as it is written; 0 where it has no decimals.
+fn rounding_of(text: &str) -> f64 {
+    let lower = text.trim_matches(['\0', ' ']).to_ascii_lowercase();
+    let (mantissa, exponent) = lower.split_once('e').unwrap_or((&lower, "0"));
+    let decimals = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len() as i32);
+    let places = decimals - exponent.trim_start_matches('+').parse::<i32>().unwrap_or(0).clamp(-99, 99);
+    if places > 0 { 0.5 * 0.1f64.powi(places) } else { 0.0 }
 }
 
 /// The transfer syntax that the file's first group names, and where the data set begins.

@@ -5,6 +5,10 @@ use crate::element::Endian;
 use crate::error::ImportError;
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
+use std::path::Path;
+
+/// The decoder computes in f32, which holds integers of 24 bits; coefficients have some bits more than pixels.
+pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 
 /// How the numbers of a pixel are stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,6 +67,18 @@ impl PixelFormat {
         })
     }
 
+    /// Refuses what is not read right of pixels that are packed as pictures.
+    pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<(), ImportError> {
+        if self.shift > 0 {
+            return Err(ImportError::unsupported(path, "JPEG pixels whose HighBit is not BitsStored - 1"));
+        }
+        if is_jpeg_2000 && self.bits > MOST_JPEG_2000_BITS {
+            let feature = format!("JPEG 2000 of {} bits a pixel", self.bits);
+            return Err(ImportError::unsupported_but(path, feature, "up to 16 are read; decompress it first"));
+        }
+        Ok(())
+    }
+
     /// Pixels of a frame.
     pub(super) fn pixels(&self) -> u64 {
         self.columns as u64 * self.rows as u64
@@ -82,6 +98,13 @@ impl PixelFormat {
     /// Least and greatest number that can be stored.
     pub(super) fn limits(&self) -> [i64; 2] {
         if self.signed { [-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1] } else { [0, (1 << self.bits) - 1] }
+    }
+
+    /// A decoded number within what can be stored. Where the stream's numbers are unsigned and the header's signed, or the
+    /// other way round, only bits mean something: they are left as they are.
+    pub(super) fn clamped(&self, n: i64, signed: bool) -> i64 {
+        let [least, greatest] = self.limits();
+        if signed == self.signed && self.shift == 0 { n.clamp(least, greatest) } else { n }
     }
 
     /// A number that a header may have written as unsigned though the pixels are signed.

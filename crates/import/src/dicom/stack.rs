@@ -11,6 +11,8 @@ use std::path::PathBuf;
 
 /// Slices' spacings may differ by this part.
 const SPACING_TOLERANCE: f64 = 1e-2;
+/// What rounding of positions may explain of a spacing: far from a missing slice.
+const ROUNDING_TOLERANCE: f64 = 0.1;
 /// Directions may differ by this much (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
 const DIRECTION_TOLERANCE: f64 = 1e-4;
 /// A stack may lean by this part of a pixel from its first slice to its last.
@@ -25,14 +27,16 @@ pub(super) struct Slice {
     pub(super) frame: usize,
     /// Centre of the first pixel, mm.
     pub(super) position: DVec3,
+    /// By how much the position may differ from what was meant, since it is written with few decimals.
+    pub(super) rounding: DVec3,
     /// Where the columns' index grows.
     pub(super) along_row: DVec3,
     /// Where the rows' index grows.
     pub(super) along_column: DVec3,
     /// From pixel to pixel along a row and along a column, mm.
     pub(super) pixel_mm: [f64; 2],
-    /// Thickness or distance that the file names, for a slice that stands alone.
-    pub(super) thickness_mm: Option<f64>,
+    /// Distance or thickness that the file names, and the element's name, for a slice that stands alone.
+    pub(super) step_mm: Option<(f64, &'static str)>,
 }
 
 /// A stack's place.
@@ -76,9 +80,9 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, even: bool) -> Result
         [one] => alone(one),
         _ => {
             let gaps: Vec<f64> = slices.windows(2).map(|pair| depth(&pair[1]) - depth(&pair[0])).collect();
-            check_gaps(&gaps, slices, names, even)?;
+            let note = check_gaps(&gaps, slices, normal, names, even)?;
             check_lean(slices, normal, names)?;
-            (gaps.iter().sum::<f64>() / gaps.len() as f64, None)
+            (gaps.iter().sum::<f64>() / gaps.len() as f64, note)
         }
     };
     let spacing = DVec3::new(first.pixel_mm[0], first.pixel_mm[1], spacing_z);
@@ -95,9 +99,15 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, even: bool) -> Result
 
 /// The third spacing of a stack of one slice.
 fn alone(slice: &Slice) -> (f64, Option<String>) {
-    match slice.thickness_mm {
-        Some(mm) => (mm, Some(format!("A single slice: its thickness of {mm} mm is taken as the spacing along z."))),
-        None => (1.0, Some("A single slice of no known thickness: 1 mm is taken as the spacing along z.".into())),
+    match slice.step_mm {
+        Some((mm, name)) => {
+            (mm, Some(format!("A single slice: its {name} of {mm} mm is taken as the spacing along z.")))
+        }
+        None => {
+            let note =
+                "A single slice without SpacingBetweenSlices or SliceThickness: 1 mm is taken as the spacing along z.";
+            (1.0, Some(note.into()))
+        }
     }
 }
 
@@ -161,8 +171,14 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
     kinds
 }
 
-/// Sorted slices must lie at places of their own, evenly.
-fn check_gaps(gaps: &[f64], slices: &[Slice], names: &Names, even: bool) -> Result<(), ImportError> {
+/// Sorted slices must lie at places of their own, evenly; a note where they do as far as their positions' digits tell.
+fn check_gaps(
+    gaps: &[f64],
+    slices: &[Slice],
+    normal: DVec3,
+    names: &Names,
+    even: bool,
+) -> Result<Option<String>, ImportError> {
     let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
     positive.sort_by(f64::total_cmp);
     let typical = positive.get(positive.len() / 2).copied().unwrap_or(0.0);
@@ -182,24 +198,44 @@ fn check_gaps(gaps: &[f64], slices: &[Slice], names: &Names, even: bool) -> Resu
     let uneven = |gap: f64| (gap - typical).abs() > SPACING_TOLERANCE * typical;
     let count = gaps.iter().filter(|g| uneven(**g)).count();
     let worst = (0..gaps.len()).max_by(|&a, &b| (gaps[a] - typical).abs().total_cmp(&(gaps[b] - typical).abs()));
-    let Some(at) = worst.filter(|_| count > 0 && !even) else { return Ok(()) };
+    let Some(at) = worst.filter(|_| count > 0 && !even) else { return Ok(None) };
+    let mean = gaps.iter().sum::<f64>() / gaps.len() as f64;
+    if is_rounding(gaps, slices, normal, mean) {
+        let [least, most] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
+        return Ok(Some(format!(
+            "Slices are {least:.4} to {most:.4} mm apart, which the few decimals of their positions explain: {mean:.4} mm is taken \
+             for all."
+        )));
+    }
     let steps = gaps[at] / typical;
-    let missing = if (steps - steps.round()).abs() < 0.05 && steps > 1.5 {
-        format!(" ({} slices are missing between them)", steps.round() - 1.0)
-    } else {
-        String::new()
+    let is_gap = (steps - steps.round()).abs() < 0.05 && steps > 1.5;
+    let (missing, add) = match is_gap {
+        true => (format!(" ({} slices are missing between them)", steps.round() - 1.0), "add the missing files, or "),
+        false => (String::new(), ""),
     };
+    let [x, y] = slices[0].pixel_mm;
     let problem = format!(
         "slices are not evenly spaced: expected {typical:.4} mm from one to the next (as most are), found {:.4} mm from {} (at {}) to {} \
-         (at {}){missing}; {count} of {} steps differ. Add the missing files, or pass --spacing X,Y,Z to take the slices as even",
+         (at {}){missing}; {count} of {} steps differ; {add}pass --spacing {x},{y},{} to take the slices as even",
         gaps[at],
         names.of(&slices[at]),
         show(slices[at].position),
         names.of(&slices[at + 1]),
         show(slices[at + 1].position),
-        gaps.len()
+        gaps.len(),
+        round(if is_gap { typical } else { mean }),
     );
     Err(names.refuse(&slices[at + 1], problem))
+}
+
+/// Whether positions that were rounded to the decimals they are written with explain all steps between slices.
+fn is_rounding(gaps: &[f64], slices: &[Slice], normal: DVec3, mean: f64) -> bool {
+    // Zeros at a number's end may not be written: the finest slice tells of all.
+    let places = |a: usize| slices.iter().map(|s| s.rounding[a]).filter(|r| *r > 0.0).fold(f64::MAX, f64::min);
+    let along: f64 = (0..3).map(|a| normal[a].abs() * if places(a) < f64::MAX { places(a) } else { 0.0 }).sum();
+    // Either end of a step, and both ends of the whole stack, of which the mean is made.
+    let most = 2.0 * along * (1.0 + 1.0 / gaps.len() as f64) * (1.0 + 1e-9);
+    gaps.iter().all(|gap| (gap - mean).abs() <= most.min(ROUNDING_TOLERANCE * mean))
 }
 
 /// Sorted slices must lie straight above one another.

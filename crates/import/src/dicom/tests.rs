@@ -17,11 +17,11 @@ use std::path::{Path, PathBuf};
 const BIG_ENDIAN: &str = super::header::EXPLICIT_BIG_ENDIAN;
 
 /// A file of a CT series, to be changed by each test.
-struct Written(InMemDicomObject);
+pub(super) struct Written(InMemDicomObject);
 
 impl Written {
     /// A slice of 4 x 3 pixels at a height, whose stored values count up from a number.
-    fn slice(z_mm: f64, first: u16) -> Self {
+    pub(super) fn slice(z_mm: f64, first: u16) -> Self {
         let mut written = Self(InMemDicomObject::new_empty());
         written.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.3");
         written.text(tags::IMAGE_POSITION_PATIENT, VR::DS, &format!("-100\\-50\\{z_mm}"));
@@ -45,23 +45,23 @@ impl Written {
         written
     }
 
-    fn text(&mut self, tag: Tag, vr: VR, text: &str) -> &mut Self {
+    pub(super) fn text(&mut self, tag: Tag, vr: VR, text: &str) -> &mut Self {
         self.0.put(DataElement::new(tag, vr, PrimitiveValue::from(text)));
         self
     }
 
-    fn number(&mut self, tag: Tag, number: u16) -> &mut Self {
+    pub(super) fn number(&mut self, tag: Tag, number: u16) -> &mut Self {
         self.0.put(DataElement::new(tag, VR::US, PrimitiveValue::from(number)));
         self
     }
 
-    fn pixels(&mut self, pixels: &[u16]) -> &mut Self {
+    pub(super) fn pixels(&mut self, pixels: &[u16]) -> &mut Self {
         self.0.put(DataElement::new(tags::PIXEL_DATA, VR::OW, PrimitiveValue::U16(pixels.into())));
         self
     }
 
     /// One fragment a frame, without a table of offsets.
-    fn fragments(&mut self, fragments: Vec<Vec<u8>>) -> &mut Self {
+    pub(super) fn fragments(&mut self, fragments: Vec<Vec<u8>>) -> &mut Self {
         let sequence = PixelFragmentSequence::new(Vec::<u32>::new(), fragments);
         self.0.put(DataElement::new(tags::PIXEL_DATA, VR::OB, sequence));
         self
@@ -72,7 +72,7 @@ impl Written {
         self
     }
 
-    fn save(&self, path: &Path, syntax: &str) {
+    pub(super) fn save(&self, path: &Path, syntax: &str) {
         let meta = FileMetaTableBuilder::new()
             .transfer_syntax(syntax)
             .media_storage_sop_class_uid(uids::CT_IMAGE_STORAGE)
@@ -141,7 +141,7 @@ fn shuffled() -> impl Iterator<Item = Written> {
     [3, 0, 4, 1, 2].into_iter().map(|k| Written::slice(20.0 + 2.5 * k as f64, 100 * k))
 }
 
-fn voxels(source: &dyn Source) -> Vec<f64> {
+pub(super) fn voxels(source: &dyn Source) -> Vec<f64> {
     let info = source.info();
     let full = info.extent.full_box();
     let mut bytes = vec![0; full.extent().volume() as usize * info.voxel_type.bytes()];
@@ -306,17 +306,20 @@ fn bits_signs_and_rescaling() {
 
 #[test]
 fn padding_is_nan_in_floats_and_a_value_in_integers() {
-    let padded = |slope: &str| {
+    // Padding is given by its value and the other end of its range, which may be the lower one.
+    let padded = |slope: &str, value, limit| {
         let mut slice = Written::slice(0.0, 0);
-        slice.number(tags::PIXEL_PADDING_VALUE, 3).number(tags::PIXEL_PADDING_RANGE_LIMIT, 5);
+        slice.number(tags::PIXEL_PADDING_VALUE, value).number(tags::PIXEL_PADDING_RANGE_LIMIT, limit);
         slice.text(tags::RESCALE_SLOPE, VR::DS, slope);
         let (_folder, source) = Folder::opened([slice]);
         assert!(source.info().notes.iter().any(|n| n.contains("3 to 5")), "{:?}", source.info().notes);
         voxels(&*source)[2..7].to_vec()
     };
-    assert_eq!(padded("1"), [2.0, 3.0, 4.0, 5.0, 6.0]);
-    let found = padded("0.5");
-    assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
+    for (value, limit) in [(3, 5), (5, 3)] {
+        assert_eq!(padded("1", value, limit), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        let found = padded("0.5", value, limit);
+        assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
+    }
 }
 
 #[test]
@@ -385,6 +388,55 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
     Folder::of([skew]).refused(&["not two perpendicular directions"]);
 }
 
+/// Slices at these positions along z, as they are written.
+fn at_texts(positions: &[&str]) -> Folder {
+    Folder::of(positions.iter().map(|z| {
+        let mut slice = Written::slice(0.0, 0);
+        slice.text(tags::IMAGE_POSITION_PATIENT, VR::DS, &format!("-100.0\\-50.0\\{z}"));
+        slice
+    }))
+}
+
+#[test]
+fn rounded_positions_are_even_as_far_as_their_digits_explain() {
+    // Multiples of 7.04 mm, of a tenth each; a zero at the end is not always written.
+    let source = at_texts(&["0", "7.0", "14.1", "21.1", "28.2"]).open().unwrap();
+    assert!((source.info().geometry.spacing.z - 7.05).abs() < 1e-9);
+    let text = at_texts(&["0", "1.4", "2.9", "4.3", "5.7"]);
+    let source = text.open().unwrap();
+    let notes = source.info().notes.join(" ");
+    assert!(notes.contains("1.4000 to 1.5000 mm apart") && notes.contains("1.4250 mm is taken"), "{notes}");
+    // What more digits would have told, and what no digits tell.
+    at_texts(&["0.00", "1.40", "2.90", "4.30", "5.70"])
+        .refused(&["not evenly spaced", "pass --spacing 0.5,0.75,1.425 "]);
+    at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass --spacing 0.5,0.75,10.3333 "]);
+    // Rounding never explains a missing slice, nor a tenth of a step.
+    let folder = at_texts(&["0", "0.1", "0.3", "0.4"]);
+    folder.refused(&["1 slices are missing", "add the missing files, or pass --spacing 0.5,0.75,0.1 "]);
+    at_texts(&["0", "0.4", "0.9", "1.3"]).refused(&["not evenly spaced"]);
+    let message = at_texts(&["0.00", "1.40", "2.90"]).open().err().unwrap().to_string();
+    assert!(!message.contains("missing"), "{message}");
+}
+
+#[test]
+fn a_single_slice_names_the_element_of_its_depth() {
+    let notes = |change: &dyn Fn(&mut Written) -> &mut Written| {
+        let mut slice = Written::slice(0.0, 0);
+        change(&mut slice);
+        let (_folder, source) = Folder::opened([slice]);
+        (source.info().geometry.spacing.z, source.info().notes.join(" "))
+    };
+    let (z, note) = notes(&|s| s);
+    assert!(z == 5.0 && note.contains("its SliceThickness of 5 mm"), "{note}");
+    let (z, note) = notes(&|s| s.text(tags::SPACING_BETWEEN_SLICES, VR::DS, "4"));
+    assert!(z == 4.0 && note.contains("its SpacingBetweenSlices of 4 mm"), "{note}");
+    // One that says nothing does not hide the other.
+    let (z, note) = notes(&|s| s.text(tags::SPACING_BETWEEN_SLICES, VR::DS, "0"));
+    assert!(z == 5.0 && note.contains("its SliceThickness of 5 mm"), "{note}");
+    let (z, note) = notes(&|s| s.text(tags::SLICE_THICKNESS, VR::DS, ""));
+    assert!(z == 1.0 && note.contains("1 mm is taken"), "{note}");
+}
+
 #[test]
 fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     let folder = Folder::of([0.0, 2.0, 8.0, 10.0].map(|z| {
@@ -423,6 +475,9 @@ fn missing_and_wrong_elements_are_named() {
     changed(&|s| s.number(tags::BITS_ALLOCATED, 1)).refused(&["1 bits a pixel"]);
     changed(&|s| s.number(tags::BITS_STORED, 17)).refused(&["BitsStored 17"]);
     changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "0")).refused(&["RescaleSlope is 0"]);
+    changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "NaN")).refused(&["RescaleSlope is 'NaN'"]);
+    changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "2").text(tags::RESCALE_INTERCEPT, VR::DS, "1,5"))
+        .refused(&["RescaleIntercept is '1,5'", "finite number"]);
     changed(&|s| s.number(tags::ROWS, 30)).refused(&["cut short", "240 bytes", "found 24 (216 missing)"]);
     changed(&|s| s.text(tags::NUMBER_OF_FRAMES, VR::IS, "2").number(tags::ROWS, 1))
         .refused(&["2 frames without a place for each", "PerFrameFunctionalGroupsSequence"]);

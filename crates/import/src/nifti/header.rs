@@ -20,8 +20,8 @@ pub(super) struct Header {
     pub(super) body_offset: u64,
     /// Voxel sizes along x, y, z, and the handedness factor before them.
     pub(super) pixdim: [f64; 4],
-    slope: f64,
-    intercept: f64,
+    /// Slope and intercept where they change anything.
+    pub(super) scale: Option<Scale>,
     /// The spatial part of `xyzt_units`.
     pub(super) space_unit: u8,
     pub(super) qform_code: i32,
@@ -66,13 +66,6 @@ impl Header {
         })
     }
 
-    /// Slope and intercept where they change anything; a slope of 0 means none, by the standard.
-    pub(super) fn scale(&self) -> Option<Scale> {
-        let Self { slope, intercept, .. } = *self;
-        let none = slope == 0.0 || !slope.is_finite() || !intercept.is_finite() || (slope == 1.0 && intercept == 0.0);
-        (!none).then_some(Scale { slope, intercept })
-    }
-
     /// The fifth dimension, used for channels, is the slowest.
     pub(super) fn axes(&self) -> AxisOrder {
         AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X])
@@ -114,8 +107,7 @@ impl RawHeader {
             element,
             body_offset: self.body_offset(single_file, header_bytes)?,
             pixdim: self.pixdim,
-            slope: self.slope,
-            intercept: self.intercept,
+            scale: self.scale()?,
             space_unit: self.xyzt_units & 7,
             qform_code: self.qform_code,
             sform_code: self.sform_code,
@@ -178,6 +170,21 @@ impl RawHeader {
             return Err(Refusal::Invalid(problem));
         }
         Ok(element)
+    }
+
+    /// A slope of 0 means none, by the standard, and so does one that is not a number, as nibabel writes it.
+    fn scale(&self) -> Result<Option<Scale>, Refusal> {
+        let Self { slope, intercept, .. } = *self;
+        if slope == 0.0 || slope.is_nan() || (slope, intercept) == (1.0, 0.0) {
+            return Ok(None);
+        }
+        if !(slope.is_finite() && intercept.is_finite()) {
+            return Err(Refusal::Invalid(format!(
+                "its scl_slope is {slope} and its scl_inter {intercept}: what its values mean is not known; expected finite \
+                 numbers, or a slope of 0 for none: write the header again"
+            )));
+        }
+        Ok(Some(Scale { slope, intercept, to: VoxelType::F32 }))
     }
 
     fn body_offset(&self, single_file: bool, header_bytes: u64) -> Result<u64, Refusal> {

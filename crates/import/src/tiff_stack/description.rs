@@ -1,8 +1,11 @@
-//! What ImageJ and OME-XML write into the image description of the first page: the order of pages, spacing, unit.
+//! What ImageJ and OME-XML write into the image description of the first page: the order of pages, spacing, unit, and what
+//! stored numbers stand for.
 //!
 //! Both are read tolerantly, as text: anything not understood leaves the pages as a plain stack along z, and a note.
 
+use super::calibration::Calibration;
 use crate::axes::{Axis, Sizes};
+use crate::element::{Element, Scale};
 use crate::source::SourceInfo;
 use brickyard_volume::Extent;
 use glam::DVec3;
@@ -14,6 +17,8 @@ pub(super) struct Description {
     spacing: Option<[f64; 3]>,
     /// UDUNITS name.
     unit: Option<&'static str>,
+    /// What stored numbers stand for.
+    pub(super) calibration: Option<Calibration>,
     notes: Vec<String>,
 }
 
@@ -82,9 +87,11 @@ impl Description {
                 in_one_directory: true,
                 counts_samples: false,
             }),
+            calibration: Calibration::parse(value),
             ..Self::default()
         };
-        let depth = value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|s| *s > 0.0);
+        let depth =
+            value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|s| *s > 0.0 && s.is_finite());
         let unit = value("unit").filter(|u| !u.starts_with("pixel"));
         description.set_unit(unit);
         if unit.is_some() || depth.is_some() {
@@ -130,6 +137,11 @@ impl Description {
             Some((unit, _)) => self.unit = Some(unit),
             None => self.notes.push(format!("The unit '{name}' is not known; lengths are kept without a unit.")),
         }
+    }
+
+    /// How stored numbers become values, with a note.
+    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
+        self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
     /// Adds spacing, unit and notes to a source.
@@ -260,6 +272,10 @@ mod tests {
         let d = Description::parse("ImageJ=1.4\nimages=5\nspacing=-3\n", Some((72.0, 72.0)));
         assert_eq!((d.spacing, d.unit, d.declared.unwrap().z), (Some([1.0, 1.0, 3.0]), None, 5));
         assert_eq!(Description::parse("ImageJ=1.4\nimages=5\nunit=pixel\n", Some((72.0, 72.0))).spacing, None);
+        for spacing in ["inf", "-Infinity", "NaN", "0"] {
+            let text = format!("ImageJ=1.4\nimages=5\nspacing={spacing}\n");
+            assert_eq!(Description::parse(&text, None).spacing, None, "{spacing}");
+        }
         let odd = Description::parse("ImageJ=1.4\nimages=5\nunit=furlong\n", None);
         assert!(odd.notes[0].contains("furlong"));
     }

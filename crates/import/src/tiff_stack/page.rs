@@ -1,12 +1,13 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
 use super::description::Description;
+use super::lzw::{self, Predictor, Rows};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
@@ -21,9 +22,27 @@ const MOST_TAG_BYTES: usize = 256 << 20;
 /// No compression reaches this ratio: a strip that claims more is a damaged header, not something to allocate.
 const ABSURD_RATIO: u64 = 1 << 16;
 
-/// Values of the tag Compression.
+/// Compressions that are read, by their number in a file, and how others are called that are met.
+const READ: [u16; 7] = [1, LZW, JPEG, 8, 32773, 32946, ZSTD];
+const LZW: u16 = 5;
 const JPEG: u16 = 7;
 const ZSTD: u16 = 50000;
+const NOT_READ: [(u16, &str); 14] = [
+    (2, "CCITT RLE"),
+    (3, "CCITT fax 3"),
+    (4, "CCITT fax 4"),
+    (6, "JPEG of before 1995"),
+    (32809, "ThunderScan"),
+    (33003, "JPEG 2000 (Aperio)"),
+    (33005, "JPEG 2000 (Aperio)"),
+    (34677, "SGI log"),
+    (34712, "JPEG 2000"),
+    (34887, "LERC"),
+    (34892, "lossy JPEG of a DNG"),
+    (34925, "LZMA"),
+    (50001, "WebP"),
+    (50002, "JPEG XL"),
+];
 /// What a Zstandard decoder keeps of its output at most, by default.
 const MOST_ZSTD_WINDOW: u64 = 128 << 20;
 /// A strip's or tile's offset and length.
@@ -62,8 +81,24 @@ pub(super) struct OpenTiff {
     decoder: Decoder<BufReader<File>>,
     /// Of the file when it was opened.
     pub(super) stamp: Stamp,
+    /// Of the page at which the decoder stands.
+    packing: Packing,
     /// The decoded strip or tile.
     chunk: Vec<u8>,
+    /// Whole rows of it, where they are wider than what is wanted; and packed bytes.
+    scratch: [Vec<u8>; 2],
+}
+
+/// How the strips or tiles of a page are packed, and where those lie that are not left to the library.
+enum Packing {
+    /// Not looked at yet.
+    Unknown,
+    Library,
+    Lzw {
+        offsets: Vec<u64>,
+        counts: Vec<u64>,
+        predictor: Predictor,
+    },
 }
 
 impl OpenTiff {
@@ -72,7 +107,14 @@ impl OpenTiff {
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
         let decoder = decoder.with_limits(limits(stamp.bytes()));
-        Ok(Self { path: path.to_owned(), decoder, stamp, chunk: Vec::new() })
+        Ok(Self {
+            path: path.to_owned(),
+            decoder,
+            stamp,
+            packing: Packing::Unknown,
+            chunk: Vec::new(),
+            scratch: Default::default(),
+        })
     }
 
     pub(super) fn has_more_pages(&self) -> bool {
@@ -81,11 +123,13 @@ impl OpenTiff {
 
     /// Goes on to the page with this number, counted from 1.
     pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
+        self.packing = Packing::Unknown;
         self.decoder.next_image().map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))
     }
 
     /// Goes to a page counted from 0.
     pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
+        self.packing = Packing::Unknown;
         let seek = self.decoder.seek_to_image(page as usize);
         seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
     }
@@ -121,7 +165,8 @@ impl OpenTiff {
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
         let path = self.path.clone();
-        let refuse = |e| refusal(&path, "unsupported page", e);
+        let refuse = |e| refusal(&path, "a page", e);
+        self.check_packing()?;
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
@@ -133,8 +178,8 @@ impl OpenTiff {
         let tag = |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(refuse);
         let white_is_zero = match tag(&mut self.decoder, Tag::PhotometricInterpretation)? {
             Some(1 | 2) => false,
-            // Undone by inverting once more; not exact for floats.
-            Some(0) if !matches!(element, Element::Voxel(VoxelType::F32) | Element::F64) => true,
+            // Undone by inverting once more; the library does it for unsigned integers, one a pixel.
+            Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
             _ => return Err(unsupported()),
         };
         let file_bytes = self.stamp.bytes();
@@ -144,6 +189,16 @@ impl OpenTiff {
                 layout.len
             );
             return Err(ImportError::invalid(&path, problem));
+        }
+        let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
+        if stored != color.num_samples() {
+            let feature = format!("a page of {stored} samples a pixel, of which {} are known", color.num_samples());
+            let advice = "write it again with one sample a pixel, or as red, green and blue";
+            return Err(ImportError::unsupported_but(&path, feature, advice));
+        }
+        let is_float = matches!(element, Element::Voxel(VoxelType::F32) | Element::F16 | Element::F64);
+        if tag(&mut self.decoder, Tag::Predictor)? == Some(3) && !is_float {
+            return Err(ImportError::unsupported(&path, "a floating-point predictor of integers"));
         }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
@@ -158,6 +213,8 @@ impl OpenTiff {
             // Both of it and of what it is made from.
             Some(JPEG) => decoded.saturating_mul(2),
             Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
+            // Its rows, and packed bytes, of which there are at most as many as in the file.
+            Some(LZW) => decoded.saturating_add(self.stamp.bytes().min(decoded.saturating_mul(2))),
             _ => 0,
         };
         let (width, height) = self.decoder.chunk_dimensions();
@@ -169,7 +226,27 @@ impl OpenTiff {
     /// Gives up the memory of the last strip or tile.
     pub(super) fn rest(mut self) -> Self {
         self.chunk = Vec::new();
+        self.scratch = Default::default();
         self
+    }
+
+    /// Refuses what the library would refuse only when it is read, or would read wrongly.
+    fn check_packing(&mut self) -> Result<(), ImportError> {
+        let path = self.path.clone();
+        let tag = |decoder: &mut Decoder<_>, tag| {
+            decoder.find_tag_unsigned::<u16>(tag).map_err(|e| refusal(&path, "a page", e))
+        };
+        let code = tag(&mut self.decoder, Tag::Compression)?.unwrap_or(1);
+        if !READ.contains(&code) {
+            let name = NOT_READ.iter().find(|(c, _)| *c == code).map_or("unknown", |(_, name)| name);
+            let advice = "write it again with another: none, LZW, Deflate, PackBits, JPEG and Zstandard are read";
+            return Err(ImportError::unsupported_but(&path, format!("compression {code} ({name})"), advice));
+        }
+        if tag(&mut self.decoder, Tag::FillOrder)? == Some(2) {
+            let advice = "write it again with the highest first (tiffcp -f msb2lsb)";
+            return Err(ImportError::unsupported_but(&path, "a FillOrder of the lowest bit first", advice));
+        }
+        Ok(())
     }
 
     /// Checks that all strips or tiles of the page lie inside the file.
@@ -203,11 +280,7 @@ impl OpenTiff {
             let feature = "a stack in one directory that is compressed, tiled or coloured";
             return Err(ImportError::unsupported(path, feature));
         };
-        let endian = match self.decoder.byte_order() {
-            ByteOrder::LittleEndian => Endian::Little,
-            ByteOrder::BigEndian => Endian::Big,
-        };
-        Ok((start, endian))
+        Ok((start, self.endian()))
     }
 
     /// Fills `out` with one sample of the pixels in the x, y rectangle of `region`, from the page where the decoder
@@ -220,11 +293,8 @@ impl OpenTiff {
         region: VoxelBox,
         out: &mut [u8],
     ) -> Result<(), ImportError> {
-        let (chunk_width, chunk_height) = match self.decoder.get_chunk_type() {
-            ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),
-            ChunkType::Tile => self.decoder.chunk_dimensions(),
-        };
-        let (across, down) = (format.width.div_ceil(chunk_width), format.height.div_ceil(chunk_height));
+        let (chunk_width, chunk_height) = self.chunk_size(format);
+        let (across, down) = self.chunks(format);
         let plane = if format.planar { sample * across * down } else { 0 };
         for row in region.min.y / chunk_height..=(region.max.y - 1) / chunk_height {
             for column in region.min.x / chunk_width..=(region.max.x - 1) / chunk_width {
@@ -246,17 +316,120 @@ impl OpenTiff {
 
     /// Decodes a strip or tile into the buffer; returns the bytes from one of its rows to the next.
     fn decode_chunk(&mut self, index: u32, format: &PageFormat) -> Result<usize, ImportError> {
+        let layout = self.decoder.image_chunk_buffer_layout(index);
+        let layout = layout.map_err(|e| refusal(&self.path, &format!("strip or tile {index}"), e))?;
+        let stride = layout.row_stride.map_or(layout.len, usize::from);
+        self.chunk.resize(layout.len, 0);
+        if let Packing::Unknown = self.packing {
+            self.packing = self.find_packing()?;
+        }
+        if let Packing::Lzw { .. } = self.packing {
+            self.decode_lzw(index, format, stride)?;
+            return Ok(stride);
+        }
         let Self { path, decoder, chunk, .. } = self;
-        let layout = decoder.image_chunk_buffer_layout(index);
-        let layout = layout.map_err(|e| refusal(path, &format!("strip or tile {index}"), e))?;
-        chunk.resize(layout.len, 0);
         decoder
             .read_chunk_bytes(index, chunk)
             .map_err(|e| refusal(path, &format!("strip or tile {index} cannot be decoded"), e))?;
         if format.white_is_zero {
             chunk.iter_mut().for_each(|b| *b = !*b);
         }
-        Ok(layout.row_stride.map_or(layout.len, usize::from))
+        Ok(stride)
+    }
+
+    /// Decodes a strip or tile that is packed by LZW into the buffer, whose rows have `stride` bytes.
+    fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<(), ImportError> {
+        let damaged = |path: &Path, problem: String| {
+            let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
+            ImportError::invalid(path, problem)
+        };
+        let endian = self.endian();
+        let (data_width, rows) = self.decoder.chunk_data_dimensions(index);
+        let chunk_width = self.decoder.chunk_dimensions().0.max(data_width);
+        let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed] } = self;
+        let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
+        let place = offsets.get(index as usize).zip(counts.get(index as usize));
+        let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes()));
+        let Some((&at, &count)) = place else { return Err(damaged(path, "its place is not in the file".into())) };
+        let samples = if format.planar { 1 } else { format.samples as usize };
+        let width = format.element.bytes();
+        let row = u128::from(chunk_width) * (samples * width) as u128;
+        if row * u128::from(rows) > u128::from(count) * u128::from(lzw::BEST_RATIO) {
+            return Err(damaged(path, format!("{count} bytes cannot hold {rows} rows of {row}")));
+        }
+        // More is no part of the rows: a code takes at most 12 bits, and is a byte at least.
+        packed.resize(count.min(2 * row as u64 * u64::from(rows) + 64) as usize, 0);
+        let file = decoder.inner();
+        file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(packed)).map_err(ImportError::io(path))?;
+
+        let rows_of = Rows { predictor: *predictor, endian, width, samples, bytes: row as usize };
+        // Rows of a tile may go on past the image.
+        let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut *unpacked };
+        whole.resize(rows_of.bytes * rows as usize, 0);
+        lzw::unpack(packed, whole).map_err(|problem| damaged(path, problem))?;
+        lzw::undo(whole, rows_of);
+        if rows_of.bytes != stride {
+            for (row, whole) in chunk.chunks_exact_mut(stride).zip(unpacked.chunks_exact(rows_of.bytes)) {
+                row.copy_from_slice(&whole[..stride]);
+            }
+        }
+        Ok(())
+    }
+
+    fn find_packing(&mut self) -> Result<Packing, ImportError> {
+        let path = self.path.clone();
+        let refuse = |e| refusal(&path, "a page", e);
+        if self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? != Some(LZW) {
+            return Ok(Packing::Library);
+        }
+        let (offsets, counts) = match self.decoder.get_chunk_type() {
+            ChunkType::Strip => (Tag::StripOffsets, Tag::StripByteCounts),
+            ChunkType::Tile => (Tag::TileOffsets, Tag::TileByteCounts),
+        };
+        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
+        let (offsets, counts) = (numbers(offsets).map_err(refuse)?, numbers(counts).map_err(refuse)?);
+        let predictor = match self.decoder.find_tag_unsigned::<u16>(Tag::Predictor).map_err(refuse)? {
+            Some(2) => Predictor::Horizontal,
+            Some(3) => Predictor::Floats,
+            _ => Predictor::None,
+        };
+        Ok(Packing::Lzw { offsets, counts, predictor })
+    }
+
+    fn endian(&self) -> Endian {
+        match self.decoder.byte_order() {
+            ByteOrder::LittleEndian => Endian::Little,
+            ByteOrder::BigEndian => Endian::Big,
+        }
+    }
+
+    /// Shows `see` the samples of every strip or tile of the page where the decoder stands, in this machine's byte order.
+    pub(super) fn each_chunk(
+        &mut self,
+        format: &PageFormat,
+        mut see: impl FnMut(&[u8]) -> Result<(), ImportError>,
+    ) -> Result<(), ImportError> {
+        let (across, down) = self.chunks(format);
+        let planes = if format.planar { format.samples as u32 } else { 1 };
+        for index in 0..planes * across * down {
+            self.decode_chunk(index, format)?;
+            see(&self.chunk)?;
+        }
+        Ok(())
+    }
+
+    /// Width and height of a strip or tile.
+    fn chunk_size(&self, format: &PageFormat) -> (u32, u32) {
+        match self.decoder.get_chunk_type() {
+            ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),
+            ChunkType::Tile => self.decoder.chunk_dimensions(),
+        }
+    }
+
+    /// How many strips or tiles a plane has along x and y.
+    fn chunks(&self, format: &PageFormat) -> (u32, u32) {
+        let (width, height) = self.chunk_size(format);
+        (format.width.div_ceil(width), format.height.div_ceil(height))
     }
 
     /// Copies what `region` has of the decoded chunk.
@@ -298,6 +471,10 @@ fn limits(file_bytes: u64) -> Limits {
     limits
 }
 
+fn is_unsigned(element: Element) -> bool {
+    matches!(element, Element::Voxel(VoxelType::U8 | VoxelType::U16 | VoxelType::U32) | Element::U64)
+}
+
 fn element_of(sample: DecodingSampleType) -> Option<Element> {
     use DecodingSampleType as S;
     Some(match sample {
@@ -311,7 +488,7 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
         S::U64 => Element::U64,
         S::I64 => Element::I64,
         S::F64 => Element::F64,
-        S::F16 => return None,
+        S::F16 => Element::F16,
     })
 }
 

@@ -26,6 +26,10 @@ struct Layout {
     resolution: Option<u32>,
     /// Number of directories, where it is not that of the planes.
     directories: Option<usize>,
+    /// The predictor of LZW.
+    lzw: Option<u64>,
+    /// Directory entries more, or in place of others: tag and number.
+    tags: Vec<(u16, u64)>,
 }
 
 impl Default for Layout {
@@ -40,6 +44,8 @@ impl Default for Layout {
             description: String::new(),
             resolution: None,
             directories: None,
+            lzw: None,
+            tags: Vec::new(),
         }
     }
 }
@@ -133,13 +139,22 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
                 (0..rows.div_ceil(ch)).flat_map(|r| (0..columns.div_ceil(cw)).map(move |c| (r * ch, c * cw)))
             {
                 let start = w.bytes.len();
+                let mut chunk = Vec::new();
                 // Strips end with the image, tiles are padded.
                 let end = if layout.chunk.is_ok() { y0 + ch } else { (y0 + ch).min(rows) };
                 for (y, x) in (y0..end).flat_map(|y| (x0..x0 + cw).map(move |x| (y, x))) {
                     let from = (y * columns + x) as usize * pixel;
                     let inside = x < columns && y < rows;
-                    w.bytes.extend(if inside { plane[from..from + pixel].to_vec() } else { vec![0xee; pixel] });
+                    chunk.extend(if inside { plane[from..from + pixel].to_vec() } else { vec![0xee; pixel] });
                 }
+                w.bytes.extend(match layout.lzw {
+                    Some(predictor) => {
+                        let samples = (layout.samples / planes) as usize;
+                        predict(&mut chunk, predictor, layout.big_endian, cw as usize, voxel, samples);
+                        weezl::encode::Encoder::with_tiff_size_switch(weezl::BitOrder::Msb, 8).encode(&chunk).unwrap()
+                    }
+                    None => chunk,
+                });
                 offsets.push(start as u64);
                 counts.push((w.bytes.len() - start) as u64);
             }
@@ -159,7 +174,7 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
             (256, 4, vec![columns as u64]),
             (257, 4, vec![rows as u64]),
             (258, 3, per_sample(voxel as u64 * 8)),
-            (259, 3, vec![1]),
+            (259, 3, vec![if layout.lzw.is_some() { 5 } else { 1 }]),
             (262, 3, vec![layout.photometric as u64]),
             (277, 3, vec![layout.samples as u64]),
             (284, 3, vec![1 + layout.planar as u64]),
@@ -179,11 +194,49 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
         if let Some(r) = layout.resolution {
             tags.extend([(282, 5, vec![r as u64, 1]), (283, 5, vec![r as u64, 1])]);
         }
+        tags.extend(layout.lzw.map(|predictor| (317, 3, vec![predictor])));
+        for &(tag, number) in &layout.tags {
+            tags.retain(|(t, ..)| *t != tag);
+            tags.push((tag, 3, vec![number]));
+        }
         let at = w.directory(tags);
         w.put_at(link, at as u64, width);
         link = w.bytes.len() - width;
     }
     w.bytes
+}
+
+/// Takes differences within the rows of a strip or tile, as predictors 2 (of numbers) and 3 (of floats' bytes) do.
+fn predict(chunk: &mut [u8], predictor: u64, big_endian: bool, columns: usize, width: usize, samples: usize) {
+    for row in chunk.chunks_mut(columns * width * samples) {
+        let numbers: Vec<u64> = row
+            .chunks(width)
+            .map(|b| {
+                b.iter()
+                    .enumerate()
+                    .fold(0, |n, (i, &b)| n | (b as u64) << (8 * if big_endian { width - 1 - i } else { i }))
+            })
+            .collect();
+        match predictor {
+            2 => {
+                for (i, out) in row.chunks_mut(width).enumerate() {
+                    let before = i.checked_sub(samples).map_or(0, |i| numbers[i]);
+                    let bytes = numbers[i].wrapping_sub(before).to_le_bytes();
+                    out.iter_mut()
+                        .enumerate()
+                        .for_each(|(i, b)| *b = bytes[if big_endian { width - 1 - i } else { i }]);
+                }
+            }
+            3 => {
+                let by_weight = |weight: usize| numbers.iter().map(move |n| (n >> (8 * (width - 1 - weight))) as u8);
+                let sorted: Vec<u8> = (0..width).flat_map(by_weight).collect();
+                for (i, out) in row.iter_mut().enumerate() {
+                    *out = sorted[i].wrapping_sub(i.checked_sub(samples).map_or(0, |i| sorted[i]));
+                }
+            }
+            _ => {}
+        }
+    }
 }
 
 fn options() -> OpenOptions {
@@ -255,6 +308,167 @@ fn compressions_and_predictors_are_undone() {
             assert_boxes(&*opened(&path).unwrap(), field);
         }
     }
+}
+
+#[test]
+fn lzw_strips_and_tiles_of_every_type_are_read() {
+    let mut cases = 0..;
+    for voxel_type in VoxelType::ALL {
+        for chunk in [Err(3), Err(100), Ok([16, 16]), Ok([32, 16]), Ok([64, 32])] {
+            for predictor in [1, 2, 3] {
+                if predictor == 3 && voxel_type != VoxelType::F32 {
+                    continue;
+                }
+                let i = cases.next().unwrap();
+                let samples = 1 + i % 3;
+                let field = Field { sizes: [37, 19 + i % 7, 2, samples, 1], voxel_type };
+                let layout = Layout {
+                    big_endian: i % 2 == 0,
+                    big_tiff: i % 5 == 0,
+                    planar: i % 4 == 0,
+                    lzw: Some(predictor),
+                    samples,
+                    chunk,
+                    ..Layout::default()
+                };
+                let (_folder, path) = temp_file("a.tif", &written(field, "zc", &layout));
+                assert_boxes(&*opened(&path).unwrap(), field);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_lzw_tile_that_claims_too_much_is_refused() {
+    let field = Field { sizes: [7, 5, 1, 1, 1], voxel_type: VoxelType::U8 };
+    let mut bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
+    let width = bytes.windows(4).rposition(|w| w == [0x42, 1, 4, 0]).unwrap() + 8;
+    bytes[width..width + 4].copy_from_slice(&0xffff_fff0u32.to_le_bytes());
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    let read = opened(&path).and_then(|source| source.read_box(0, 0, source.info().extent.full_box(), &mut [0; 35]));
+    assert!(read.unwrap_err().to_string().contains("cannot hold 5 rows of 4294967280"));
+}
+
+#[test]
+fn damaged_lzw_names_the_chunk() {
+    let field = Field { sizes: [37, 19, 1, 1, 1], voxel_type: VoxelType::U8 };
+    let bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
+    let mut short = bytes.clone();
+    // The third tile, of which the rest is one code for nothing but the end.
+    let entry = short.windows(4).rposition(|w| w == [0x44, 1, 4, 0]).unwrap();
+    let list = u32::from_le_bytes(short[entry + 8..entry + 12].try_into().unwrap()) as usize + 8;
+    let third = u32::from_le_bytes(short[list..list + 4].try_into().unwrap()) as usize;
+    short[third..third + 4].copy_from_slice(&[0x80, 0x40, 0x40, 0x20]);
+    let (_folder, path) = temp_file("a.tif", &short);
+    let source = opened(&path).unwrap();
+    let mut out = vec![0; 37 * 19];
+    let message = source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap_err().to_string();
+    assert!(message.contains("strip or tile 2 cannot be decoded") && message.contains("of 256 bytes"), "{message}");
+}
+
+#[test]
+fn packings_that_cannot_be_read_are_refused_at_opening() {
+    let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U8 };
+    for (tag, number, words) in [
+        (259, 34925, "compression 34925 (LZMA) is not supported; write it again"),
+        (259, 50001, "WebP"),
+        (259, 34887, "LERC"),
+        (259, 4711, "compression 4711 (unknown)"),
+        (266, 2, "FillOrder"),
+    ] {
+        let layout = Layout { tags: vec![(tag, number)], ..Layout::default() };
+        let message = refusal(&written(field, "z", &layout), &options());
+        assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
+    }
+    // Four samples, of which nothing says what the fourth is; and a predictor for floats.
+    let four = Field { sizes: [7, 5, 2, 4, 1], ..field };
+    let extra = Layout { samples: 4, photometric: 2, tags: vec![(338, 0)], ..Layout::default() };
+    let message = refusal(&written(four, "zc", &extra), &options());
+    assert!(message.contains("4 samples a pixel, of which 3 are known"), "{message}");
+    let floats = Layout { tags: vec![(317, 3)], lzw: Some(1), ..Layout::default() };
+    assert!(refusal(&written(field, "z", &floats), &options()).contains("predictor of integers"));
+    let signed = Layout { photometric: 0, ..Layout::default() };
+    let message = refusal(&written(Field { voxel_type: VoxelType::I16, ..field }, "z", &signed), &options());
+    assert!(message.contains("not supported"), "{message}");
+}
+
+/// All voxels of a source of one channel and step.
+fn values(source: &dyn Source) -> Vec<f64> {
+    let info = source.info();
+    let count = info.extent.volume() as usize;
+    let mut out = vec![0; count * info.voxel_type.bytes()];
+    source.read_box(0, 0, info.extent.full_box(), &mut out).unwrap();
+    (0..count).map(|i| info.voxel_type.read(&out, i)).collect()
+}
+
+#[test]
+fn imagej_values_are_calibrated() {
+    let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type: VoxelType::U16 };
+    let plain = Layout { description: "ImageJ=1.53t\nimages=3\nslices=3\n".into(), ..Layout::default() };
+    let (_folder, path) = temp_file("a.tif", &written(field, "z", &plain));
+    let stored = values(&*opened(&path).unwrap());
+    for directories in [None, Some(1)] {
+        for (lines, scale, voxel_type) in [
+            ("cf=0\nc0=-32768.0\nc1=1.0\nvunit=Gray Value\n", (1.0, -32768.0), VoxelType::I16),
+            ("c0=10\nc1=0.5\n", (0.5, 10.0), VoxelType::F32),
+            ("cf=7\nc0=10\nc1=0.5\n", (1.0, 0.0), VoxelType::U16),
+            ("cf=20\nc0=10\nc1=0.5\n", (1.0, 0.0), VoxelType::U16),
+        ] {
+            let description = format!("{}{lines}", plain.description);
+            let layout = Layout { description, directories, big_endian: true, ..plain.clone() };
+            let (_folder, path) = temp_file("a.tif", &written(field, "z", &layout));
+            let source = opened(&path).unwrap();
+            let expected: Vec<f64> = stored.iter().map(|v| v * scale.0 + scale.1).collect();
+            assert_eq!((source.info().voxel_type, values(&*source)), (voxel_type, expected), "{lines}");
+            let notes = source.info().notes.join(" ");
+            assert_eq!(notes.contains("scaled by"), scale != (1.0, 0.0), "{notes}");
+            assert_eq!(notes.contains("Rodbard (cf=7), is not applied"), lines.starts_with("cf=7"), "{notes}");
+        }
+    }
+}
+
+#[test]
+fn planes_that_are_calibrated_unalike_are_refused() {
+    let field = Field { sizes: [7, 5, 1, 1, 1], voxel_type: VoxelType::U8 };
+    let folder = tempfile::tempdir().unwrap();
+    for (i, c0) in [-5, -5, -6].into_iter().enumerate() {
+        let layout = Layout { description: format!("ImageJ=1.53t\nc0={c0}\nc1=1\n"), ..Layout::default() };
+        std::fs::write(folder.path().join(format!("s{i}.tif")), written(field, "z", &layout)).unwrap();
+    }
+    let message = opened(folder.path()).err().unwrap().to_string();
+    assert!(message.contains("s2.tif: its values are calibrated"), "{message}");
+    std::fs::remove_file(folder.path().join("s2.tif")).unwrap();
+    assert_eq!(opened(folder.path()).unwrap().info().voxel_type, VoxelType::I16);
+}
+
+#[test]
+fn halves_are_widened_and_doubles_kept_where_they_fit() {
+    let halves = Field { sizes: [8, 5, 2, 1, 1], voxel_type: VoxelType::I16 };
+    for lzw in [None, Some(1)] {
+        let layout = Layout { tags: vec![(339, 3)], lzw, big_endian: true, ..Layout::default() };
+        let (_folder, path) = temp_file("a.tif", &written(halves, "z", &layout));
+        let source = opened(&path).unwrap();
+        assert_eq!(source.info().voxel_type, VoxelType::F32);
+        let bits: Vec<u16> = halves.bytes("zyx", false).as_chunks().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
+        for (found, bits) in values(&*source).into_iter().zip(bits) {
+            let expected = half::f16::from_bits(bits).to_f64();
+            assert!(found == expected || found.is_nan() && expected.is_nan(), "{found} {expected}");
+        }
+    }
+    let file = |values: [f64; 4]| {
+        let (folder, path) = temp_file("a.tif", b"");
+        let mut encoder = TiffEncoder::new(std::fs::File::create(&path).unwrap()).unwrap();
+        encoder.write_image::<colortype::Gray64Float>(2, 2, &values).unwrap();
+        drop(encoder);
+        (folder, path)
+    };
+    let (_folder, path) = file([0.5, -3.0, f64::NAN, 16777216.0]);
+    assert_eq!(values(&*opened(&path).unwrap())[..2], [0.5, -3.0]);
+    let (_folder, path) = file([0.5, 1e39, 0.1, 0.0]);
+    assert!(opened(&path).err().unwrap().to_string().contains("--allow-lossy"));
+    let source = open(&[path], &OpenOptions { allow_lossy: true, ..options() }).unwrap();
+    assert_eq!(values(&*source)[1], f64::INFINITY);
+    assert!(source.info().notes.join(" ").contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
 }
 
 const HYPERSTACK: &str =
@@ -490,10 +704,12 @@ proptest! {
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         tiled in any::<bool>(),
         big_tiff in any::<bool>(),
+        lzw in any::<bool>(),
     ) {
         let field = Field { sizes: [9, 5, 2, 1, 1], voxel_type: VoxelType::U16 };
         let chunk = if tiled { Ok([16, 16]) } else { Err(2) };
-        let layout = Layout { chunk, big_tiff, description: HYPERSTACK.replace("30", "2"), ..Layout::default() };
+        let lzw = lzw.then_some(2);
+        let layout = Layout { chunk, big_tiff, lzw, description: HYPERSTACK.replace("30", "2"), ..Layout::default() };
         let mut bytes = written(field, "z", &layout);
         for (place, value) in damage {
             let place = place.index(bytes.len());

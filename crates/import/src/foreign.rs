@@ -1,0 +1,132 @@
+//! Files that are known but not read: named to the user by their first bytes, with what to do.
+
+use crate::error::ImportError;
+use std::io::Read;
+use std::path::Path;
+
+/// Bytes that [`refuse`] looks at.
+const LOOKED_AT: u64 = 1024;
+
+const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
+const UNPACK: &str = "unpack it first";
+const PICTURES: &str = "convert the pictures of a stack to TIFF";
+
+/// A place in a file, the bytes there, what has them, and what to do.
+const MAGICS: &[(usize, &[u8], &str, &str)] = &[
+    (0, b"NRRD000", "an NRRD file", CONVERT),
+    (0, b"ObjectType", "a MetaImage file", CONVERT),
+    (0, b"NDims", "a MetaImage file", CONVERT),
+    (0, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
+    (512, b"\x89HDF\r\n\x1a\n", "an HDF5 file (NetCDF-4, Imaris, MINC 2, MATLAB 7.3 and others)", CONVERT),
+    (0, b"MATLAB 5.0", "a MATLAB file", CONVERT),
+    (0, b"CDF\x01", "a NetCDF file", CONVERT),
+    (0, b"CDF\x02", "a NetCDF file", CONVERT),
+    (0, b"CDF\x05", "a NetCDF file", CONVERT),
+    (0, b"# vtk DataFile", "a VTK file", CONVERT),
+    (0, b"<VTKFile", "a VTK XML file", CONVERT),
+    (0, b"ZISRAWFILE", "a Zeiss CZI file", CONVERT),
+    (0, b"\xda\xce\xbe\x0a", "a Nikon ND2 file", CONVERT),
+    (0, b"\x70\0\0\0", "a Leica LIF file", CONVERT),
+    (0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an OLE file (Olympus OIB, Zeiss ZVI and others)", CONVERT),
+    (0, b"SIMPLE  =", "a FITS file", CONVERT),
+    (0, b" BDV\0\0\0\0", "an OpenVDB file", CONVERT),
+    (0, b"# AmiraMesh", "an AmiraMesh file", CONVERT),
+    (0, b"# Avizo", "an Avizo file", CONVERT),
+    (0, b"raw_image_stack_by_hpeng", "a Vaa3D file", CONVERT),
+    (0, b"MATRIX7", "an ECAT 7 file", CONVERT),
+    (0, b"!INTERFILE", "an Interfile header", CONVERT),
+    (208, b"MAP ", "an MRC file", CONVERT),
+    (0, b"\x08\0\x05\0\x0a\0\0\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
+    (0, b"\x08\0\x05\0CS", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
+    (0, b"\x08\0\0\0\x04\0\0\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
+    (0, b"\x08\0\0\0UL\x04\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
+    (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", PICTURES),
+    (0, b"\xff\xd8\xff", "a JPEG picture", PICTURES),
+    (0, b"\0\0\0\x0cjP  \r\n\x87\n", "a JPEG 2000 picture", PICTURES),
+    (0, b"\xff\x4f\xff\x51", "a JPEG 2000 picture", PICTURES),
+    (0, b"GIF8", "a GIF picture", PICTURES),
+    (0, b"PK\x03\x04", "a zip archive (.npz among them)", UNPACK),
+    (257, b"ustar", "a tar archive", UNPACK),
+    (0, b"\x1f\x8b", "a gzip file (only .nii.gz is inflated)", UNPACK),
+    (0, b"BZh", "a bzip2 file", UNPACK),
+    (0, b"\xfd7zXZ\0", "an xz file", UNPACK),
+    (0, b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
+    (0, b"\x28\xb5\x2f\xfd", "a Zstandard file", UNPACK),
+];
+
+/// Formats without first bytes of their own.
+const NAMES: &[(&str, &str)] = &[
+    (".mhd", "a MetaImage header"),
+    (".mha", "a MetaImage file"),
+    (".dm3", "a Gatan DM3 file"),
+    (".dm4", "a Gatan DM4 file"),
+    (".mgh", "a FreeSurfer MGH file"),
+    (".mgz", "a FreeSurfer MGZ file"),
+];
+
+/// Refuses a file by its format's name, if it is one that is known but not read.
+pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
+    let mut start = Vec::new();
+    let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
+    file.take(LOOKED_AT).read_to_end(&mut start).map_err(ImportError::io(path))?;
+    let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
+    let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| bytes.starts_with(magic));
+    let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));
+    match by_name.or(by_magic) {
+        Some((what, advice)) => Err(ImportError::unsupported_but(path, what, advice)),
+        None => Ok(()),
+    }
+}
+
+/// What a folder is that holds no files of slices, if that is known.
+pub(crate) fn refuse_folder(folder: &Path) -> Result<(), ImportError> {
+    let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
+    let advice = "export it to .npy or TIFF, or render it where brickyard packed it";
+    match zarr.iter().any(|name| folder.join(name).is_file()) {
+        true => Err(ImportError::unsupported_but(folder, "a Zarr folder as an input", advice)),
+        false => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::open::open;
+    use crate::options::OpenOptions;
+    use crate::testing::temp_file;
+
+    #[test]
+    fn known_formats_are_named_with_what_to_do() {
+        for (at, magic, what, advice) in MAGICS {
+            let mut bytes = vec![b' '; 2000];
+            bytes[*at..at + magic.len()].copy_from_slice(magic);
+            // Also where the name says that anything may be in the file.
+            for name in ["a.xyz", "a.dat"] {
+                let (_folder, path) = temp_file(name, &bytes);
+                let error = open(&[path], &OpenOptions::default()).err().unwrap();
+                assert!(matches!(error, ImportError::Unsupported { .. }), "{error}");
+                let expected = format!("{name}: {what} is not supported; {advice}");
+                assert!(error.to_string().ends_with(&expected), "{error}");
+            }
+        }
+        for (end, what) in NAMES {
+            let (_folder, path) = temp_file(&format!("A{}", end.to_ascii_uppercase()), b"1");
+            let message = open(&[path], &OpenOptions::default()).err().unwrap().to_string();
+            assert!(message.contains(what), "{message}");
+        }
+        let (folder, _) = temp_file("zarr.json", b"{}");
+        let message = open(&[folder.path().to_owned()], &OpenOptions::default()).err().unwrap().to_string();
+        assert!(message.contains("a Zarr folder"), "{message}");
+    }
+
+    #[test]
+    fn told_shapes_make_any_file_raw() {
+        let (_folder, path) = temp_file("a.nrrd", b"NRRD0004");
+        let told = OpenOptions {
+            shape: Some(brickyard_volume::Extent::new(8, 1, 1)),
+            voxel_type: Some(brickyard_volume::VoxelType::U8),
+            ..OpenOptions::default()
+        };
+        assert!(open(&[path], &told).is_ok());
+    }
+}

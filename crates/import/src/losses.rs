@@ -1,0 +1,228 @@
+//! What is lost where a voxel holds less than the number it is made of: counted over the whole input when it is opened, so
+//! that nothing is lost without a word.
+//!
+//! Only inputs that may lose something are read for it: those of 64 bits, and those whose scaled numbers may leave f32.
+
+use crate::element::{Decode, Element, Endian};
+use crate::error::ImportError;
+use brickyard_volume::{VoxelType, with_voxel_type};
+use std::path::Path;
+
+/// A census of the numbers of an input.
+pub(crate) struct Losses<'a> {
+    /// The file that is looked at.
+    path: &'a Path,
+    /// Files before it.
+    files_before: usize,
+    first_path: &'a Path,
+    decode: Decode,
+    /// Whether the user allows them.
+    allowed: bool,
+    count: u64,
+    /// Clamped, or infinite though they are not in the file.
+    beyond: u64,
+    rounded: u64,
+    /// One that is lost, as the file has it.
+    example: Option<String>,
+}
+
+/// How a number fares.
+#[derive(Clone, Copy, PartialEq)]
+enum Fate {
+    Kept,
+    Rounded,
+    Beyond,
+}
+
+impl Fate {
+    fn of_integer(fits: bool) -> Self {
+        if fits { Self::Kept } else { Self::Beyond }
+    }
+
+    /// Of a number that becomes f32. That of fewer bits is scaled to what f32 has anyway: its rounding is no loss.
+    fn of_float(stored: f64, value: f64, is_wide: bool) -> Self {
+        let held = value as f32;
+        match () {
+            () if stored.is_finite() && !held.is_finite() => Self::Beyond,
+            () if is_wide && !stored.is_nan() && f64::from(held) != value => Self::Rounded,
+            () => Self::Kept,
+        }
+    }
+}
+
+impl<'a> Losses<'a> {
+    /// Nothing if nothing can be lost.
+    pub(crate) fn may_occur(path: &'a Path, decode: Decode, allowed: bool) -> Option<Self> {
+        let [least, greatest] = decode.element.limits();
+        let may = match (decode.element, decode.scale) {
+            (Element::I64 | Element::U64 | Element::F64, _) => true,
+            (_, Some(scale)) if scale.to == VoxelType::F32 => {
+                greatest.max(-least) * scale.slope.abs() + scale.intercept.abs() > f64::from(f32::MAX)
+            }
+            _ => false,
+        };
+        may.then_some(Self {
+            path,
+            files_before: 0,
+            first_path: path,
+            decode,
+            allowed,
+            count: 0,
+            beyond: 0,
+            rounded: 0,
+            example: None,
+        })
+    }
+
+    /// Goes on with another file of the same input.
+    pub(crate) fn next_file(&mut self, path: &'a Path) {
+        self.path = path;
+        self.files_before += 1;
+    }
+
+    /// Counts numbers that lie side by side; an error as soon as one is lost that must not be.
+    pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
+        macro_rules! each {
+            ($t:ty, $n:ident => $fate:expr) => {{
+                let (numbers, _) = bytes.as_chunks::<{ size_of::<$t>() }>();
+                for bytes in numbers {
+                    let $n = match self.decode.endian {
+                        Endian::Little => <$t>::from_le_bytes(*bytes),
+                        Endian::Big => <$t>::from_be_bytes(*bytes),
+                    };
+                    let fate = $fate;
+                    if fate != Fate::Kept {
+                        self.lose(fate, &$n)?;
+                    }
+                }
+                self.count += numbers.len() as u64;
+            }};
+        }
+        let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
+        let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
+        match (self.decode.element, self.decode.scale) {
+            (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok())),
+            (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok())),
+            (Element::I64, _) => each!(i64, n => scaled(n as f64, true)),
+            (Element::U64, _) => each!(u64, n => scaled(n as f64, true)),
+            (Element::F64, _) => each!(f64, n => scaled(n, true)),
+            (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false)),
+            (Element::Voxel(t), _) => with_voxel_type!(t, T => each!(T, n => scaled(n as f64, false))),
+        }
+        Ok(())
+    }
+
+    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug) -> Result<(), ImportError> {
+        if !self.allowed {
+            let problem = format!(
+                "voxels are {}, of which {:?} cannot be held as it is in {}; pass --allow-lossy to have such values {}",
+                self.decode.element.name(),
+                number,
+                self.decode.voxel_type(),
+                self.what_becomes_of(fate),
+            );
+            return Err(ImportError::options(self.path, problem));
+        }
+        match fate {
+            Fate::Beyond => self.beyond += 1,
+            _ => self.rounded += 1,
+        }
+        // What leaves the range is worse than what is rounded.
+        if self.example.is_none() || (fate == Fate::Beyond && self.beyond == 1) {
+            self.example = Some(format!("{number:?}"));
+        }
+        Ok(())
+    }
+
+    fn what_becomes_of(&self, fate: Fate) -> &'static str {
+        match (fate, self.decode.voxel_type()) {
+            (Fate::Beyond, VoxelType::F32) => "infinite",
+            (Fate::Beyond, _) => "clamped to its limits",
+            _ => "rounded to the nearest",
+        }
+    }
+
+    /// What was found, for the user.
+    pub(crate) fn note(&self) -> String {
+        let (from, to) = (self.decode.element.name(), self.decode.voxel_type());
+        let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);
+        let lost: Vec<String> = lost.map(|(n, fate)| format!("{n} {}", self.what_becomes_of(fate))).collect();
+        let Some(example) = &self.example else {
+            return format!("Voxels are {from} and are held as {to}: no value is changed.");
+        };
+        let mut name = self.first_path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if self.files_before > 0 {
+            name += &format!(" and {} files more", self.files_before);
+        }
+        format!(
+            "Voxels are {from} and are held as {to}: of {} values in {name}, {} (such as {example}).",
+            self.count,
+            lost.join(", ")
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::element::Scale;
+
+    fn census(element: Element, scale: Option<Scale>, bytes: &[u8], allowed: bool) -> Result<String, String> {
+        let decode = Decode { element, endian: Endian::Little, scale };
+        let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, allowed) else {
+            return Ok("nothing".into());
+        };
+        losses.see(bytes).map_err(|e| e.to_string()).map(|()| losses.note())
+    }
+
+    fn f64s(values: &[f64]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_le_bytes()).collect()
+    }
+
+    fn i64s(values: &[i64]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_le_bytes()).collect()
+    }
+
+    #[test]
+    fn wide_numbers_that_fit_are_kept_without_a_flag() {
+        let fit = i64s(&[i32::MIN.into(), -1, 0, i32::MAX.into()]);
+        assert!(census(Element::I64, None, &fit, false).unwrap().contains("no value is changed"));
+        let fit: Vec<u8> = [0, u64::from(u32::MAX)].iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert!(census(Element::U64, None, &fit, false).is_ok());
+        let fit = f64s(&[0.0, -0.5, 2f64.powi(100), f64::INFINITY, f64::NAN, 16777216.0]);
+        let fit = [fit, f64s(&[f32::MAX.into(), f32::MIN_POSITIVE.into()])].concat();
+        assert!(census(Element::F64, None, &fit, false).unwrap().contains("no value is changed"));
+    }
+
+    #[test]
+    fn lost_numbers_are_refused_or_counted() {
+        let refused = |element, bytes: &[u8], words: &[&str]| {
+            let message = census(element, None, bytes, false).unwrap_err();
+            words.iter().for_each(|w| assert!(message.contains(w), "{w}: {message}"));
+        };
+        let counted = |element, bytes: &[u8], words: &[&str]| {
+            let note = census(element, None, bytes, true).unwrap();
+            words.iter().for_each(|w| assert!(note.contains(w), "{w}: {note}"));
+        };
+        let beyond = i64s(&[1, i64::from(i32::MAX) + 1, 2, i64::from(i32::MIN) - 1, i64::MIN]);
+        refused(Element::I64, &beyond, &["a.npy", "2147483648", "i32", "--allow-lossy", "clamped"]);
+        counted(Element::I64, &beyond, &["of 5 values in a.npy", "3 clamped to its limits", "2147483648"]);
+        counted(Element::U64, &u64::MAX.to_le_bytes(), &["1 clamped", "18446744073709551615"]);
+        let mixed = f64s(&[0.5, 0.1, 1e300, -1e39, f64::INFINITY, 3.4028235677973366e38]);
+        refused(Element::F64, &mixed, &["0.1", "rounded to the nearest", "--allow-lossy"]);
+        // Half a step above the greatest f32 is the least that rounds to infinity.
+        counted(Element::F64, &mixed, &["of 6 values", "3 infinite, 1 rounded", "such as 1e300"]);
+    }
+
+    #[test]
+    fn scaled_numbers_that_leave_f32_are_refused_or_counted() {
+        let scale = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32 });
+        let bytes: Vec<u8> = [1.0f32, 3e38, f32::INFINITY, -2e38].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let float = Element::Voxel(VoxelType::F32);
+        assert!(census(float, scale(2.0), &bytes, false).unwrap_err().contains("infinite"));
+        assert!(census(float, scale(2.0), &bytes, true).unwrap().contains("of 4 values in a.npy, 2 infinite"));
+        assert_eq!(census(float, scale(0.7), &bytes, false).unwrap(), "nothing");
+        assert_eq!(census(Element::Voxel(VoxelType::U32), scale(1e6), &bytes, false).unwrap(), "nothing");
+        assert!(census(Element::Voxel(VoxelType::U8), scale(1e37), &[1, 200], false).unwrap_err().contains("200"));
+    }
+}

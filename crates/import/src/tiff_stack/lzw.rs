@@ -1,0 +1,170 @@
+//! Strips and tiles packed by LZW, which the `tiff` crate calls cut short where a row ends within a code's string; and the
+//! predictors that stand between packed bytes and samples.
+//!
+//! As in libtiff, a chunk ends with its last byte, whether or not a code for the end follows.
+
+use crate::element::Endian;
+use weezl::decode::{Configuration, Decoder};
+use weezl::{BitOrder, LzwStatus};
+
+/// No stream is longer than this many times what it is packed to: a code of 12 bits stands for less than 4096 bytes.
+pub(super) const BEST_RATIO: u64 = 4096;
+
+/// What was done to the bytes of a row before they were packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Predictor {
+    None,
+    /// Each number is the difference to the one before it of the same sample.
+    Horizontal,
+    /// Floats' bytes, sorted by their weight, the highest first, each the difference to the one before it.
+    Floats,
+}
+
+/// How rows are stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rows {
+    pub(super) predictor: Predictor,
+    pub(super) endian: Endian,
+    /// Bytes of a number.
+    pub(super) width: usize,
+    /// Numbers of a pixel that lie side by side.
+    pub(super) samples: usize,
+    /// Bytes of a row, as packed.
+    pub(super) bytes: usize,
+}
+
+/// Unpacks `out.len()` bytes; an error names how many there are.
+pub(super) fn unpack(packed: &[u8], out: &mut [u8]) -> Result<(), String> {
+    let mut decoder = decoder_of(packed);
+    let (mut from, mut to) = (0, 0);
+    while to < out.len() {
+        let result = decoder.decode_bytes(&packed[from..], &mut out[to..]);
+        from += result.consumed_in;
+        to += result.consumed_out;
+        let stuck = result.consumed_in == 0 && result.consumed_out == 0;
+        match result.status {
+            Ok(LzwStatus::Ok) if !stuck => {}
+            _ if to >= out.len() => {}
+            Ok(_) => return Err(format!("{to} of {} bytes are in its {} packed ones", out.len(), packed.len())),
+            Err(error) => return Err(format!("{error}, after {to} of {} bytes", out.len())),
+        }
+    }
+    Ok(())
+}
+
+/// Streams of before TIFF 5.0 have their bits the other way round, and codes that grow one number later.
+fn decoder_of(packed: &[u8]) -> Decoder {
+    // What begins with the code to clear, 256 of nine bits.
+    let configuration = match packed {
+        [0, second, ..] if second & 1 == 1 => Configuration::new(BitOrder::Lsb, 8),
+        _ => Configuration::with_tiff_size_switch(BitOrder::Msb, 8),
+    };
+    configuration.with_yield_on_full_buffer(true).build()
+}
+
+/// Turns unpacked rows, which lie one after another, to numbers in this machine's byte order.
+pub(super) fn undo(bytes: &mut [u8], rows: Rows) {
+    for row in bytes.chunks_exact_mut(rows.bytes) {
+        if rows.predictor != Predictor::Floats && rows.endian != Endian::native() {
+            row.chunks_exact_mut(rows.width).for_each(<[u8]>::reverse);
+        }
+        match (rows.predictor, rows.width) {
+            (Predictor::None, _) => {}
+            (Predictor::Horizontal, 1) => add_up(row, rows.samples, |a: [u8; 1], b| [a[0].wrapping_add(b[0])]),
+            (Predictor::Horizontal, 2) => add_up(row, rows.samples, |a, b| {
+                u16::from_ne_bytes(a).wrapping_add(u16::from_ne_bytes(b)).to_ne_bytes()
+            }),
+            (Predictor::Horizontal, 4) => add_up(row, rows.samples, |a, b| {
+                u32::from_ne_bytes(a).wrapping_add(u32::from_ne_bytes(b)).to_ne_bytes()
+            }),
+            (Predictor::Horizontal, _) => add_up(row, rows.samples, |a, b| {
+                u64::from_ne_bytes(a).wrapping_add(u64::from_ne_bytes(b)).to_ne_bytes()
+            }),
+            (Predictor::Floats, width) => {
+                add_up(row, rows.samples, |a: [u8; 1], b| [a[0].wrapping_add(b[0])]);
+                let sorted = row.to_vec();
+                let count = row.len() / width;
+                for (i, number) in row.chunks_exact_mut(width).enumerate() {
+                    for (weight, byte) in number.iter_mut().enumerate() {
+                        *byte = sorted[weight * count + i];
+                    }
+                    if Endian::native() == Endian::Little {
+                        number.reverse();
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Adds to each number the one `stride` before it.
+fn add_up<const N: usize>(row: &mut [u8], stride: usize, add: impl Fn([u8; N], [u8; N]) -> [u8; N]) {
+    let (numbers, _) = row.as_chunks_mut::<N>();
+    for i in stride..numbers.len() {
+        numbers[i] = add(numbers[i], numbers[i - stride]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use weezl::encode::Encoder;
+
+    /// Bytes that compress more or less well: runs, ramps and noise of few or many values.
+    fn bytes() -> impl Strategy<Value = Vec<u8>> {
+        let piece = (any::<u8>(), 1..2000usize, 0..4u8, any::<u64>()).prop_map(|(value, count, kind, seed)| {
+            (0..count as u64).map(move |i| match kind {
+                0 => value,
+                1 => value.wrapping_add(i as u8),
+                2 => value ^ ((seed.wrapping_add(i).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 61) as u8),
+                _ => (seed.wrapping_add(i).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as u8,
+            })
+        });
+        prop::collection::vec(piece, 1..8).prop_map(|pieces| pieces.into_iter().flatten().collect())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn whatever_is_packed_is_unpacked(bytes in bytes(), wanted in any::<prop::sample::Index>(), rest in 0..3usize) {
+            let mut packed = Encoder::with_tiff_size_switch(BitOrder::Msb, 8).encode(&bytes).unwrap();
+            let old = Encoder::new(BitOrder::Lsb, 8).encode(&bytes).unwrap();
+            // The rows of a tile past the image are not wanted, and what follows the end is nobody's.
+            let mut out = vec![0; wanted.index(bytes.len()) + 1];
+            packed.extend(vec![0x55; rest]);
+            for packed in [&packed, &old] {
+                out.fill(0);
+                prop_assert_eq!(unpack(packed, &mut out), Ok(()));
+                prop_assert!(out == bytes[..out.len()]);
+            }
+            let mut more = vec![0; bytes.len() + 1];
+            prop_assert!(unpack(&packed, &mut more).is_err());
+            // Some writers leave out the code for the end: all but its last bits are then there.
+            let shorter = &packed[..packed.len() - rest - 1];
+            prop_assert!(unpack(&shorter[..shorter.len().saturating_sub(3)], &mut more).is_err());
+        }
+
+        #[test]
+        fn damage_ends(damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..5), bytes in bytes()) {
+            let mut packed = Encoder::with_tiff_size_switch(BitOrder::Msb, 8).encode(&bytes).unwrap();
+            for (place, value) in damage {
+                let place = place.index(packed.len());
+                packed[place] = value;
+            }
+            let _ = unpack(&packed, &mut vec![0; bytes.len()]);
+        }
+    }
+
+    #[test]
+    fn an_end_without_its_code_is_an_end() {
+        // Literals of nine bits: to clear, 1, 2, 3; and nothing more.
+        let codes = [256u64, 1, 2, 3].iter().fold(0u64, |bits, code| bits << 9 | code) << 28;
+        let packed = codes.to_be_bytes();
+        let mut out = [0; 3];
+        assert_eq!(unpack(&packed[..5], &mut out), Ok(()));
+        assert_eq!(out, [1, 2, 3]);
+        assert!(unpack(&packed[..4], &mut out).unwrap_err().contains("2 of 3 bytes"));
+    }
+}
