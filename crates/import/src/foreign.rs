@@ -33,6 +33,7 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"# AmiraMesh", "an AmiraMesh file", CONVERT),
     (0, b"# Avizo", "an Avizo file", CONVERT),
     (0, b"raw_image_stack_by_hpeng", "a Vaa3D file", CONVERT),
+    (0, b"# === DATA DESCRIPTION FILE", "a Philips PAR header", CONVERT),
     (0, b"MATRIX7", "an ECAT 7 file", CONVERT),
     (0, b"!INTERFILE", "an Interfile header", CONVERT),
     (208, b"MAP ", "an MRC file", CONVERT),

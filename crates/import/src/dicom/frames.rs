@@ -82,7 +82,8 @@ impl Frames {
                 return Err(ImportError::unsupported(path, "8-bit pixels in 16-bit words of big-endian order"));
             }
             (Packing::Deflated, _) if count > 1 => {
-                return Err(ImportError::unsupported(path, "a deflated file of several frames"));
+                let advice = "inflate it first, as dcmconv +te does";
+                return Err(ImportError::unsupported_but(path, "a deflated file of several frames", advice));
             }
             (Packing::Deflated, Some(length)) => {
                 native_places(path, &format, count, pixels.offset, length, header.inflated_bytes())?
@@ -171,8 +172,8 @@ fn packing_of(header: &Header) -> Result<Packing, ImportError> {
         uids::JPEG2000_LOSSLESS | uids::JPEG2000 => Packing::Encapsulated(Codec::Jpeg2000),
         _ => {
             let name = header.syntax_name();
-            let feature = format!("transfer syntax {name} (decompress it, as gdcmconv --raw does; those read: {READ})");
-            return Err(ImportError::unsupported(&header.path, feature));
+            let advice = format!("decompress it, as gdcmconv --raw does; read are {READ}");
+            return Err(ImportError::unsupported_but(&header.path, format!("transfer syntax {name}"), &advice));
         }
     })
 }

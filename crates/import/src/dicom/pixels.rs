@@ -45,7 +45,8 @@ impl PixelFormat {
         let stored = header.number(tags::BITS_STORED).unwrap_or(allocated);
         let high = header.number(tags::HIGH_BIT).unwrap_or(stored - 1.0);
         if ![8.0, 16.0, 32.0].contains(&allocated) {
-            return Err(ImportError::unsupported(path, format!("{allocated} bits a pixel (8, 16 and 32 are)")));
+            let feature = format!("{allocated} bits a pixel");
+            return Err(ImportError::unsupported_but(path, feature, "8, 16 and 32 are read"));
         }
         if !(rows >= 1.0 && columns >= 1.0) {
             return Err(ImportError::invalid(

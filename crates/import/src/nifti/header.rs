@@ -56,7 +56,10 @@ impl Header {
         let single_file = match (magic, two) {
             (b"n+1\0", false) | (b"n+2\0", true) => true,
             (b"ni1\0", false) | (b"ni2\0", true) => false,
-            (_, false) => return Err(ImportError::unsupported(path, "an ANALYZE 7.5 header (no NIfTI magic)")),
+            (_, false) => {
+                let advice = "convert it to NIfTI, as fslchfiletype or 3D Slicer do";
+                return Err(ImportError::unsupported_but(path, "an ANALYZE 7.5 header (no NIfTI magic)", advice));
+            }
             (_, true) => return Err(ImportError::invalid(path, "a 540-byte header without the NIfTI-2 magic")),
         };
         let raw = if two { fields.version_2() } else { fields.version_1() };
