@@ -86,6 +86,7 @@ impl Output {
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
             let Some((step, dir)) = decide(&store, exists, settings)? else { return Ok(Start::Complete) };
+            disk.meanwhile("it is decided");
             let lock = DirLock::take(disk, &dir)?;
             if decide(&store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
