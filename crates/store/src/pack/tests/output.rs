@@ -337,7 +337,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
         // The change of names and what is near it; of the others some.
         let names_change = |what: &str, path: &Path| what == "exchange" || what == "rename_dir" || path == store;
         let exchange = log.iter().position(|(what, path)| names_change(what, path)).unwrap();
-        let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n % 11 == 0;
+        let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n.is_multiple_of(11);
         let mut without = 0;
         for n in (0..log.len()).filter(near) {
             let (dir, store, stopped, _) = overwrite(n as i64);
