@@ -48,7 +48,7 @@ use brickyard_import::{ImportError, Source};
 use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::Disk;
-use output::{Output, Start};
+use output::Output;
 use plan::Stage;
 use serde_json::{Value, json};
 use std::io::ErrorKind;
@@ -381,10 +381,7 @@ fn pack_on(
         }
         other => other,
     });
-    let mut output = match start? {
-        Start::Complete => return Ok(report(shards, 0, 0, true)),
-        Start::Pack(output) => output,
-    };
+    let Some(mut output) = start? else { return Ok(report(shards, 0, 0, true)) };
     source.info().notes.iter().for_each(|note| progress.warn(note));
     warn_of_space(&output.dir, &plan, progress);
     progress.planned(&plan);

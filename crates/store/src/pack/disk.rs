@@ -26,12 +26,30 @@ pub(crate) struct Disk {
     /// The changes that were made.
     #[cfg(test)]
     pub(crate) log: std::sync::Mutex<Vec<(&'static str, PathBuf)>>,
+    /// What others do, by the moment at which they do it.
+    #[cfg(test)]
+    pub(crate) meanwhile: std::sync::Mutex<Vec<(&'static str, Meanwhile)>>,
     /// Names cannot be exchanged, as on NFS.
     #[cfg(test)]
     pub(crate) cannot_exchange: bool,
 }
 
+#[cfg(test)]
+pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
+
 impl Disk {
+    /// A moment at which others may come between: in tests they do, once.
+    #[cfg(test)]
+    pub(crate) fn meanwhile(&self, moment: &'static str) {
+        let mut waiting = self.meanwhile.lock().unwrap();
+        let now = waiting.iter().position(|(at, _)| *at == moment).map(|i| waiting.remove(i));
+        drop(waiting);
+        now.into_iter().for_each(|(_, others)| others());
+    }
+
+    #[cfg(not(test))]
+    pub(crate) fn meanwhile(&self, _moment: &'static str) {}
+
     /// Before a change: tests note it, and let it fail.
     #[cfg(test)]
     fn step(&self, what: &'static str, path: &Path) -> io::Result<()> {

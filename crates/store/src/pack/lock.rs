@@ -112,6 +112,7 @@ impl DirLock {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
             Err(error) => return Err(PackError::Io { path, error }),
         };
+        disk.meanwhile("the lock file is open");
         match file.try_lock() {
             Ok(()) if !is_named(&file, &path) || is_left(&file) => return Ok(Attempt::Gone),
             Ok(()) => {}

@@ -36,13 +36,6 @@ pub(crate) struct Output {
     lock: DirLock,
 }
 
-/// What is to be done.
-pub(crate) enum Start {
-    /// Nothing: the very store is there.
-    Complete,
-    Pack(Output),
-}
-
 /// What stands under a name.
 #[derive(PartialEq)]
 enum Found {
@@ -74,25 +67,26 @@ enum Step {
 }
 
 impl Output {
-    /// Prepares the directory as `exists` says, and locks it.
+    /// Prepares the directory as `exists` says, and locks it; `None` if the very store is there.
     pub(crate) fn start(
         disk: &Disk,
         store: &Path,
         exists: Exists,
         settings: &Value,
         shards: u64,
-    ) -> Result<Start, PackError> {
+    ) -> Result<Option<Self>, PackError> {
         let store = resolve(store)?;
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
-            let Some((step, dir)) = decide(&store, exists, settings)? else { return Ok(Start::Complete) };
+            let Some((step, dir)) = decide(&store, exists, settings)? else { return Ok(None) };
+            disk.meanwhile("it is decided");
             let lock = DirLock::take(disk, &dir)?;
             if decide(&store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
             if let Some(journal) = prepare(disk, &store, &dir, step, &lock, (settings, shards))? {
                 made.iter().try_for_each(|dir| disk.sync_dir(parent(dir)))?;
-                return Ok(Start::Pack(Self { dir, store, journal, lock }));
+                return Ok(Some(Self { dir, store, journal, lock }));
             }
         }
         Err(PackError::Busy { store, holder: None })

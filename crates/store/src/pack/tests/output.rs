@@ -168,25 +168,64 @@ fn who_packs_is_named_until_it_ends() {
     assert_eq!(names(dir.path()), ["s.zarr"]);
 }
 
-/// A lock file that lost its name while it was waited for is no lock.
+/// Who opens the lock file just before it goes, and gets its lock, has nothing: another one has the name by then.
 #[test]
-fn a_lock_without_its_name_is_taken_again() {
+fn the_lock_of_a_file_without_its_name_is_none() {
     let dir = tempfile::tempdir().unwrap();
+    let place = dir.path().to_path_buf();
+    let held = lock::DirLock::take(&Disk::default(), &place).unwrap();
+    let (to_test, next) = std::sync::mpsc::channel();
     let disk = Disk::default();
-    for _ in 0..200 {
-        let inside = std::sync::atomic::AtomicU32::new(0);
-        std::thread::scope(|scope| {
-            for _ in 0..4 {
-                scope.spawn(|| {
-                    let Ok(lock) = lock::DirLock::take(&disk, &dir.path().join("a")) else { return };
-                    assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0, "two have it");
-                    std::thread::yield_now();
-                    inside.fetch_sub(1, Ordering::SeqCst);
-                    drop(lock);
-                });
-            }
-        });
-    }
+    let others = move || {
+        drop(held);
+        let next = lock::DirLock::take(&Disk::default(), &place).unwrap();
+        next.declare(&Disk::default()).unwrap();
+        to_test.send(next).unwrap();
+    };
+    disk.meanwhile.lock().unwrap().push(("the lock file is open", Box::new(others)));
+    let error = lock::DirLock::take(&disk, dir.path()).err().expect("the other has it");
+    assert!(is_me(&error), "{error}");
+    drop(next.recv().unwrap());
+    drop(lock::DirLock::take(&disk, dir.path()).unwrap());
+    assert_eq!(names(dir.path()), [""; 0]);
+}
+
+/// Between a look at the output and its lock, another pack comes and goes.
+#[test]
+fn what_was_seen_before_the_lock_is_looked_at_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    let with_others = |exists, others: Box<dyn FnOnce() + Send>| {
+        let disk = Disk::default();
+        disk.meanwhile.lock().unwrap().push(("it is decided", others));
+        pack_on(&disk, &source(), &store, &variant(0, exists), &())
+    };
+    let other = |options: PackOptions| {
+        let store = store.clone();
+        Box::new(move || drop(pack(&source(), &store, &options, &()).unwrap())) as Box<dyn FnOnce() + Send>
+    };
+    let theirs = fingerprint(&settings(&source(), &variant(1, Exists::Refuse)));
+    // Nothing was there, and now there is a store.
+    let error = with_others(Exists::Refuse, other(variant(1, Exists::Refuse))).unwrap_err();
+    assert!(matches!(error, PackError::Exists { unfinished: false, .. }), "{error}");
+    assert_eq!(fingerprint_of(&store), theirs);
+    std::fs::remove_dir_all(&store).unwrap();
+    let error = with_others(Exists::Resume, other(variant(1, Exists::Refuse))).unwrap_err();
+    assert!(matches!(error, PackError::Mismatch { .. }), "{error}");
+    assert_eq!(fingerprint_of(&store), theirs);
+    // An unfinished pack was there, and has been finished, or started over.
+    std::fs::remove_dir_all(&store).unwrap();
+    interrupted(&store, &variant(1, Exists::Refuse));
+    let error = with_others(Exists::Resume, other(variant(1, Exists::Resume))).unwrap_err();
+    assert!(matches!(error, PackError::Mismatch { .. }), "{error}");
+    assert_whole(&store, &[theirs], "theirs");
+    // A store was there, and has been replaced or has gone: overwriting does what was asked for all the same.
+    let ours = fingerprint(&settings(&source(), &variant(0, Exists::Refuse)));
+    with_others(Exists::Overwrite, other(variant(2, Exists::Overwrite))).unwrap();
+    assert_whole(&store, std::slice::from_ref(&ours), "replaced");
+    let gone = store.clone();
+    with_others(Exists::Overwrite, Box::new(move || std::fs::remove_dir_all(gone).unwrap())).unwrap();
+    assert_whole(&store, &[ours], "gone");
 }
 
 #[test]
@@ -298,7 +337,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
         // The change of names and what is near it; of the others some.
         let names_change = |what: &str, path: &Path| what == "exchange" || what == "rename_dir" || path == store;
         let exchange = log.iter().position(|(what, path)| names_change(what, path)).unwrap();
-        let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n % 11 == 0;
+        let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n.is_multiple_of(11);
         let mut without = 0;
         for n in (0..log.len()).filter(near) {
             let (dir, store, stopped, _) = overwrite(n as i64);
