@@ -3,7 +3,7 @@
 //! ```text
 //! memory = fixed + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + bricks of all stages * (4 voxels + 40 bytes) + open shards' indexes + channels * 512 KiB
+//!        + bricks of all stages * (4 voxels + 40 bytes) + open shards' indexes + channels' counts
 //! stages = level 0, and levels k >= 1 of each pyramid
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
@@ -27,6 +27,7 @@ use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
 use crate::pack::{PackError, PackOptions};
+use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source};
 use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
 
@@ -246,7 +247,8 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
         grid.x as u64 * grid.y as u64 * stage.layout.shard_bricks(stage.level).volume()
     };
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
-    let channels = plan.layout.channels as u64 * (MIB / 2);
+    let channels =
+        plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type) + ChannelTotals::adding_bytes(voxel_type);
     threads * (buffers + compressor) + in_flight + bricks + indexes + channels
 }
 
