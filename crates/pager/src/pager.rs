@@ -45,7 +45,7 @@ pub struct Status {
     pub wanted: usize,
     /// Cells drawn with their own brick, at the level that the view wants.
     pub resident: usize,
-    /// Cells whose own brick cannot be read: an ancestor stands in for good.
+    /// Cells whose own brick cannot be read, nor at the last try: an ancestor stands in.
     pub failed: usize,
     /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
     /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
@@ -257,6 +257,7 @@ impl Pager {
             self.roots = roots(&*self.source, view.time, view.channel);
         }
         if last != Some(view) {
+            self.residency.forget_failures(&self.cache.renew_failures());
             self.confirmed = 0;
         }
         self.motion.see(at, &view.rays);

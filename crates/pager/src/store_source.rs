@@ -1,7 +1,7 @@
 //! A brick store as the pager's source: every question is answered by [`Store`].
 
 use crate::source::{BrickError, BrickSource};
-use brickyard_store::Store;
+use brickyard_store::{ReadError, Store};
 use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, Pyramid, VoxelType};
 
 impl BrickSource for Store {
@@ -46,7 +46,7 @@ impl BrickSource for Store {
     }
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        self.read_core(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+        self.read_core(id, out).map_err(|error| brick_error(id, &error))
     }
 
     fn stored_apron(&self) -> u32 {
@@ -54,10 +54,14 @@ impl BrickSource for Store {
     }
 
     fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        self.read_apron(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+        self.read_apron(id, out).map_err(|error| brick_error(id, &error))
     }
 
     fn bytes_read(&self) -> u64 {
         self.bytes_read()
     }
+}
+
+fn brick_error(id: BrickId, error: &ReadError) -> BrickError {
+    BrickError { id, reason: error.to_string(), is_passing: error.is_passing() }
 }

@@ -9,7 +9,8 @@ use brickyard_volume::{
     Pyramid, VoxelType,
 };
 use glam::DVec3;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) struct TestSource {
@@ -22,6 +23,10 @@ pub(crate) struct TestSource {
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
     pub(crate) panicking: HashSet<BrickId>,
+    /// How often a brick's core, or its stored apron, still fails for a reason that passes.
+    pub(crate) passing: Mutex<HashMap<BrickId, u32>>,
+    /// How often each brick that fails was read.
+    pub(crate) reads: Mutex<HashMap<BrickId, u32>>,
     /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
@@ -42,7 +47,7 @@ fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
 impl TestSource {
     pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
         let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
-        let (empty, failing, panicking, failing_aprons, bytes_read) = Default::default();
+        let (empty, failing, panicking, failing_aprons, bytes_read, passing, reads) = Default::default();
         Self {
             pyramid,
             geometry,
@@ -51,6 +56,8 @@ impl TestSource {
             empty,
             failing,
             panicking,
+            passing,
+            reads,
             stored_apron: 0,
             failing_aprons,
             bytes_read,
@@ -60,6 +67,18 @@ impl TestSource {
     /// `n`^3 voxels of 8 bits in bricks of 8^3.
     pub(crate) fn cube(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(n, n, n), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+
+    /// Fails as told.
+    fn fail(&self, id: BrickId, failing: &HashSet<BrickId>) -> Result<(), BrickError> {
+        let mut passing = self.passing.lock().unwrap();
+        let left = passing.get_mut(&id).filter(|left| **left > 0);
+        let is_passing = left.map(|left| *left -= 1).is_some();
+        if !is_passing && !failing.contains(&id) {
+            return Ok(());
+        }
+        *self.reads.lock().unwrap().entry(id).or_default() += 1;
+        Err(BrickError { id, reason: "told to fail".into(), is_passing })
     }
 
     /// The same with aprons of this width stored.
@@ -119,8 +138,13 @@ impl BrickSource for TestSource {
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         assert!(!self.panicking.contains(&id), "told to");
-        if self.failing.contains(&id) {
-            return Err(BrickError { id, reason: "told to fail".into() });
+        // Where aprons are stored, those are what passes.
+        match self.stored_apron {
+            0 => self.fail(id, &self.failing)?,
+            _ if self.failing.contains(&id) => {
+                return Err(BrickError { id, reason: "told to fail".into(), is_passing: false });
+            }
+            _ => {}
         }
         self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
         let core = self.pyramid.brick_box(id.level, id.index);
@@ -141,9 +165,7 @@ impl BrickSource for TestSource {
         self.stored_apron
     }
     fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        if self.failing_aprons.contains(&id) {
-            return Err(BrickError { id, reason: "told to fail".into() });
-        }
+        self.fail(id, &self.failing_aprons)?;
         self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
         let apron = Apron { edge: self.pyramid.edge(), width: self.stored_apron };
         let (index, extent) = (id.index.to_array(), self.pyramid.level(id.level).extent.to_array());

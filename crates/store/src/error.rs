@@ -141,6 +141,16 @@ pub enum ReadError {
     },
 }
 
+impl ReadError {
+    /// Whether the same read may go well later, with nothing mended: memory or descriptors that ran out, a network file system
+    /// or a disk that does not answer. What is missing, shorter, damaged or not permitted stays so.
+    pub fn is_passing(&self) -> bool {
+        use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
+        let Self::Io { error, .. } = self else { return false };
+        !matches!(error.kind(), NotFound | PermissionDenied | UnexpectedEof | InvalidData | InvalidInput)
+    }
+}
+
 /// Why a shard's index cannot be trusted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
