@@ -70,13 +70,13 @@ impl BrickSource for Shape {
     }
     fn advise(&self, _: &[BrickId]) {}
     fn read_core(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
-        Err(BrickError { id, reason: "there are no voxels".into() })
+        Err(BrickError { id, reason: "there are no voxels".into(), is_passing: false })
     }
     fn stored_apron(&self) -> u32 {
         0
     }
     fn read_apron(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
-        Err(BrickError { id, reason: "there are no voxels".into() })
+        Err(BrickError { id, reason: "there are no voxels".into(), is_passing: false })
     }
     fn bytes_read(&self) -> u64 {
         0

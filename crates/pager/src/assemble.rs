@@ -12,10 +12,12 @@ use crate::blocks::{Block, paste, paste_apron};
 use crate::layout::Layout;
 use crate::parts::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Whole};
+use crate::retry::Failure;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Reads padded bricks of one source through a RAM cache: one reader per thread.
 pub struct PaddedReader {
@@ -36,12 +38,26 @@ impl PaddedReader {
         self.layout.padded_bytes()
     }
 
-    /// Fills `out` with the brick and its apron, x fastest, and gradients behind them.
+    /// Fills `out` with the brick and its apron, x fastest, and gradients behind them. Waits where a read fails for a reason that
+    /// may pass, and tries again, a few times.
     ///
     /// # Errors
     /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there, and so
     /// does a stored apron all around.
     pub fn read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        loop {
+            match self.try_read(id, out) {
+                Err(Failure { again: Some(again), .. }) => {
+                    std::thread::sleep(again.saturating_duration_since(Instant::now()));
+                }
+                other => return other.map_err(|failure| failure.error),
+            }
+        }
+    }
+
+    /// The same without waiting: the failure says when to try again. A brick is not made with a neighbour's apron missing
+    /// that may yet be read.
+    pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
@@ -66,7 +82,7 @@ impl PaddedReader {
     }
 
     /// Puts a padded brick together from its core and its neighbours' shells.
-    fn gather(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), BrickError> {
+    fn gather(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
         let layout = self.layout;
         let place = |part: Part| place(&spans, part);
         let mut lenders = [None; Part::COUNT];
@@ -83,7 +99,7 @@ impl PaddedReader {
             let Some(lender) = lenders[part.number()] else { continue };
             match self.cache.part(part, lender, &mut self.scratch) {
                 Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
-                Err(err) if part == Part::OWN => return Err(err),
+                Err(failure) if part == Part::OWN || failure.again.is_some() => return Err(failure),
                 Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
             }
         }

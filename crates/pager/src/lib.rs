@@ -30,6 +30,7 @@ mod planner;
 mod properties;
 mod ram_cache;
 mod residency;
+mod retry;
 mod shelf;
 mod sight;
 mod slots;

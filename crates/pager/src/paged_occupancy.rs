@@ -3,7 +3,8 @@
 //!
 //! A brick whose page is not there yet is answered for by its nearest ancestor whose page is: an ancestor's entry covers its
 //! descendants', so a plan may want a brick that is empty, but leaves none out. When the page has come, the plan is made anew
-//! ([`PagedOccupancy::version`]). A page that cannot be read stays answered for by ancestors while it is kept.
+//! ([`PagedOccupancy::version`]). A page that cannot be read stays answered for by ancestors while it is kept; where the reason may
+//! pass, the next view asks again.
 //!
 //! A page that has been asked for since the view changed is not given up for another one; where no more fit, ancestors answer for
 //! the rest. So a view whose pages do not fit comes to rest, too.
@@ -47,7 +48,10 @@ struct Page {
 enum Content {
     Asked,
     Known(Arc<[Occupancy]>),
-    Unreadable,
+    /// For good, or for a reason that may pass.
+    Unreadable {
+        is_passing: bool,
+    },
 }
 
 /// Bytes of a page of bricks, at most.
@@ -104,7 +108,7 @@ impl PagedOccupancy {
             Ok(occupancy) => Content::Known(occupancy.into()),
             Err(error) => {
                 tracing::warn!(%error, "coarser bricks answer for what these can show");
-                Content::Unreadable
+                Content::Unreadable { is_passing: error.is_passing }
             }
         };
         self.lock().arrive(page, content);
@@ -129,15 +133,20 @@ impl Pages {
     fn content(&mut self, id: PageId) -> Content {
         let view = self.view;
         if let Some(page) = self.kept.get_mut(&id) {
+            let is_to_try = matches!(page.content, Content::Unreadable { is_passing: true }) && page.view != view;
             page.view = view;
+            if is_to_try && self.asked.as_ref().is_some_and(|asked| asked.send(id).is_ok()) {
+                page.content = Content::Asked;
+                self.waiting += 1;
+            }
             return page.content.clone();
         }
         let is_full = self.kept.len() == self.kept.cap().get();
         if is_full && self.kept.peek_lru().is_some_and(|(_, oldest)| oldest.view == view) {
-            return Content::Unreadable;
+            return Content::Unreadable { is_passing: false };
         }
         let is_sent = self.asked.as_ref().is_some_and(|asked| asked.send(id).is_ok());
-        let content = if is_sent { Content::Asked } else { Content::Unreadable };
+        let content = if is_sent { Content::Asked } else { Content::Unreadable { is_passing: false } };
         self.waiting += is_sent as usize;
         let gone = self.kept.push(id, Page { content: content.clone(), view });
         self.waiting -= gone.is_some_and(|(_, page)| matches!(page.content, Content::Asked)) as usize;
@@ -299,6 +308,22 @@ mod tests {
         let (paged, reader) = PagedOccupancy::start(Arc::new(source), 1 << 20).unwrap();
         assert_eq!(settled(&paged, &reader, brick(0, 6)), Occupancy::NONE, "by brick 3 of level 1");
         assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL, "by brick 4 of level 1");
+    }
+
+    #[test]
+    fn a_page_that_could_not_be_read_for_once_is_read_for_the_next_view() {
+        let mut source = row();
+        source.failing_pages = [source.pyramid().page_of(brick(0, 8)).0].into();
+        source.failing_pages_pass = true.into();
+        let source = Arc::new(source);
+        let (paged, reader) = PagedOccupancy::start(source.clone(), 1 << 20).unwrap();
+        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        let version = paged.version();
+        assert_eq!(settled(&paged, &reader, brick(0, 8)), Occupancy::ALL);
+        assert_eq!(paged.version(), version, "not again for the same view");
+        paged.begin_view();
+        settled(&paged, &reader, brick(0, 8));
+        assert!(paged.version() > version);
     }
 
     #[test]

@@ -46,7 +46,7 @@ pub struct Status {
     pub wanted: usize,
     /// Cells drawn with their own brick, at the level that the view wants.
     pub resident: usize,
-    /// Cells whose own brick cannot be read: an ancestor stands in for good.
+    /// Cells whose own brick cannot be read, nor at the last try: an ancestor stands in.
     pub failed: usize,
     /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
     /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
@@ -268,6 +268,7 @@ impl Pager {
         }
         let is_new = last != Some(view);
         if is_new {
+            self.residency.forget_failures(&self.cache.renew_failures());
             self.confirmed = 0;
         }
         let mut occupancy_version = 0;

@@ -403,6 +403,22 @@ mod tests {
     }
 
     #[test]
+    fn bricks_that_fail_for_a_passing_reason_are_waited_for() {
+        let make = || Arc::new(TestSource::cube(32));
+        let source = make();
+        let brick = |x| BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 1, 1) };
+        *source.passing.lock().unwrap() = [(brick(1), 3), (brick(2), 1)].into();
+        let drawn = |source: &Arc<TestSource>| {
+            let mut exact = ExactPasses::new(source.clone(), &finest(source), &config(50, 1 << 20)).unwrap();
+            let drawn = run(&mut exact);
+            assert_eq!(exact.counters().failed, 0);
+            drawn
+        };
+        assert!(drawn(&source) == drawn(&make()));
+        assert_eq!(*source.reads.lock().unwrap(), [(brick(1), 3), (brick(2), 1)].into());
+    }
+
+    #[test]
     fn what_does_not_fit_is_refused_and_what_is_left_ends() {
         let source = Arc::new(TestSource::cube(64));
         let new = |host_bytes| ExactPasses::new(source.clone(), &finest(&source), &config(9, host_bytes));

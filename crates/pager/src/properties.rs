@@ -9,6 +9,7 @@ use crate::pixels::Pixels;
 use crate::plan::Tier;
 use crate::planner::Planning;
 use crate::residency::{Arrival, Residency, Step, Wants};
+use crate::retry::Failure;
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use crate::split::KEEP;
@@ -469,7 +470,8 @@ impl Bench<'_> {
             }
             let id = waiting.swap_remove(self.dice.next() as usize % waiting.len());
             self.in_flight.remove(&id);
-            let failed = BrickError { id, reason: "told to fail".into() };
+            let error = BrickError { id, reason: "told to fail".into(), is_passing: false };
+            let failed = Failure { error, again: None };
             let failing = self.source.failing.contains(&id);
             let result = if failing { Err(failed) } else { Ok(Arc::from([0; PADDED as usize])) };
             self.twins.iter_mut().for_each(|r| r.arrive(Arrival { id, result: result.clone() }));

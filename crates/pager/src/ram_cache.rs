@@ -10,17 +10,18 @@
 //! there are no shells, and a shelf's entry is all that its padded brick is made of.
 //!
 //! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
-//! read are remembered, and logged once. Cost: one lock for all parts of a padded brick that are there.
+//! read are remembered, logged once, and read again where the reason may pass (`retry.rs`). Cost: one lock for all parts of a padded brick that are there.
 
 use crate::blocks::copy_shell;
 use crate::budget::{Meter, PagerError};
 use crate::layout::Layout;
 use crate::parts::Part;
+use crate::retry::{Failure, Failures};
 use crate::shelf::Shelf;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{BrickId, GradientNodes, SlotEncoding, VoxelType};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -38,7 +39,7 @@ pub struct RamCache {
 struct Inner {
     cores: Shelf,
     shells: Shelf,
-    failed: HashMap<BrickId, BrickError>,
+    failures: Failures,
     /// Bricks whose stored aprons could not be read.
     failed_aprons: HashSet<BrickId>,
     /// Whether cores are cut into shells.
@@ -94,7 +95,7 @@ impl RamCache {
         let inner = Inner {
             cores: Shelf::new(layout.entry_bytes(), cores, meter.clone()),
             shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
-            failed: HashMap::new(),
+            failures: Failures::default(),
             failed_aprons: HashSet::new(),
             has_shells: !layout.has_stored(),
             making: HashSet::new(),
@@ -140,14 +141,14 @@ impl RamCache {
     }
 
     /// The codes to take one part from, decoded if need be. To be dropped before asking for another.
-    pub(crate) fn part(&self, part: Part, lender: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, BrickError> {
+    pub(crate) fn part(&self, part: Part, lender: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, Failure> {
         let mut inner = self.lock();
         loop {
             if let Some(codes) = inner.take(part, lender) {
                 return Ok(codes);
             }
-            if let Some(err) = inner.failed.get(&lender) {
-                return Err(err.clone());
+            if let Some(failure) = inner.failures.of(lender) {
+                return Err(failure);
             }
             inner = match inner.start(lender) {
                 Some(making) => {
@@ -160,9 +161,14 @@ impl RamCache {
     }
 
     /// All that a padded brick is made of, decoded if need be. To be dropped before asking for another.
-    pub(crate) fn whole(&self, id: BrickId, scratch: &mut [u8]) -> Result<Whole, BrickError> {
+    pub(crate) fn whole(&self, id: BrickId, scratch: &mut [u8]) -> Result<Whole, Failure> {
         let codes = self.part(Part::OWN, id, scratch)?;
         Ok(Whole { codes, has_apron: !self.lock().failed_aprons.contains(&id) })
+    }
+
+    /// Gives bricks that failed for reasons that may have passed one more try: which ones.
+    pub(crate) fn renew_failures(&self) -> Vec<BrickId> {
+        self.lock().failures.renew()
     }
 
     /// Decodes what is to be made and caches it, or the failure.
@@ -171,8 +177,14 @@ impl RamCache {
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
         inner.making.remove(&id);
+        // A core whose apron may yet be read is not taken without it.
+        let result = match result {
+            Ok(Some(Err(err))) if !inner.failures.is_last_try(id, &err) => Err(err),
+            other => other,
+        };
         match result {
             Ok(apron) => {
+                inner.failures.remove(id);
                 if !making.is_cached {
                     inner.counters.decoded += 1;
                     inner.counters.bytes_decoded += voxel_bytes(&*self.source, self.core_voxels());
@@ -184,10 +196,12 @@ impl RamCache {
                 inner.note_apron(id, apron, voxel_bytes(&*self.source, self.layout.stored_apron().voxels()));
             }
             Err(err) => {
-                tracing::warn!("{err}; a coarser brick stands in");
-                inner.counters.failed += 1;
                 inner.give_back(making);
-                inner.failed.insert(id, err);
+                let message = format!("{err}; a coarser brick stands in");
+                if inner.failures.add(id, err) {
+                    tracing::warn!("{message}");
+                    inner.counters.failed += 1;
+                }
             }
         }
         self.made.notify_all();
@@ -234,7 +248,7 @@ impl RamCache {
             self.encoding.encode(scratch, codes);
             Ok(())
         });
-        let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into() });
+        let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into(), is_passing: false });
         catch_unwind(decode).unwrap_or_else(panicked)
     }
 
@@ -259,7 +273,10 @@ impl Inner {
     /// Takes note of how a stored apron went.
     fn note_apron(&mut self, id: BrickId, apron: Option<Result<(), BrickError>>, bytes: u64) {
         match apron {
-            Some(Ok(())) => self.counters.bytes_decoded += bytes,
+            Some(Ok(())) => {
+                self.counters.bytes_decoded += bytes;
+                self.failed_aprons.remove(&id);
+            }
             Some(Err(err)) if self.failed_aprons.insert(id) => {
                 tracing::warn!("apron of {err}; the brick's own outermost voxels stand in");
                 self.counters.failed += 1;
@@ -437,7 +454,7 @@ mod tests {
         let cache = RamCache::new(Arc::new(source), 1, CORE).unwrap();
         for part in [Part::OWN, NEXT] {
             assert!(cache.part(part, brick(1), &mut []).is_err());
-            assert!(cache.part(part, brick(2), &mut []).unwrap_err().reason.contains("panicked"));
+            assert!(cache.part(part, brick(2), &mut []).unwrap_err().error.reason.contains("panicked"));
         }
         own(&cache, 3);
         assert_eq!(cache.counters(), DecodeCounters { decoded: 1, bytes_decoded: 512, failed: 2 });

@@ -1,7 +1,8 @@
 //! Residency: which bricks are staged, resident or failed, and one frame's decisions over them, as a state machine without
 //! threads, so that it can be tested against any order of arrivals.
 //!
-//! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, for good.
+//! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, until the reason has passed. What is to be
+//! tried again stays absent: it is requested, and the workers see to when.
 //!
 //! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident ones of the cut's
 //! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cut counts; together no more
@@ -12,6 +13,7 @@ use crate::cut::Cut;
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
 use crate::plan::{self, State, Tier};
+use crate::retry::Failure;
 use crate::sight::Sight;
 use crate::slots::SlotTable;
 use crate::source::BrickError;
@@ -35,7 +37,7 @@ pub struct Upload {
 #[derive(Clone, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BrickId,
-    pub(crate) result: Result<Arc<[u8]>, BrickError>,
+    pub(crate) result: Result<Arc<[u8]>, Failure>,
 }
 
 /// What one frame does.
@@ -94,8 +96,14 @@ impl Residency {
     pub(crate) fn arrive(&mut self, arrival: Arrival) {
         match arrival.result {
             Ok(codes) => drop(self.staged.insert(arrival.id, codes)),
-            Err(err) => drop(self.failed.insert(arrival.id, err)),
+            Err(Failure { again: Some(_), .. }) => {}
+            Err(Failure { error, again: None }) => drop(self.failed.insert(arrival.id, error)),
         }
+    }
+
+    /// Bricks that may be read after all.
+    pub(crate) fn forget_failures(&mut self, bricks: &[BrickId]) {
+        bricks.iter().for_each(|id| drop(self.failed.remove(id)));
     }
 
     /// Forgets what is in the slots, of which there are so many from here on.

@@ -2,7 +2,8 @@
 
 use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
-/// Why a brick could not be read. The pager marks it failed and draws an ancestor.
+/// Why a brick could not be read. If that may pass, the pager tries again a few times; then it marks the brick failed and draws
+/// an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{id}: {reason}")]
 pub struct BrickError {
@@ -10,6 +11,8 @@ pub struct BrickError {
     pub id: BrickId,
     /// What went wrong, with the file where there is one.
     pub reason: String,
+    /// Whether the same read may go well later: see [`brickyard_store::ReadError::is_passing`].
+    pub is_passing: bool,
 }
 
 /// A paged volume. Calls come from many worker threads.

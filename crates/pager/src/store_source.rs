@@ -49,7 +49,7 @@ impl BrickSource for Store {
             let corner = self.pyramid().paging(page.level).cells([page.x, page.y, page.z]).min;
             let index = BrickIndex::from_array(corner.to_array());
             let id = BrickId { time: page.time, channel: page.channel, level: page.level, index };
-            BrickError { id, reason: error.to_string() }
+            brick_error(id, &error)
         };
         let ranges = self.read_ranges(page).map_err(failed)?;
         let (bins, places) = (self.occupancy_bins(page.channel), self.pyramid().paging(page.level).page_cells());
@@ -61,7 +61,7 @@ impl BrickSource for Store {
     }
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        self.read_core(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+        self.read_core(id, out).map_err(|error| brick_error(id, &error))
     }
 
     fn stored_apron(&self) -> u32 {
@@ -69,7 +69,7 @@ impl BrickSource for Store {
     }
 
     fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        self.read_apron(id, out).map_err(|error| BrickError { id, reason: error.to_string() })
+        self.read_apron(id, out).map_err(|error| brick_error(id, &error))
     }
 
     fn bytes_read(&self) -> u64 {
@@ -79,4 +79,8 @@ impl BrickSource for Store {
     fn cache_bytes(&self) -> u64 {
         self.cache_bytes()
     }
+}
+
+fn brick_error(id: BrickId, error: &ReadError) -> BrickError {
+    BrickError { id, reason: error.to_string(), is_passing: error.is_passing() }
 }

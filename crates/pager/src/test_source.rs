@@ -9,8 +9,9 @@ use brickyard_volume::{
     Projection, Pyramid, VoxelType,
 };
 use glam::DVec3;
-use std::collections::HashSet;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::collections::{HashMap, HashSet};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 pub(crate) struct TestSource {
     pyramid: Pyramid,
@@ -23,7 +24,13 @@ pub(crate) struct TestSource {
     pub(crate) failing: HashSet<BrickId>,
     /// Pages of occupancy that cannot be read.
     pub(crate) failing_pages: HashSet<PageId>,
+    /// Whether that is for a reason that passes.
+    pub(crate) failing_pages_pass: AtomicBool,
     pub(crate) panicking: HashSet<BrickId>,
+    /// How often a brick's core, or its stored apron, still fails for a reason that passes.
+    pub(crate) passing: Mutex<HashMap<BrickId, u32>>,
+    /// How often each brick that fails was read.
+    pub(crate) reads: Mutex<HashMap<BrickId, u32>>,
     /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
@@ -44,7 +51,7 @@ fn hashed_voxel(id: BrickId, v: [u32; 3], out: &mut [u8]) {
 impl TestSource {
     pub(crate) fn new(pyramid: Pyramid, spacing: [f64; 3], voxel_type: VoxelType) -> Self {
         let geometry = Geometry { spacing: DVec3::from_array(spacing), ..Geometry::default() };
-        let (empty, failing, failing_pages, panicking, failing_aprons, bytes_read) = Default::default();
+        let (empty, failing, failing_pages, panicking, failing_aprons, bytes_read, passing, reads) = Default::default();
         Self {
             pyramid,
             geometry,
@@ -53,7 +60,10 @@ impl TestSource {
             empty,
             failing,
             failing_pages,
+            failing_pages_pass: AtomicBool::new(false),
             panicking,
+            passing,
+            reads,
             stored_apron: 0,
             failing_aprons,
             bytes_read,
@@ -68,6 +78,18 @@ impl TestSource {
     /// `n` bricks of 8^3 in a row.
     pub(crate) fn row(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+
+    /// Fails as told.
+    fn fail(&self, id: BrickId, failing: &HashSet<BrickId>) -> Result<(), BrickError> {
+        let mut passing = self.passing.lock().unwrap();
+        let left = passing.get_mut(&id).filter(|left| **left > 0);
+        let is_passing = left.map(|left| *left -= 1).is_some();
+        if !is_passing && !failing.contains(&id) {
+            return Ok(());
+        }
+        *self.reads.lock().unwrap().entry(id).or_default() += 1;
+        Err(BrickError { id, reason: "told to fail".into(), is_passing })
     }
 
     /// The same with aprons of this width stored.
@@ -126,7 +148,8 @@ impl BrickSource for TestSource {
     fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
         let bricks: Vec<_> = self.pyramid.bricks_of_page(page).collect();
         if self.failing_pages.contains(&page) {
-            return Err(BrickError { id: bricks[0].0, reason: "told to fail".into() });
+            let is_passing = self.failing_pages_pass.load(Ordering::Relaxed);
+            return Err(BrickError { id: bricks[0].0, reason: "told to fail".into(), is_passing });
         }
         let mut occupancy = vec![Occupancy::NONE; self.pyramid.paging(page.level).page_cells()];
         bricks.into_iter().for_each(|(id, place)| occupancy[place] = self.occupancy(id));
@@ -136,8 +159,13 @@ impl BrickSource for TestSource {
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         assert!(!self.panicking.contains(&id), "told to");
-        if self.failing.contains(&id) {
-            return Err(BrickError { id, reason: "told to fail".into() });
+        // Where aprons are stored, those are what passes.
+        match self.stored_apron {
+            0 => self.fail(id, &self.failing)?,
+            _ if self.failing.contains(&id) => {
+                return Err(BrickError { id, reason: "told to fail".into(), is_passing: false });
+            }
+            _ => {}
         }
         self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
         let core = self.pyramid.brick_box(id.level, id.index);
@@ -158,9 +186,7 @@ impl BrickSource for TestSource {
         self.stored_apron
     }
     fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        if self.failing_aprons.contains(&id) {
-            return Err(BrickError { id, reason: "told to fail".into() });
-        }
+        self.fail(id, &self.failing_aprons)?;
         self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
         let apron = Apron { edge: self.pyramid.edge(), width: self.stored_apron };
         let (index, extent) = (id.index.to_array(), self.pyramid.level(id.level).extent.to_array());

@@ -3,7 +3,8 @@
 //! A plan replaces the last one at once: what it no longer names is dropped, what is being worked on is not started twice.
 //! Padded buffers are counted: a worker takes a brick only together with a buffer, and buffers come back when the frame loop
 //! gives them back, so the channel is bounded in bytes. Before it decodes, a worker tells the source about the next
-//! batch of bricks, so that the disk works ahead of the decoder.
+//! batch of bricks, so that the disk works ahead of the decoder. A brick whose read failed for a reason that may pass is put off until it
+//! may be tried again; meanwhile the others come.
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
@@ -13,9 +14,10 @@ use crate::residency::Arrival;
 use crate::shelf::zeroed;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 /// Of the padded bricks in flight, those that may be fetched ahead of the view.
 const SHARE_AHEAD: f64 = 0.25;
@@ -41,8 +43,12 @@ struct Shared {
 #[derive(Default)]
 struct Queue {
     requests: Vec<(Tier, BrickId)>,
-    /// Requests before this one are taken.
+    /// Requests before this one are taken, or put off.
     next: usize,
+    /// Bricks that are not to be tried again before some time.
+    not_before: HashMap<BrickId, Instant>,
+    /// Requests of the plan that wait for that.
+    put_off: Vec<(Tier, BrickId)>,
     /// Requests before this one have been advised.
     advised: usize,
     /// Taken, and not yet received by the frame loop.
@@ -60,6 +66,46 @@ struct Job {
     id: BrickId,
     buffer: Arc<[u8]>,
     advise: Vec<BrickId>,
+}
+
+impl Queue {
+    /// The brick to read now, if there is one and a buffer for it.
+    fn take(&mut self, now: Instant) -> Option<BrickId> {
+        let put_off = self.put_off.iter().position(|&(tier, id)| self.is_due(id, now) && self.has_permit(tier));
+        if let Some((_, id)) = put_off.map(|i| self.put_off.remove(i)) {
+            self.not_before.remove(&id);
+            return Some(id);
+        }
+        while let Some(&(tier, id)) = self.requests.get(self.next) {
+            if self.busy.contains(&id) {
+                self.next += 1;
+            } else if !self.is_due(id, now) {
+                self.put_off.push((tier, id));
+                self.next += 1;
+            } else if self.has_permit(tier) {
+                self.not_before.remove(&id);
+                self.next += 1;
+                return Some(id);
+            } else {
+                return None;
+            }
+        }
+        None
+    }
+
+    fn has_permit(&self, tier: Tier) -> bool {
+        self.permits > if tier.is_ahead() { self.reserved } else { 0 }
+    }
+
+    fn is_due(&self, id: BrickId, now: Instant) -> bool {
+        self.not_before.get(&id).is_none_or(|&time| time <= now)
+    }
+
+    /// When the next brick that was put off may be read.
+    fn next_due(&self) -> Option<Instant> {
+        let has_permit = |(tier, _): &&(Tier, BrickId)| self.has_permit(*tier);
+        self.put_off.iter().filter(has_permit).filter_map(|(_, id)| self.not_before.get(id)).min().copied()
+    }
 }
 
 impl Workers {
@@ -91,6 +137,7 @@ impl Workers {
     pub(crate) fn replace(&self, requests: Vec<(Tier, BrickId)>) {
         let mut queue = self.shared.lock();
         queue.requests = requests;
+        queue.put_off.clear();
         (queue.next, queue.advised) = (0, 0);
         self.shared.wake.notify_all();
     }
@@ -115,7 +162,7 @@ impl Workers {
     /// Whether a brick is on its way.
     pub(crate) fn is_busy(&self) -> bool {
         let queue = self.shared.lock();
-        !queue.busy.is_empty() || queue.next < queue.requests.len()
+        !queue.busy.is_empty() || queue.next < queue.requests.len() || !queue.put_off.is_empty()
     }
 }
 
@@ -139,12 +186,13 @@ impl Shared {
                 advise(&batch);
             }
             // A buffer from `take` has one holder, so the copy never happens.
-            let result = reader.read(id, Arc::make_mut(&mut buffer));
+            let result = reader.try_read(id, Arc::make_mut(&mut buffer));
             let result = match result {
                 Ok(()) => Ok(buffer),
-                Err(err) => {
+                Err(failure) => {
+                    failure.again.map(|again| self.lock().not_before.insert(id, again));
                     self.give_back(buffer);
-                    Err(err)
+                    Err(failure)
                 }
             };
             if sender.send(Arrival { id, result }).is_err() {
@@ -160,25 +208,27 @@ impl Shared {
             if queue.stop {
                 return None;
             }
-            while queue.requests.get(queue.next).is_some_and(|(_, id)| queue.busy.contains(id)) {
-                queue.next += 1;
+            let now = Instant::now();
+            if let Some(id) = queue.take(now) {
+                return Some(self.start(queue, id));
             }
-            match queue.requests.get(queue.next) {
-                Some(&(tier, id)) if queue.permits > if tier.is_ahead() { queue.reserved } else { 0 } => {
-                    return Some(self.start(queue, id));
+            queue = match queue.next_due() {
+                Some(due) => {
+                    let wait = self.wake.wait_timeout(queue, due.saturating_duration_since(now));
+                    wait.unwrap_or_else(PoisonError::into_inner).0
                 }
-                _ => queue = self.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
-            }
+                None => self.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
+            };
         }
     }
 
     fn start(&self, mut queue: MutexGuard<'_, Queue>, id: BrickId) -> Job {
         let mut advise = Vec::new();
-        if queue.next >= queue.advised {
-            queue.advised = (queue.next + ADVISE_BATCH).min(queue.requests.len());
-            advise.extend(queue.requests[queue.next..queue.advised].iter().map(|(_, id)| *id));
+        if queue.next > queue.advised {
+            let taken = queue.next - 1;
+            queue.advised = (taken + ADVISE_BATCH).min(queue.requests.len());
+            advise.extend(queue.requests[taken..queue.advised].iter().map(|(_, id)| *id));
         }
-        queue.next += 1;
         queue.permits -= 1;
         queue.busy.insert(id);
         let buffer = queue.free.pop();

@@ -175,6 +175,14 @@ impl ReadError {
             | Self::Io { path, .. } => path,
         }
     }
+
+    /// Whether the same read may go well later, with nothing mended: memory or descriptors that ran out, a network file system
+    /// or a disk that does not answer. What is missing, shorter, damaged or not permitted stays so.
+    pub fn is_passing(&self) -> bool {
+        use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
+        let Self::Io { error, .. } = self else { return false };
+        !matches!(error.kind(), NotFound | PermissionDenied | UnexpectedEof | InvalidData | InvalidInput)
+    }
 }
 
 /// Why a shard's index cannot be trusted.

@@ -21,6 +21,8 @@ mod stats;
 mod store;
 #[cfg(test)]
 mod test_store;
+mod value_counts;
+mod value_table;
 pub mod verify;
 
 pub use codec::{BrickCodec, Codec};

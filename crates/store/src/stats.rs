@@ -1,10 +1,11 @@
-//! Statistics of voxels: the range of a brick, and per channel the exact range, mean, counts of what is not finite, and a
-//! full-resolution histogram from which percentiles and coarser histograms follow.
+//! Statistics of voxels: the range of a brick, and per channel the exact range, mean, counts of what is not finite, and
+//! how often each value occurs, from which percentiles and histograms follow.
 //!
-//! All types count 16-bit words in one table of 65,536: 8-bit voxels two at a time (a table of pairs halves the additions
-//! and is folded once at the end), 16-bit voxels as they are, 32-bit ones by the upper half of their value as f32 (bins
-//! of 1/128 relative width). One table beat two that take turns: it stays in the second-level cache. Costs 0.3 ns a voxel
-//! at 8 bits, 0.6 at 16, and 0.8 MiB a thread.
+//! Types of 8 and 16 bits count 16-bit words in one table of 65,536: 8-bit voxels two at a time (a table of pairs halves the
+//! additions and is folded once at the end), 16-bit voxels as they are. One table beat two that take turns: it stays in the
+//! second-level cache. Costs 0.3 ns a voxel at 8 bits, 0.6 at 16, and 0.8 MiB a thread. Types of 32 bits count values, or where there
+//! are too many, classes of them (`value_counts.rs`, which has the bound on percentiles). Either way the order of
+//! voxels and the number of threads do not matter.
 //!
 //! Occupancy needs no histogram of its own. Neighbouring voxels share a 2x2x2 neighbourhood, each neighbourhood sets all
 //! bins between its least and greatest value, and any two voxels of a brick are joined by a path of neighbours: so what
@@ -13,6 +14,8 @@
 
 use crate::downsample::Reduce;
 use crate::metadata::{ChannelStatistics, HISTOGRAM_BINS, Histogram, Percentiles};
+use crate::value_counts::ValueCounts;
+use crate::value_table::ValueTable;
 use brickyard_volume::{OccupancyBins, VoxelType};
 
 const WORDS: usize = 1 << 16;
@@ -62,8 +65,10 @@ pub(crate) trait Measure: Reduce {
     fn range_of(value: Self) -> Range<Self> {
         if value.is_valid() { Range { low: value, high: value } } else { Self::EMPTY }
     }
-    /// Counts each voxel's word.
-    fn count(values: &[Self], counter: &mut WordCounter);
+    /// Counts each voxel.
+    fn count(values: &[Self], counter: &mut Counter);
+    /// A whole number that orders like a valid value and is 0 for zero; none where the value is not valid.
+    fn ordinal(self) -> Option<i64>;
     /// What [`ChannelTotals`] cannot take from the histogram: 32-bit sums and counts of what is not finite.
     fn tally(_values: &[Self], _tally: &mut Tally) {}
 }
@@ -72,6 +77,10 @@ macro_rules! integer_range {
     ($t:ty) => {
         const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
         const INVALID: Self = 0;
+        #[inline(always)]
+        fn ordinal(self) -> Option<i64> {
+            Some(self as i64)
+        }
         #[inline(always)]
         fn lower(low: Self, value: Self) -> Self {
             low.min(value)
@@ -88,11 +97,11 @@ macro_rules! byte_measure {
         impl Measure for $t {
             integer_range!($t);
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut WordCounter) {
-                let bytes: &[u8] = bytemuck::cast_slice(values);
+            fn count(values: &[Self], counter: &mut Counter) {
+                let (bytes, counter): (&[u8], _) = (bytemuck::cast_slice(values), counter.words());
                 let pairs = bytes.chunks_exact(2);
                 counter.singles(pairs.remainder());
-                counter.words(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
+                counter.count(pairs.map(|c| u16::from_le_bytes([c[0], c[1]])));
             }
         }
     )*};
@@ -104,8 +113,8 @@ macro_rules! short_measure {
         impl Measure for $t {
             integer_range!($t);
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut WordCounter) {
-                counter.words(values.iter().map(|&v| v as u16));
+            fn count(values: &[Self], counter: &mut Counter) {
+                counter.words().count(values.iter().map(|&v| v as u16));
             }
         }
     )*};
@@ -117,8 +126,8 @@ macro_rules! long_measure {
         impl Measure for $t {
             integer_range!($t);
             #[inline(always)]
-            fn count(values: &[Self], counter: &mut WordCounter) {
-                counter.words(values.iter().map(|&v| float_word(v as f32)));
+            fn count(values: &[Self], counter: &mut Counter) {
+                counter.values().count(values.iter().map(|&v| v.ordinal()));
             }
             #[inline(always)]
             fn tally(values: &[Self], tally: &mut Tally) {
@@ -135,6 +144,12 @@ impl Measure for f32 {
     const INVALID: f32 = f32::NAN;
 
     #[inline(always)]
+    fn ordinal(self) -> Option<i64> {
+        let size = (self.to_bits() & 0x7fff_ffff) as i64;
+        let ordinal = if self.is_sign_negative() { -size } else { size };
+        (self.abs() <= f32::MAX).then_some(ordinal)
+    }
+    #[inline(always)]
     fn lower(low: f32, value: f32) -> f32 {
         if value < low && value.abs() <= f32::MAX { value } else { low }
     }
@@ -144,8 +159,8 @@ impl Measure for f32 {
     }
 
     #[inline(always)]
-    fn count(values: &[f32], counter: &mut WordCounter) {
-        counter.words(values.iter().map(|&v| float_word(v)));
+    fn count(values: &[f32], counter: &mut Counter) {
+        counter.values().count(values.iter().map(|&v| v.ordinal()));
     }
 
     #[inline(always)]
@@ -171,12 +186,6 @@ impl Measure for f32 {
     }
 }
 
-/// The upper half of a float's bits: sign, exponent and seven bits of the mantissa.
-#[inline(always)]
-fn float_word(value: f32) -> u16 {
-    (value.to_bits() >> 16) as u16
-}
-
 /// Sums and counts of a brick that are added up in the bricks' own order, so that rounding does not depend on threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
@@ -195,8 +204,62 @@ impl Tally {
     }
 }
 
-/// One thread's histogram of 16-bit words.
-pub(crate) struct WordCounter {
+/// One thread's counts of one channel's voxels.
+pub(crate) enum Counter {
+    /// Of 8 and 16 bits.
+    Words(WordTable),
+    /// Of 32 bits.
+    Values(ValueTable),
+}
+
+impl Counter {
+    pub(crate) fn new(voxel_type: VoxelType) -> Self {
+        match voxel_type.bytes() {
+            1 | 2 => Self::Words(WordTable::new()),
+            _ => Self::Values(ValueTable::new(voxel_type != VoxelType::U32)),
+        }
+    }
+
+    /// Bytes that one takes.
+    pub(crate) const fn bytes(voxel_bytes: usize) -> usize {
+        if voxel_bytes <= 2 { WORDS * 12 + 2048 } else { ValueTable::BYTES }
+    }
+
+    #[inline(always)]
+    fn words(&mut self) -> &mut WordTable {
+        match self {
+            Self::Words(words) => words,
+            Self::Values(_) => unreachable!("8 and 16 bits are counted as words"),
+        }
+    }
+
+    #[inline(always)]
+    fn values(&mut self) -> &mut ValueTable {
+        match self {
+            Self::Values(values) => values,
+            Self::Words(_) => unreachable!("32 bits are counted as values"),
+        }
+    }
+
+    /// Counts `count` voxels of one value without looking at them.
+    pub(crate) fn constant<T: Measure>(&mut self, value: T, count: u64) {
+        match self {
+            Self::Words(words) => words.constant(value, count),
+            Self::Values(values) => value.ordinal().into_iter().for_each(|ordinal| values.constant(ordinal, count)),
+        }
+    }
+
+    /// Adds everything counted to the channel's counts, and starts over.
+    pub(crate) fn drain_into(&mut self, channel: &mut ChannelTotals) {
+        match self {
+            Self::Words(words) => words.drain_into(channel),
+            Self::Values(values) => channel.values.add(values.take()),
+        }
+    }
+}
+
+/// A histogram of 16-bit words.
+pub(crate) struct WordTable {
     counts: Box<[u32; WORDS]>,
     /// Single bytes, from rows of an odd number of 8-bit voxels.
     bytes: Box<[u64; 256]>,
@@ -205,16 +268,13 @@ pub(crate) struct WordCounter {
     pending: u64,
 }
 
-/// What a [`WordCounter`] holds.
-pub(crate) const COUNTER_BYTES: usize = WORDS * 12 + 2048;
-
-impl WordCounter {
-    pub(crate) fn new() -> Self {
+impl WordTable {
+    fn new() -> Self {
         Self { counts: zeroed(), bytes: Box::new([0; 256]), totals: zeroed(), pending: 0 }
     }
 
     #[inline(always)]
-    fn words(&mut self, words: impl ExactSizeIterator<Item = u16>) {
+    fn count(&mut self, words: impl ExactSizeIterator<Item = u16>) {
         self.pending += words.len() as u64;
         if self.pending > u32::MAX as u64 {
             self.settle();
@@ -231,19 +291,12 @@ impl WordCounter {
         bytes.iter().for_each(|&b| self.bytes[b as usize] += 1);
     }
 
-    /// Counts `count` voxels of one value without looking at them.
-    pub(crate) fn constant<T: Measure>(&mut self, value: T, count: u64) {
-        if size_of::<T>() == 1 {
-            self.bytes[bytemuck::bytes_of(&value)[0] as usize] += count;
-            return;
+    fn constant<T: Measure>(&mut self, value: T, count: u64) {
+        match *bytemuck::bytes_of(&value) {
+            [byte] => self.bytes[byte as usize] += count,
+            [low, high] => self.totals[u16::from_le_bytes([low, high]) as usize] += count,
+            _ => unreachable!("8 and 16 bits are counted as words"),
         }
-        self.settle();
-        T::count(&[value], self);
-        if let Some(word) = self.counts.iter().position(|&n| n > 0) {
-            self.counts[word] = 0;
-            self.totals[word] += count;
-        }
-        self.pending = 0;
     }
 
     /// Moves the 32-bit counts to the 64-bit totals.
@@ -256,7 +309,7 @@ impl WordCounter {
     }
 
     /// Adds everything counted to the channel's histogram, in order of value, and starts over.
-    pub(crate) fn drain_into(&mut self, channel: &mut ChannelTotals) {
+    fn drain_into(&mut self, channel: &mut ChannelTotals) {
         self.settle();
         let bins = &mut channel.bins;
         match channel.voxel_type {
@@ -270,14 +323,7 @@ impl WordCounter {
             }
             VoxelType::U16 => bins.iter_mut().zip(self.totals.iter()).for_each(|(bin, count)| *bin += count),
             VoxelType::I16 => self.totals.iter().enumerate().for_each(|(word, count)| bins[word ^ 0x8000] += count),
-            VoxelType::U32 | VoxelType::I32 | VoxelType::F32 => {
-                for (word, count) in self.totals.iter().enumerate() {
-                    // All exponent bits set: NaN or an infinity.
-                    if word & 0x7f80 != 0x7f80 {
-                        bins[ordered_from_word(word)] += count;
-                    }
-                }
-            }
+            VoxelType::U32 | VoxelType::I32 | VoxelType::F32 => {}
         }
         self.totals.fill(0);
         self.bytes.fill(0);
@@ -290,11 +336,6 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
         Ok(table) => table,
         Err(_) => unreachable!("the length is the array's"),
     }
-}
-
-/// The rank of a float's upper half among all of them by value: negatives reversed and first.
-fn ordered_from_word(word: usize) -> usize {
-    if word & 0x8000 != 0 { 0xffff - word } else { word | 0x8000 }
 }
 
 /// What is known of all voxels of one channel, over all time steps, at full resolution.
@@ -310,14 +351,53 @@ pub(crate) struct ChannelTotals {
     /// Voxels that are negative infinity.
     pub negative_infinite: u64,
     sum: f64,
-    /// Valid voxels in bins ordered by value: one a value for 8 and 16 bits, 1/128 of the value wide for 32.
+    /// Of 8 and 16 bits: how often each value occurs, the least first.
     bins: Vec<u64>,
+    /// Of 32 bits: how often values occur.
+    values: ValueCounts,
 }
 
 impl ChannelTotals {
     pub(crate) fn new(voxel_type: VoxelType) -> Self {
-        let bins = vec![0; if voxel_type.bytes() == 1 { 256 } else { WORDS }];
-        Self { voxel_type, range: None, nan: 0, positive_infinite: 0, negative_infinite: 0, sum: 0.0, bins }
+        Self {
+            voxel_type,
+            range: None,
+            nan: 0,
+            positive_infinite: 0,
+            negative_infinite: 0,
+            sum: 0.0,
+            bins: vec![0; Self::bins(voxel_type)],
+            values: ValueCounts::new(voxel_type),
+        }
+    }
+
+    /// Values of 8 and 16 bits.
+    const fn bins(voxel_type: VoxelType) -> usize {
+        match voxel_type.bytes() {
+            1 => 256,
+            2 => WORDS,
+            _ => 0,
+        }
+    }
+
+    /// Bytes that one channel's counts may take.
+    pub(crate) const fn bytes(voxel_type: VoxelType) -> u64 {
+        match voxel_type.bytes() {
+            1 | 2 => Self::bins(voxel_type) as u64 * 8,
+            _ => ValueCounts::BYTES,
+        }
+    }
+
+    /// Bytes that adding to a channel's counts takes meanwhile.
+    pub(crate) const fn adding_bytes(voxel_type: VoxelType) -> u64 {
+        if voxel_type.bytes() <= 2 { 0 } else { ValueCounts::ADDING_BYTES }
+    }
+
+    /// Least and greatest value that are counted together, and how many there are: in order.
+    fn classes(&self) -> impl Iterator<Item = (f64, f64, u64)> {
+        let low = self.voxel_type.limits().0;
+        let bins = self.bins.iter().enumerate().filter(|(_, n)| **n > 0);
+        bins.map(move |(i, &n)| (low + i as f64, low + i as f64, n)).chain(self.values.classes())
     }
 
     pub(crate) fn add_tally(&mut self, tally: &Tally) {
@@ -336,7 +416,7 @@ impl ChannelTotals {
 
     /// The number of valid voxels.
     fn valid(&self) -> u64 {
-        self.bins.iter().sum()
+        self.classes().map(|(_, _, n)| n).sum()
     }
 
     /// The mean of the valid voxels; `None` where there is none. Exact to one rounding for 8 and 16 bits.
@@ -352,16 +432,15 @@ impl ChannelTotals {
         (valid > 0).then(|| sum / valid as f64)
     }
 
-    /// The value below which `percent` of the valid voxels lie (nearest rank): exact for 8 and 16 bits, to 1/128 of
-    /// the value for 32.
-    pub(crate) fn percentile(&self, percent: f64) -> Option<f64> {
+    /// The value that so many ten-thousandths of the valid voxels do not exceed (nearest rank): exact for 8 and 16 bits, and
+    /// where values are counted one by one; else as near as `value_counts.rs` says.
+    pub(crate) fn percentile(&self, ten_thousandths: u64) -> Option<f64> {
         let (low, high) = self.range?;
         let valid = self.valid();
-        let rank = ((percent / 100.0 * valid as f64).ceil() as u64).clamp(1, valid);
+        let rank = (valid as u128 * ten_thousandths as u128).div_ceil(10_000).clamp(1, valid.max(1) as u128) as u64;
         let mut below = 0;
-        for (i, &count) in self.bins.iter().enumerate() {
+        for (from, to, count) in self.classes() {
             if below + count >= rank {
-                let (from, to) = self.bin_edges(i);
                 let t = (rank - below) as f64 / count as f64;
                 return Some((from + t * (to - from)).clamp(low, high));
             }
@@ -370,34 +449,42 @@ impl ChannelTotals {
         Some(high)
     }
 
-    /// The histogram of the metadata: one bin a value for 8 bits, else equal bins over the range.
+    /// The histogram of the metadata: one bin a value for 8 bits, else equal bins over the range. Values that are counted
+    /// together are shared out evenly among the bins that their class lies in.
     fn histogram(&self, (low, high): (f64, f64)) -> Histogram {
-        let (low, width) = match self.voxel_type.bytes() {
+        let (first, width) = match self.voxel_type.bytes() {
             1 => (self.voxel_type.limits().0, 1.0),
             _ if high > low => (low, (high - low) / HISTOGRAM_BINS as f64),
             _ => (low, 1.0),
         };
+        let bin = |value: f64| ((value - first) / width).clamp(0.0, (HISTOGRAM_BINS - 1) as f64) as usize;
         let mut counts = vec![0; HISTOGRAM_BINS];
-        for (i, &count) in self.bins.iter().enumerate().filter(|(_, n)| **n > 0) {
-            let (from, to) = self.bin_edges(i);
-            let at = ((from + to) * 0.5 - low) / width;
-            counts[at.clamp(0.0, (HISTOGRAM_BINS - 1) as f64) as usize] += count;
+        for (from, to, count) in self.classes() {
+            let (from, to) = (from.clamp(low, high), to.clamp(low, high));
+            let mut shared = 0;
+            for i in bin(from)..=bin(to) {
+                let end = first + (i + 1) as f64 * width;
+                let part = if i == bin(to) { 1.0 } else { ((end - from) / (to - from)).clamp(0.0, 1.0) };
+                let until = (count as f64 * part) as u64;
+                counts[i] += if i == bin(to) { count - shared } else { until.saturating_sub(shared) };
+                shared = shared.max(until);
+            }
         }
-        Histogram { low, width, counts }
+        Histogram { low: first, width, counts }
     }
 
     /// What the metadata say of the channel.
     pub(crate) fn finish(&self) -> ChannelStatistics {
         let range = self.range.unwrap_or_default();
-        let at = |percent| self.percentile(percent).unwrap_or_default();
+        let at = |ten_thousandths| self.percentile(ten_thousandths).unwrap_or_default();
         let percentiles = Percentiles {
-            p0_1: at(0.1),
-            p1: at(1.0),
-            p5: at(5.0),
-            p50: at(50.0),
-            p95: at(95.0),
-            p99: at(99.0),
-            p99_9: at(99.9),
+            p0_1: at(10),
+            p1: at(100),
+            p5: at(500),
+            p50: at(5000),
+            p95: at(9500),
+            p99: at(9900),
+            p99_9: at(9990),
         };
         let window = match (percentiles.p0_1, percentiles.p99_9) {
             (low, high) if low < high => [low, high],
@@ -423,21 +510,9 @@ impl ChannelTotals {
         if self.voxel_type.bytes() == 1 {
             return OccupancyBins { low: self.voxel_type.limits().0, width: 256.0 / OccupancyBins::COUNT as f64 };
         }
-        let body = self.percentile(0.01).zip(self.percentile(99.99)).filter(|(low, high)| low < high);
+        let body = self.percentile(1).zip(self.percentile(9999)).filter(|(low, high)| low < high);
         let (low, high) = body.or(self.range).unwrap_or_default();
         OccupancyBins::over(low, high)
-    }
-
-    /// Least and greatest value that a bin counts.
-    fn bin_edges(&self, bin: usize) -> (f64, f64) {
-        if self.voxel_type.bytes() <= 2 {
-            let value = self.voxel_type.limits().0 + bin as f64;
-            return (value, value);
-        }
-        let word = if bin & 0x8000 != 0 { bin & 0x7fff } else { 0xffff - bin };
-        let near = f32::from_bits((word as u32) << 16) as f64;
-        let far = f32::from_bits((word as u32) << 16 | 0xffff) as f64;
-        (near.min(far), near.max(far))
     }
 }
 
@@ -447,7 +522,7 @@ mod tests {
 
     fn channel<T: Measure>(values: &[T]) -> ChannelTotals {
         let mut statistics = ChannelTotals::new(T::TYPE);
-        let mut counter = WordCounter::new();
+        let mut counter = Counter::new(T::TYPE);
         let mut tally = Tally::default();
         // Odd pieces, so that pairs and single bytes both occur.
         for row in values.chunks(7) {
@@ -466,10 +541,10 @@ mod tests {
         let s = channel(&values);
         assert_eq!((s.range, s.valid()), (Some((-128.0, 127.0)), 204));
         assert_eq!(s.mean(), Some(126.0 / 204.0));
-        assert_eq!([0.0, 50.0, 100.0].map(|p| s.percentile(p).unwrap()), [-128.0, 0.0, 127.0]);
+        assert_eq!([0, 5000, 10_000].map(|p| s.percentile(p).unwrap()), [-128.0, 0.0, 127.0]);
         let values: Vec<i16> = (-1000..=1000).collect();
         let s = channel(&values);
-        assert_eq!((s.mean(), s.percentile(50.0)), (Some(0.0), Some(0.0)));
+        assert_eq!((s.mean(), s.percentile(5000)), (Some(0.0), Some(0.0)));
         let h = s.finish().histogram;
         assert_eq!((h.low, h.width, h.counts.iter().sum::<u64>()), (-1000.0, 2000.0 / 256.0, 2001));
         // A bin of 7.8125 values holds 7 or 8 of them; the last one has its upper edge too.
@@ -484,10 +559,8 @@ mod tests {
         let s = channel(&values);
         assert_eq!((s.nan, s.positive_infinite, s.negative_infinite, s.valid()), (1, 2, 1, 1000));
         assert_eq!((s.range, s.mean()), (Some((-499.5, 499.5)), Some(0.0)));
-        for percent in [1.0, 25.0, 60.0, 99.0] {
-            let exact = (percent * 10.0f64).ceil() - 500.5;
-            // A bin is 1/128 of its value wide.
-            assert!((s.percentile(percent).unwrap() - exact).abs() <= exact.abs() / 128.0 + 1e-9, "{percent}");
+        for percent in [1, 25, 60, 99] {
+            assert_eq!(s.percentile(100 * percent), Some(percent as f64 * 10.0 - 500.5), "{percent}");
         }
         assert!(<f32 as Measure>::range(&[nan, inf]).is_empty());
     }
@@ -497,8 +570,7 @@ mod tests {
         let values: Vec<i32> = (-300..700).collect();
         let s = channel(&values);
         assert_eq!((s.range, s.mean(), s.valid()), (Some((-300.0, 699.0)), Some(199.5), 1000));
-        let median = s.percentile(50.0).unwrap();
-        assert!((median - 199.0).abs() <= 199.0 / 128.0 + 1.0, "{median}");
+        assert_eq!(s.percentile(5000), Some(199.0));
     }
 
     #[test]
@@ -506,10 +578,11 @@ mod tests {
         fn check<T: Measure>(value: T) {
             let plain = channel(&[value; 1000]);
             let mut statistics = ChannelTotals::new(T::TYPE);
-            let mut counter = WordCounter::new();
+            let mut counter = Counter::new(T::TYPE);
             counter.constant(value, 1000);
             counter.drain_into(&mut statistics);
-            assert_eq!((&statistics.bins, statistics.valid()), (&plain.bins, 1000), "{}", T::TYPE);
+            assert_eq!(statistics.classes().collect::<Vec<_>>(), plain.classes().collect::<Vec<_>>(), "{}", T::TYPE);
+            assert_eq!(statistics.valid(), 1000);
         }
         check(200u8);
         check(-3i8);
@@ -518,5 +591,91 @@ mod tests {
         check(u32::MAX);
         check(-5i32);
         check(-2.5f32);
+    }
+
+    /// The ranks of the metadata's percentiles, and the ends.
+    const SHARES: [u64; 9] = [0, 10, 100, 500, 5000, 9500, 9900, 9990, 10_000];
+
+    /// The value of that rank, by sorting.
+    fn sorted_rank<T: Measure>(values: &[T], ten_thousandths: u64) -> f64 {
+        let mut valid: Vec<f64> = values.iter().filter(|v| v.is_valid()).map(|v| v.to_f64()).collect();
+        valid.sort_by(f64::total_cmp);
+        let rank = (valid.len() as u64 * ten_thousandths).div_ceil(10_000).max(1);
+        valid[rank as usize - 1]
+    }
+
+    #[test]
+    fn few_values_have_exact_percentiles_wherever_they_lie() {
+        fn check<T: Measure>(name: &str, values: impl IntoIterator<Item = T>) {
+            let values: Vec<T> = values.into_iter().collect();
+            let s = channel(&values);
+            for share in SHARES {
+                assert_eq!(s.percentile(share), Some(sorted_rank(&values, share)), "{name}: {share}");
+            }
+            let h = s.finish().histogram;
+            let mut expected = vec![0; HISTOGRAM_BINS];
+            for value in values.iter().filter(|v| v.is_valid()) {
+                let at = ((value.to_f64() - h.low) / h.width) as usize;
+                expected[at.min(HISTOGRAM_BINS - 1)] += 1;
+            }
+            assert_eq!(h.counts, expected, "{name}");
+        }
+        let mixed = |n: u32| (0..n).map(|i| i.wrapping_mul(2_654_435_761) % 1001);
+        check("offset i32", mixed(50_000).map(|i| (1 << 28) + i as i32));
+        check("offset u32", mixed(50_000).map(|i| u32::MAX - i));
+        check("negative i32", mixed(50_000).map(|i| i32::MIN + i as i32));
+        check("offset f32", mixed(50_000).map(|i| 1e6 + i as f32 / 16.0));
+        check("zeros", mixed(50_000).map(|i| if i > 20 { 0.0 } else { i as f32 * 1e-3 }));
+        check("zeros and denormals", mixed(50_000).map(|i| f32::from_bits(if i > 20 { 0 } else { i })));
+        check("all zero", [0.0, -0.0, 0.0f32]);
+        check("denormals", mixed(50_000).map(f32::from_bits));
+        check("constant", [7.25f32; 100]);
+        check("outliers", mixed(50_000).map(|i| if i < 3 { 1e9 * (i as f32 - 1.0) } else { 37.0 + i as f32 * 1e-4 }));
+        check("two clusters", mixed(50_000).map(|i| if i % 2 == 0 { -1e6 - i as f32 } else { 1e-6 * i as f32 }));
+        check("not finite", mixed(50_000).map(|i| if i % 3 == 0 { f32::NAN } else { i as f32 - 500.0 }));
+        check("limits", [f32::MIN, f32::MAX, 0.0, f32::INFINITY, f32::MIN_POSITIVE, -f32::MIN_POSITIVE]);
+    }
+
+    #[test]
+    fn many_values_have_percentiles_within_the_bound() {
+        // 400,000 values, most of them unlike any other.
+        let noise = || (0..400_000u32).map(|i| i.wrapping_mul(2_654_435_761) ^ i >> 5);
+        let integers: Vec<i32> = noise().map(|i| i as i32).collect();
+        let s = channel(&integers);
+        for share in SHARES {
+            let off = (s.percentile(share).unwrap() - sorted_rank(&integers, share)).abs();
+            assert!(off < 2f64.powi(32) / 32_766.0, "{share}: {off}");
+        }
+        // Outliers everywhere do not make what is between them coarse.
+        let outliers: Vec<i32> =
+            noise().enumerate().map(|(i, n)| if i < 20_000 { n as i32 } else { (n % 1_000_000) as i32 }).collect();
+        let s = channel(&outliers);
+        for share in [500, 5000, 9000] {
+            let off = (s.percentile(share).unwrap() - sorted_rank(&outliers, share)).abs();
+            assert!(off < 2e6 / (65_533.0 - 20_000.0), "{share}: {off}");
+        }
+        let floats: Vec<f32> = noise().map(f32::from_bits).collect();
+        let s = channel(&floats);
+        for share in SHARES {
+            let exact = sorted_rank(&floats, share);
+            let off = (s.percentile(share).unwrap() - exact).abs();
+            assert!(off <= exact.abs() / 128.0 + 2f64.powi(-133), "{share}: {off}");
+        }
+        let narrow: Vec<f32> = noise().map(|i| 300.0 + (i as f64 / 2f64.powi(32)) as f32 * 10.0).collect();
+        let s = channel(&narrow);
+        for share in SHARES {
+            let off = (s.percentile(share).unwrap() - sorted_rank(&narrow, share)).abs();
+            assert!(off < 10.0 / 16_000.0, "{share}: {off}");
+        }
+        let h = s.finish().histogram;
+        let even = narrow.len() as f64 / HISTOGRAM_BINS as f64;
+        assert!(h.counts.iter().all(|&n| (n as f64 - even).abs() < 0.1 * even), "{h:?}");
+    }
+
+    #[test]
+    fn ranks_are_not_rounded() {
+        // 99.9 % of 1000 is the 999th; as a product of doubles it is a little more.
+        let s = channel(&(1..=1000u16).collect::<Vec<_>>());
+        assert_eq!((s.percentile(9990), s.percentile(10), s.percentile(2900)), (Some(999.0), Some(1.0), Some(290.0)));
     }
 }

@@ -10,7 +10,7 @@ use crate::metadata::{
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
 use crate::side::{SideArray, core_hash, level_arrays};
-use crate::stats::{ChannelTotals, Measure, Tally, WordCounter};
+use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use brickyard_volume::{
     BrickId, Extent, Geometry, Level, PageId, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
 };
@@ -242,7 +242,7 @@ impl TestStore {
 
 fn channel_statistics<T: Measure>(values: &[f64]) -> ChannelStatistics {
     let voxels: Vec<T> = values.iter().map(|v| T::from_f64_rounded(*v)).collect();
-    let (mut totals, mut counter, mut tally) = (ChannelTotals::new(T::TYPE), WordCounter::new(), Tally::default());
+    let (mut totals, mut counter, mut tally) = (ChannelTotals::new(T::TYPE), Counter::new(T::TYPE), Tally::default());
     T::count(&voxels, &mut counter);
     T::tally(&voxels, &mut tally);
     counter.drain_into(&mut totals);

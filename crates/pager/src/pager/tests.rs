@@ -91,6 +91,51 @@ fn one_slot_shows_the_root_of_each_channel() {
 }
 
 #[test]
+fn bricks_that_fail_for_a_passing_reason_come_in_the_same_view() {
+    for apron in [0, 1] {
+        let make = || TestSource::cube(40).with_aprons(apron);
+        let view =
+            View { level: LevelPolicy::Locked(0), ..box_view(&make(), Projection::Perspective { fov_y_deg: 30.0 }) };
+        let drawn = |source: TestSource| {
+            let mut pager = Pager::new(Arc::new(source), config(200, 1 << 20)).unwrap();
+            let mut atlas = HashMap::new();
+            let frame = settle(&mut pager, &view, &mut atlas);
+            let status = frame.status;
+            assert_eq!((status.resident, status.failed, status.counters.failed), (status.wanted, 0, 0), "{status:?}");
+            let bricks = frame.draw.cells.iter().map(|cell| (cell.brick, atlas[&cell.slot.0].clone()));
+            bricks.collect::<Vec<_>>()
+        };
+        // One that all the others around it want, and one at a corner, at several tries.
+        let source = make();
+        *source.passing.lock().unwrap() = [(brick(0, [2, 2, 2]), 3), (brick(0, [0, 0, 0]), 1)].into();
+        // Aprons too are whole: nothing stands in for a neighbour that comes later.
+        assert!(drawn(source) == drawn(make()), "stored aprons of {apron}");
+    }
+}
+
+#[test]
+fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
+    let (passing, lasting) = (brick(0, [1, 1, 1]), brick(0, [3, 3, 3]));
+    let mut source = TestSource::cube(40);
+    source.failing.insert(lasting);
+    source.passing.lock().unwrap().insert(passing, u32::MAX);
+    let source = Arc::new(source);
+    let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();
+    let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    view.level = LevelPolicy::Locked(0);
+    let reads = || [passing, lasting].map(|id| source.reads.lock().unwrap()[&id]);
+    let tries = crate::retry::TRIES as u32;
+    for (pixel_error, still, expected) in [(1.0, u32::MAX, tries), (1.1, u32::MAX, tries + 1), (1.2, 0, tries + 1)] {
+        source.passing.lock().unwrap().insert(passing, still);
+        view.pixel_error = pixel_error;
+        let status = settle(&mut pager, &view, &mut HashMap::new()).status;
+        assert_eq!(reads(), [expected, 1], "at {pixel_error}");
+        assert_eq!(status.failed, if still > 0 { 2 } else { 1 });
+        assert_eq!(status.counters.failed, 2, "each is counted once");
+    }
+}
+
+#[test]
 fn slots_that_lost_their_bricks_are_filled_again() {
     let source = Arc::new(TestSource::cube(40));
     let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();

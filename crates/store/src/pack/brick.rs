@@ -7,7 +7,7 @@
 
 use crate::downsample::{Downsample, downsample};
 use crate::pack::parts::Parts;
-use crate::stats::{Measure, Range, Tally, WordCounter};
+use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
 
 /// Bricks that are read together: rows of 1 KiB, at most 4 MiB of cores, which a last-level cache holds.
@@ -26,7 +26,7 @@ pub(crate) struct Workspace<T> {
     /// The core's part of the next level, packed.
     pub(crate) coarse: Vec<T>,
     /// Level-0 voxels by value.
-    pub(crate) counter: WordCounter,
+    pub(crate) counter: Counter,
 }
 
 /// What is known of a brick.
@@ -47,13 +47,13 @@ impl<T: Measure> Workspace<T> {
             cores: vec![T::default(); run_length(edge, size_of::<T>()) * edge.pow(3)],
             // At least one axis is halved.
             coarse: vec![T::default(); edge.pow(3) / 2],
-            counter: WordCounter::new(),
+            counter: Counter::new(T::TYPE),
         }
     }
 
     /// Bytes that the buffers take.
     pub(crate) const fn bytes(edge: usize, voxel_bytes: usize) -> usize {
-        (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + crate::stats::COUNTER_BYTES
+        (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + Counter::bytes(voxel_bytes)
     }
 
     /// Core `i` of the run.
@@ -192,7 +192,7 @@ fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
 
 /// Counts and sums the voxels of `shape`.
 #[inline(always)]
-fn count<T: Measure>(core: &[T], edge: usize, shape: [usize; 3], counter: &mut WordCounter, tally: &mut Tally) {
+fn count<T: Measure>(core: &[T], edge: usize, shape: [usize; 3], counter: &mut Counter, tally: &mut Tally) {
     let mut add = |voxels: &[T]| {
         T::count(voxels, counter);
         T::tally(voxels, tally);

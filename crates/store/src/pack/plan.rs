@@ -3,7 +3,7 @@
 //! ```text
 //! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + side data on their way + open shards' indexes + channels * 512 KiB
+//!        + side data on their way + open shards' indexes + channels' counts
 //! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes
 //! stages = level 0, and levels k >= 1 of each pyramid
 //! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
@@ -33,6 +33,7 @@ use crate::pack::shells::ApronMaker;
 use crate::pack::side_pages::waiting_bytes;
 use crate::pack::{PackError, PackOptions};
 use crate::shard_file::IoMode;
+use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
 use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
 use std::path::Path;
@@ -340,7 +341,8 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
         grid.x as u64 * grid.y as u64 * stage.layout.shard_bricks(stage.level).volume()
     };
     let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
-    let channels = plan.layout.channels as u64 * (MIB / 2);
+    let channels =
+        plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type) + ChannelTotals::adding_bytes(voxel_type);
     threads * (buffers + compressor) + in_flight + side_data + indexes + channels
 }
 
