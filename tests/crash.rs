@@ -148,6 +148,45 @@ fn a_pack_resumes_only_what_it_was() {
     sandbox.run_ok("verify out.zarr --progress none");
 }
 
+/// Of packs that start together, each with its own settings, one wins; the others say who it is.
+#[test]
+fn of_packs_that_start_together_one_wins() {
+    let sandbox = sandbox_with_input();
+    for round in 0..3u64 {
+        remove_store(&sandbox);
+        let start = |i: u64| {
+            std::thread::sleep(Duration::from_millis(i * round * 7));
+            let pack = format!("{PACK} --codec zstd:{}", 1 + i % 3);
+            let mut command = sandbox.command();
+            command
+                .args(pack.split(' '))
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped())
+                .spawn()
+                .expect("the command starts")
+        };
+        let children: Vec<_> = (0..10).map(start).collect();
+        let pids: Vec<_> = children.iter().map(|child| format!("(process {} on ", child.id())).collect();
+        let ended: Vec<_> = children.into_iter().map(|child| child.wait_with_output().expect("a child")).collect();
+        let won: Vec<_> = (0..ended.len()).filter(|&i| ended[i].status.success()).collect();
+        let said = |i: usize| String::from_utf8_lossy(&ended[i].stderr).into_owned();
+        assert_eq!(won.len(), 1, "round {round}: {:#?}", (0..ended.len()).map(said).collect::<Vec<_>>());
+        for i in (0..ended.len()).filter(|i| *i != won[0]) {
+            let is_told = match ended[i].status.code() {
+                Some(1) => said(i).contains(&pids[won[0]]),
+                // The winner had ended.
+                Some(2) => said(i).contains("exists already"),
+                _ => false,
+            };
+            assert!(is_told, "round {round}: {:?}: {}", ended[i].status, said(i));
+        }
+        sandbox.run_ok("verify out.zarr --progress none");
+        let (_, stdout, _) = sandbox.run("info out.zarr --json");
+        assert!(stdout.contains(&format!("zstd:{}", 1 + won[0] % 3)), "round {round}: {stdout}");
+        assert_eq!(beside_the_store(&sandbox), [INPUT, "out.zarr"]);
+    }
+}
+
 #[test]
 fn threads_and_memory_may_change_between_runs() {
     let sandbox = sandbox_with_input();

@@ -384,6 +384,10 @@ fn pack_on(
     let Some(mut output) = start? else { return Ok(report(shards, 0, 0, true)) };
     source.info().notes.iter().for_each(|note| progress.warn(note));
     warn_of_space(&output.dir, &plan, progress);
+    if lock::may_be_local(&output.dir) {
+        let what = "its file system may keep locks on this machine only: see that no other machine packs into it";
+        progress.warn(&format!("{}: {what}", output.dir.display()));
+    }
     progress.planned(&plan);
     let resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };

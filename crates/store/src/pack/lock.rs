@@ -160,6 +160,14 @@ impl Drop for DirLock {
     }
 }
 
+/// Whether a directory may be on other machines too, which do not learn of its lock: on file systems that are neither local
+/// nor NFS or SMB, whose servers keep locks.
+pub(crate) fn may_be_local(dir: &Path) -> bool {
+    // FUSE (sshfs and others), 9P, AFS, Coda.
+    const KINDS: [u64; 4] = [0x6573_5546, 0x0102_1997, 0x5346_414f, 0x7375_7245];
+    cfg!(target_os = "linux") && rustix::fs::statfs(dir).is_ok_and(|fs| KINDS.contains(&(fs.f_type as u64)))
+}
+
 /// Whether this is the file that has the name.
 fn is_named(file: &File, path: &Path) -> bool {
     let number = |file: std::fs::Metadata| (file.dev(), file.ino());
