@@ -204,7 +204,7 @@ def nifti_case(label, collection, path, group=None, **more):
         try:
             header = nibabel.load(path).header
             group = f"{type(header).__name__.replace('Header', '')} {header.get_data_dtype().newbyteorder('=').name}"
-        except Exception as error:  # of another format, or damaged on purpose
+        except Exception:  # of another format, or damaged on purpose
             group = "unreadable"
     return Case(label, collection, "NIfTI", group, [path], lambda: nifti_reference(path), **more)
 
@@ -214,6 +214,8 @@ def nifti_reference(path):
     header, proxy = image.header, image.dataobj
     rescaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
     array = image.get_fdata(caching="unchanged") if rescaled else np.asanyarray(proxy)
+    while array.ndim > 5 and array.shape[-1] == 1:
+        array = array[..., 0]
     if array.dtype.kind not in "biuf" or array.ndim > 5:
         raise ValueError(f"shape {array.shape} of {array.dtype}")
     array = array.reshape(*array.shape, *[1] * (5 - array.ndim)).transpose(3, 4, 2, 1, 0)
@@ -293,7 +295,11 @@ def slices_of(file):
         raise ValueError("colour")
     count = int(file.get("NumberOfFrames", 1) or 1)
     stored = stored.reshape(count, file.Rows, file.Columns)
-    lossy = {"1.2.840.10008.1.2.4.50": 2.0, "1.2.840.10008.1.2.4.51": 2.0, "1.2.840.10008.1.2.4.91": 1.0}
+    lossy = {
+        "1.2.840.10008.1.2.4.50": 2.0,
+        "1.2.840.10008.1.2.4.51": 2.0,
+        "1.2.840.10008.1.2.4.91": max(1.0, 2.0 ** (file.BitsStored - 12)),
+    }
     tolerance = lossy.get(str(file.file_meta.TransferSyntaxUID), 0.0)
     frames = file.get("PerFrameFunctionalGroupsSequence")
     shared = (file.get("SharedFunctionalGroupsSequence") or [pydicom.Dataset()])[0]
@@ -334,7 +340,7 @@ def slices_of(file):
             "columns": np.array(direction[3:]),
             "pixel": [float(n) for n in find("PixelMeasuresSequence", "PixelSpacing")],
             "thickness": thickness,
-            "tolerance": tolerance * abs(float(slope if slope is not None else 1.0)),
+            "tolerance": 1.0001 * tolerance * abs(float(slope if slope is not None else 1.0)),
         }
 
 

@@ -127,7 +127,8 @@ class Checker:
             return Result(case, "WRONG-REFUSAL", f"exit {code} without a message: {said!r}")
         if code == 2 and "--" not in message and "name the files" not in message.lower():
             return Result(case, "WRONG-CODE", f"exit 2, but no flag settles it: {message}")
-        if reference is not None and not case.must_refuse and BLAME.search(message):
+        blamed = BLAME.search(message) and "not supported" not in message
+        if reference is not None and not case.must_refuse and blamed:
             return Result(
                 case,
                 "WRONG-REFUSAL",
