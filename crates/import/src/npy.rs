@@ -23,6 +23,10 @@ const LONGEST_HEADER: usize = 65536;
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
     let file = MappedFile::open(path)?;
     let header = Header::read(&mut &file[..], path)?;
+    if !(2..=5).contains(&header.shape.len()) {
+        let feature = format!("an array of {} dimensions, {:?} (2 to 5 are read),", header.shape.len(), header.shape);
+        return Err(ImportError::unsupported(path, feature));
+    }
     let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
     let array = ArrayLayout {
         sizes,
@@ -267,6 +271,9 @@ mod tests {
         let u1 = |shape| header("'|u1'", shape);
         assert!(refusal(&u1("(2, 1, 1, 1)"), &[0; 2], "").contains("--axes"));
         assert!(refusal(&u1("(2, 1, 1)"), &[0; 2], "yx").contains("name 2 dimensions"));
+        for shape in ["()", "(2,)", "(1, 1, 1, 1, 1, 2)"] {
+            assert!(refusal(&u1(shape), &[0; 2], "").contains("2 to 5 are read"), "{shape}");
+        }
         assert!(refusal(&u1("(2, 2, 2)"), &[0; 5], "").contains("3 missing"));
         assert!(refusal(&u1("(2, 0, 2)"), &[], "").contains("size 0"));
         assert!(refusal(&u1("(4294967295, 4294967295, 4294967295)"), &[], "").contains("2^63"));

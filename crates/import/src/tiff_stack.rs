@@ -81,6 +81,16 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     let mut tiff = OpenTiff::open(path)?;
     let format = tiff.format()?;
     let description = tiff.description();
+    if let [first, .., last] = &description.images[..]
+        && options.axes.is_none()
+    {
+        let problem = format!(
+            "its OME-XML tells of {} images, {first} to {last}, and a store holds one: write one to a file of its own (bfconvert -series \
+             NUMBER), or pass --axes zyx to take all pages as one stack",
+            description.images.len()
+        );
+        return Err(ImportError::options(path, problem));
+    }
     if let Some(declared) = &description.declared
         && options.axes.is_none()
         && declared.in_one_directory

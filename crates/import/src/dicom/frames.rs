@@ -55,7 +55,8 @@ impl Frames {
         let path = header.path.as_path();
         let format = PixelFormat::of(header)?;
         let Some(pixels) = header.pixels else {
-            let problem = "cut short: expected pixel data after the header, found the file's end; fetch the file again";
+            let problem =
+                "expected pixel data after the header, found the file's end: it is a header alone, or was cut there";
             return Err(ImportError::invalid(path, problem));
         };
         if pixels.tag != tags::PIXEL_DATA {

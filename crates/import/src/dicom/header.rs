@@ -13,13 +13,15 @@ use dicom_dictionary_std::{tags, uids};
 use dicom_parser::dataset::LazyDataToken;
 use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::{DynStatefulDecoder, StatefulDecode};
-use dicom_transfer_syntax_registry::{TransferSyntaxIndex, TransferSyntaxRegistry};
+use dicom_transfer_syntax_registry::{TransferSyntax, TransferSyntaxIndex, TransferSyntaxRegistry};
 use flate2::read::DeflateDecoder;
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// Where the magic letters stand, and they.
 const MAGIC_AT: usize = 128;
@@ -33,6 +35,10 @@ const MOST_INFLATED_HEADER: u64 = 64 << 20;
 
 /// What begins an item of a sequence.
 const ITEM: Tag = Tag(0xfffe, 0xe000);
+const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
+const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
+/// The length of what ends where its end is marked.
+const UNDEFINED: u32 = u32::MAX;
 /// Retired, and met all the same.
 pub(super) const EXPLICIT_BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
 
@@ -265,7 +271,8 @@ impl Header {
         // Syntaxes that are not known are refused when their pixels are asked for; their headers are as the standard
         // has it for all but the two oldest.
         let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
-        let syntax = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let named = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let syntax = written_in(bytes, start, named);
         let path = self.path.clone();
         let mut elements = Elements::new(&path, bytes, start, syntax)?;
         while let Some(element) = elements.next()? {
@@ -316,6 +323,19 @@ fn rounding_of(text: &str) -> f64 {
     if places > 0 { 0.5 * 0.1f64.powi(places) } else { 0.0 }
 }
 
+/// The syntax in which a data set's header is written: some writers name explicit VR and leave it out, or the reverse. Only
+/// explicit VR has its two letters in an element's fifth and sixth byte, where a length would be of thousands.
+fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
+    let Some(&[a, b]) = bytes.get(start + 4..start + 6) else { return named };
+    match (named, VR::from_binary([a, b]).is_some()) {
+        (uids::EXPLICIT_VR_LITTLE_ENDIAN, false) if !(a.is_ascii_uppercase() && b.is_ascii_uppercase()) => {
+            uids::IMPLICIT_VR_LITTLE_ENDIAN
+        }
+        (uids::IMPLICIT_VR_LITTLE_ENDIAN, true) => uids::EXPLICIT_VR_LITTLE_ENDIAN,
+        _ => named,
+    }
+}
+
 /// The transfer syntax that the file's first group names, and where the data set begins.
 fn read_meta(path: &Path, bytes: &[u8]) -> Result<(String, usize), ImportError> {
     let mut elements = Elements::new(path, bytes, BODY_AT, uids::EXPLICIT_VR_LITTLE_ENDIAN)?;
@@ -349,13 +369,38 @@ enum Element<'a> {
     Pixels { tag: Tag, vr: VR, length: Option<u64> },
 }
 
-type Decoder<'a> = DynStatefulDecoder<Cursor<&'a [u8]>>;
+type Decoder<'a> = DynStatefulDecoder<Tracked<'a>>;
+
+/// A reader that tells how far it has come, which the parser keeps to itself.
+struct Tracked<'a> {
+    cursor: Cursor<&'a [u8]>,
+    position: Rc<Cell<u64>>,
+}
+
+impl Read for Tracked<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.cursor.read(buffer)?;
+        self.position.set(self.cursor.position());
+        Ok(read)
+    }
+}
+
+impl Seek for Tracked<'_> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let position = self.cursor.seek(to)?;
+        self.position.set(position);
+        Ok(position)
+    }
+}
 
 /// The elements of a data set one after another.
 struct Elements<'a> {
     path: &'a Path,
     bytes: &'a [u8],
+    syntax: &'a TransferSyntax,
     reader: LazyDataSetReader<Decoder<'a>>,
+    /// How far the reader has come.
+    read_to: Rc<Cell<u64>>,
     /// Where the last value that was read or skipped ends.
     position: usize,
     /// Sequences that are open.
@@ -366,13 +411,11 @@ struct Elements<'a> {
 
 impl<'a> Elements<'a> {
     fn new(path: &'a Path, bytes: &'a [u8], start: usize, syntax: &str) -> Result<Self, ImportError> {
-        let mut cursor = Cursor::new(bytes);
-        cursor.set_position(start as u64);
         let syntax = TransferSyntaxRegistry
             .get(syntax)
             .ok_or_else(|| ImportError::unsupported(path, format!("transfer syntax {syntax}")))?;
-        let reader = LazyDataSetReader::new_with_ts(cursor, syntax).map_err(|e| damaged(path, start, &e))?;
-        Ok(Self { path, bytes, reader, position: start, sequences: Vec::new(), items: 0 })
+        let (reader, read_to) = reader_at(path, bytes, start, syntax)?;
+        Ok(Self { path, bytes, syntax, reader, read_to, position: start, sequences: Vec::new(), items: 0 })
     }
 
     fn next(&mut self) -> Result<Option<Element<'_>>, ImportError> {
@@ -394,7 +437,15 @@ impl<'a> Elements<'a> {
                 LazyDataToken::PixelSequenceStart if self.sequences.is_empty() => {
                     return Ok(Some(Element::Pixels { tag: tags::PIXEL_DATA, vr: VR::OB, length: None }));
                 }
-                LazyDataToken::SequenceStart { tag, .. } => {
+                LazyDataToken::SequenceStart { tag, len } => {
+                    // What stands in a sequence of unknown representation is implicit, whatever the syntax.
+                    if len.is_undefined() && self.sequences.is_empty() && self.is_unknown() {
+                        let end = end_of_implicit(self.bytes, self.read_to.get() as usize, 0)
+                            .ok_or_else(|| damaged(path, position, &"a sequence without an end"))?;
+                        (self.reader, self.read_to) = reader_at(path, self.bytes, end, self.syntax)?;
+                        self.position = end;
+                        continue;
+                    }
                     if self.sequences.len() == DEEPEST {
                         return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
                     }
@@ -405,6 +456,17 @@ impl<'a> Elements<'a> {
                     self.items += 1;
                     return Ok(Some(Element::Sequence(&self.sequences, ITEM)));
                 }
+                // An icon that is packed, within a sequence: its fragments are passed over.
+                LazyDataToken::PixelSequenceStart => {
+                    if self.sequences.len() == DEEPEST {
+                        return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
+                    }
+                    self.sequences.push(tags::PIXEL_DATA);
+                }
+                LazyDataToken::LazyItemValue { len, decoder } => {
+                    check_end(path, self.bytes, decoder, tags::PIXEL_DATA, len)?;
+                    decoder.skip_bytes(len).map_err(|e| damaged(path, position, &e))?;
+                }
                 // The parser takes ends for granted that were never begun.
                 LazyDataToken::ItemEnd if self.items > 0 => self.items -= 1,
                 LazyDataToken::SequenceEnd if !self.sequences.is_empty() => {
@@ -413,6 +475,12 @@ impl<'a> Elements<'a> {
                 _ => return Err(damaged(self.path, self.position, &"an end without a begin")),
             }
         }
+    }
+
+    /// Whether the header that was read last is explicit and of a representation that its writer did not know.
+    fn is_unknown(&self) -> bool {
+        let header = (self.read_to.get() as usize).checked_sub(8).and_then(|at| self.bytes.get(at..at + 2));
+        self.syntax.uid() == uids::EXPLICIT_VR_LITTLE_ENDIAN && header == Some(b"UN")
     }
 
     /// Where the value of the element begins whose header came last.
@@ -439,19 +507,60 @@ impl<'a> Elements<'a> {
         let Some(Ok(LazyDataToken::LazyValue { decoder, .. })) = self.reader.advance() else {
             return Err(damaged(path, position, &"an element without a value"));
         };
-        let end = decoder.position().saturating_add(header.len.0 as u64);
-        if end > self.bytes.len() as u64 {
-            let problem = format!(
-                "cut short: element {} reaches to byte {end}, found {}; fetch the file again",
-                header.tag,
-                self.bytes.len()
-            );
-            return Err(ImportError::invalid(path, problem));
-        }
+        check_end(path, self.bytes, decoder, header.tag, header.len.0)?;
         let value = take(decoder, header).map_err(|e| damaged(path, position, &e))?;
         self.position = decoder.position() as usize;
         Ok(value)
     }
+}
+
+/// A parser that begins at a position, and how far it has come.
+fn reader_at<'a>(
+    path: &Path,
+    bytes: &'a [u8],
+    start: usize,
+    syntax: &TransferSyntax,
+) -> Result<(LazyDataSetReader<Decoder<'a>>, Rc<Cell<u64>>), ImportError> {
+    let mut cursor = Cursor::new(bytes);
+    cursor.set_position(start as u64);
+    let position = Rc::new(Cell::new(start as u64));
+    let source = Tracked { cursor, position: position.clone() };
+    let reader = LazyDataSetReader::new_with_ts(source, syntax).map_err(|e| damaged(path, start, &e))?;
+    Ok((reader, position))
+}
+
+/// Where a sequence of undefined length ends whose items begin here and are written without representations.
+fn end_of_implicit(bytes: &[u8], mut at: usize, depth: usize) -> Option<usize> {
+    let head = |at: usize| {
+        let [g0, g1, e0, e1, l0, l1, l2, l3] = *bytes.get(at..)?.first_chunk::<8>()?;
+        let tag = Tag(u16::from_le_bytes([g0, g1]), u16::from_le_bytes([e0, e1]));
+        Some((tag, u32::from_le_bytes([l0, l1, l2, l3])))
+    };
+    // Within an item of undefined length; between items otherwise.
+    let mut in_item = false;
+    loop {
+        let (tag, length) = head(at)?;
+        at += 8;
+        match (tag, in_item) {
+            (SEQUENCE_END, false) => return Some(at),
+            (ITEM_END, true) => in_item = false,
+            (ITEM, false) if length == UNDEFINED => in_item = true,
+            (ITEM, false) => at = at.checked_add(length as usize)?,
+            (_, true) if length == UNDEFINED && depth < DEEPEST => at = end_of_implicit(bytes, at, depth + 1)?,
+            (_, true) if length != UNDEFINED => at = at.checked_add(length as usize)?,
+            _ => return None,
+        }
+    }
+}
+
+/// Refuses a value that reaches past the file's end.
+fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<(), ImportError> {
+    let (end, found) = (decoder.position().saturating_add(length as u64), bytes.len());
+    if end <= found as u64 {
+        return Ok(());
+    }
+    let problem = format!("cut short: element {tag} reaches to byte {end}, found {found}; fetch the file again");
+    Err(ImportError::invalid(path, problem))
 }
 
 fn is_pixels(tag: Tag) -> bool {

@@ -463,7 +463,7 @@ fn missing_and_wrong_elements_are_named() {
     without(tags::IMAGE_POSITION_PATIENT).refused(&["IM0", "ImagePositionPatient (0020,0032)", "found none"]);
     without(tags::IMAGE_ORIENTATION_PATIENT).refused(&["ImageOrientationPatient (0020,0037)", "found none"]);
     without(tags::COLUMNS).refused(&["Columns (0028,0011)", "missing"]);
-    without(tags::PIXEL_DATA).refused(&["IM0", "cut short", "pixel data"]);
+    without(tags::PIXEL_DATA).refused(&["IM0", "pixel data", "a header alone"]);
     let changed = |change: &dyn Fn(&mut Written) -> &mut Written| {
         let mut slice = Written::slice(0.0, 0);
         change(&mut slice);
@@ -580,6 +580,73 @@ fn lossless_jpeg(pixels: &[u16], columns: u16) -> Vec<u8> {
     }
     out.extend([0xff, 0xd9]);
     out
+}
+
+#[test]
+fn packed_icons_in_a_sequence_are_passed_over() {
+    let mut slice = Written::slice(0.0, 7);
+    let mut icon = Written(InMemDicomObject::new_empty());
+    icon.number(tags::ROWS, 64).number(tags::BITS_ALLOCATED, 8).fragments(vec![vec![0xff; 10], vec![]]);
+    slice.sequence(tags::ICON_IMAGE_SEQUENCE, vec![icon.0]);
+    let (_folder, source) = Folder::opened([slice]);
+    assert_eq!(voxels(&*source), (7..19).map(f64::from).collect::<Vec<_>>());
+}
+
+#[test]
+fn headers_in_another_syntax_than_is_named_are_read() {
+    let (explicit, implicit) = (uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN);
+    for (named, written) in [(explicit, implicit), (implicit, explicit)] {
+        let folder = tempfile::tempdir().unwrap();
+        let [named, written] = [(named, "named"), (written, "written")].map(|(syntax, name)| {
+            let path = folder.path().join(name);
+            Written::slice(0.0, 7).save(&path, syntax);
+            let bytes = std::fs::read(&path).unwrap();
+            std::fs::remove_file(path).unwrap();
+            // The data set begins with the slice's thickness, (0018,0050).
+            let start = bytes.windows(4).position(|w| w == [0x18, 0, 0x50, 0]).unwrap();
+            (bytes[..start].to_vec(), bytes[start..].to_vec())
+        });
+        let path = folder.path().join("a.dcm");
+        std::fs::write(&path, [named.0, written.1].concat()).unwrap();
+        let source = open(&[path], &OpenOptions::default()).unwrap();
+        assert_eq!(voxels(&*source), (7..19).map(f64::from).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn sequences_of_unknown_representation_are_passed_over() {
+    let private = Tag(0x0009, 0x1010);
+    let mut slice = Written::slice(0.0, 7);
+    slice.0.put(DataElement::new(private, VR::UN, PrimitiveValue::from(vec![b'?'; 4])));
+    let folder = Folder::of([slice]);
+    let bytes = std::fs::read(folder.file(0)).unwrap();
+    let at = bytes.windows(6).position(|w| w == b"\x09\0\x10\x10UN").unwrap();
+    let mut content = Vec::new();
+    let mut put = |tag: Tag, length: u32| {
+        content.extend([tag.0, tag.1].map(u16::to_le_bytes).concat());
+        content.extend(length.to_le_bytes());
+    };
+    // An item of defined length, then one that holds a value and a sequence with an empty item.
+    let (item, item_end, end) = (Tag(0xfffe, 0xe000), Tag(0xfffe, 0xe00d), Tag(0xfffe, 0xe0dd));
+    let undefined = u32::MAX;
+    let heads = [
+        (item, 0),
+        (item, undefined),
+        (tags::ROWS, 0),
+        (private, undefined),
+        (item, 0),
+        (end, 0),
+        (item_end, 0),
+        (end, 0),
+    ];
+    heads.into_iter().for_each(|(tag, length)| put(tag, length));
+    // The length is in the last four of the header's 12 bytes, the value in the next four.
+    let changed = [&bytes[..at + 8], &undefined.to_le_bytes(), &content, &bytes[at + 16..]].concat();
+    std::fs::write(folder.file(0), &changed).unwrap();
+    assert_eq!(voxels(&*folder.open().unwrap()), (7..19).map(f64::from).collect::<Vec<_>>());
+    // Cut within the sequence.
+    std::fs::write(folder.file(0), &changed[..at + 20]).unwrap();
+    folder.refused(&["without an end"]);
 }
 
 #[test]

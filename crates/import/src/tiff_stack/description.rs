@@ -14,6 +14,8 @@ use glam::DVec3;
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Description {
     pub(super) declared: Option<Declared>,
+    /// Images that OME-XML tells of, where there are several, each with its name or number.
+    pub(super) images: Vec<String>,
     spacing: Option<[f64; 3]>,
     /// UDUNITS name.
     unit: Option<&'static str>,
@@ -105,7 +107,8 @@ impl Description {
 
     /// OME-XML: the first image's `Pixels`.
     fn parse_ome(text: &str, pixels: &StartTag) -> Self {
-        let mut description = Self { declared: declared_by_ome(text, pixels), ..Self::default() };
+        let mut description =
+            Self { declared: declared_by_ome(text, pixels), images: images_of_ome(text), ..Self::default() };
         if description.declared.is_none() {
             let note = "The OME-XML description does not say how pages are arranged; they are taken along z.";
             description.notes.push(note.into());
@@ -153,6 +156,15 @@ impl Description {
         info.geometry.unit = self.unit.map(str::to_owned);
         info.notes.extend(self.notes.iter().cloned());
     }
+}
+
+/// The images that the text tells of, where there are several.
+fn images_of_ome(text: &str) -> Vec<String> {
+    let names: Vec<String> = StartTag::all(text, "Image")
+        .enumerate()
+        .map(|(i, image)| image.attribute("Name").map_or_else(|| format!("number {i}"), |name| format!("'{name}'")))
+        .collect();
+    if names.len() > 1 { names } else { Vec::new() }
 }
 
 fn declared_by_ome(text: &str, pixels: &StartTag) -> Option<Declared> {
@@ -300,6 +312,13 @@ mod tests {
         let d = Description::parse(&OME.replace("TIFFDATA", r#"<TiffData IFD="3" FirstC="1"/>"#), None);
         assert_eq!(d.declared, None);
         assert!(d.notes[0].contains("along z"));
+    }
+
+    #[test]
+    fn several_images_are_told() {
+        let text = OME.replace("TIFFDATA", r#"</ome:Pixels></Image><Image ID="i" Name="overview"><Pixels/></Image>"#);
+        assert_eq!(Description::parse(&text, None).images, ["number 0", "'overview'"]);
+        assert!(Description::parse(OME, None).images.is_empty());
     }
 
     #[test]

@@ -48,6 +48,10 @@ const MOST_ZSTD_WINDOW: u64 = 128 << 20;
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
+/// Slices of a page and of a tile, which are not in the standard.
+const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
+const TILE_DEPTH: Tag = Tag::Unknown(32998);
+
 /// What all pages of a stack must agree in.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PageFormat {
@@ -190,6 +194,7 @@ impl OpenTiff {
             );
             return Err(ImportError::invalid(&path, problem));
         }
+        self.check_depth()?;
         let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
         if stored != color.num_samples() {
             let feature = format!("a page of {stored} samples a pixel, of which {} are known", color.num_samples());
@@ -249,26 +254,72 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Checks that all strips or tiles of the page lie inside the file.
-    pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
-        let mut numbers = |tag| {
-            let list = self.decoder.find_tag_unsigned_vec::<u64>(tag);
-            list.map(Option::unwrap_or_default).map_err(|e| refusal(path, &format!("page {number}"), e))
-        };
-        let tags = [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)];
-        for (offsets, counts) in tags {
-            let ends = numbers(offsets)?.into_iter().zip(numbers(counts)?).map(|(o, n)| o.saturating_add(n));
-            let end = ends.max().unwrap_or(0);
-            let found = self.stamp.bytes();
-            if end > found {
-                let problem = format!(
-                    "cut short: the data of page {number} reach to byte {end}, found {found} ({} missing)",
-                    end - found
-                );
-                return Err(ImportError::invalid(path, problem));
+    /// The library takes no notice of the third dimension that a page may have, and would read its first slice.
+    fn check_depth(&mut self) -> Result<(), ImportError> {
+        for tag in [IMAGE_DEPTH, TILE_DEPTH] {
+            let depth = self.decoder.find_tag_unsigned::<u64>(tag);
+            let depth = depth.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+            if depth > 1 {
+                let feature = format!("a page of {depth} slices (ImageDepth)");
+                return Err(ImportError::unsupported_but(&self.path, feature, "write it again with a page for each"));
             }
         }
         Ok(())
+    }
+
+    /// Checks that the strips or tiles of the page are there: inside the file, not empty, and with all their pixels where
+    /// those lie as they are.
+    pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
+        let page = |e| refusal(path, &format!("page {number}"), e);
+        let plain = self.plain_chunk()?;
+        for (tag, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
+            let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
+            let (offsets, counts) = (numbers(tag).map_err(page)?, numbers(counts).map_err(page)?);
+            for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
+                if count == 0 {
+                    let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
+                    let advice = "write it again with all its pixels";
+                    return Err(ImportError::unsupported_but(path, feature, advice));
+                }
+                let end = offset.saturating_add(count);
+                if let Some(needed) = plain.as_ref().map(|chunk| chunk.bytes(i as u64))
+                    && (count < needed || end > self.file_bytes && offset.saturating_add(needed) <= self.file_bytes)
+                {
+                    let problem = format!(
+                        "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but its directory \
+                         says {count}; tiffcp writes another"
+                    );
+                    return Err(ImportError::invalid(path, problem));
+                }
+                if end > self.file_bytes {
+                    let problem = format!(
+                        "cut short: the data of page {number} reach to byte {end}, found {} ({} missing)",
+                        self.file_bytes,
+                        end - self.file_bytes
+                    );
+                    return Err(ImportError::invalid(path, problem));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The strips or tiles of a page whose pixels lie as they are.
+    fn plain_chunk(&mut self) -> Result<Option<PlainChunk>, ImportError> {
+        let path = self.path.clone();
+        let refuse = |e| refusal(&path, "cannot be read", e);
+        let mut tag = |tag| self.decoder.find_tag_unsigned::<u64>(tag).map_err(refuse);
+        if tag(Tag::Compression)?.unwrap_or(1) != 1 {
+            return Ok(None);
+        }
+        let planar = tag(Tag::PlanarConfiguration)? == Some(2);
+        let (_, height) = self.decoder.dimensions().map_err(refuse)?;
+        let color = self.decoder.colortype().map_err(refuse)?;
+        let (width, rows) = self.decoder.chunk_dimensions();
+        let samples = if planar { 1 } else { color.num_samples() as u64 };
+        let height = matches!(self.decoder.get_chunk_type(), ChunkType::Strip).then_some(height as u64);
+        let row_bytes = (width as u64 * samples).saturating_mul(color.bit_depth() as u64) / 8;
+        Ok(Some(PlainChunk { row_bytes, rows: rows.max(1) as u64, height }))
     }
 
     /// Where the data of a page start that lie uncompressed in one piece, and their byte order.
@@ -475,6 +526,25 @@ fn is_unsigned(element: Element) -> bool {
     matches!(element, Element::Voxel(VoxelType::U8 | VoxelType::U16 | VoxelType::U32) | Element::U64)
 }
 
+/// A strip or tile whose pixels lie as they are.
+struct PlainChunk {
+    row_bytes: u64,
+    rows: u64,
+    /// Rows of the page, where the last strip ends; tiles are whole.
+    height: Option<u64>,
+}
+
+impl PlainChunk {
+    /// What the pixels of the strip or tile with this index take; strips of further samples follow those of the first.
+    fn bytes(&self, index: u64) -> u64 {
+        let rows = self.height.map_or(self.rows, |height| {
+            let strip = index % height.div_ceil(self.rows).max(1);
+            (height - strip * self.rows).min(self.rows)
+        });
+        self.row_bytes.saturating_mul(rows)
+    }
+}
+
 fn element_of(sample: DecodingSampleType) -> Option<Element> {
     use DecodingSampleType as S;
     Some(match sample {
@@ -499,6 +569,11 @@ fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
             ImportError::invalid(path, format!("{what}: the file is cut short"))
         }
+        // What a seek to before the beginning or past all numbers is called.
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => ImportError::invalid(
+            path,
+            format!("{what}: it names a place that no file has, so its directory is damaged"),
+        ),
         TiffError::IoError(e) => ImportError::io(path)(e),
         e => ImportError::invalid(path, format!("{what}: {e}")),
     }

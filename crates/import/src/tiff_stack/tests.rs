@@ -252,6 +252,57 @@ fn refusal(bytes: &[u8], options: &OpenOptions) -> String {
     open(&[path], options).err().unwrap().to_string()
 }
 
+/// An image of 5 x 4 pixels in a strip of 40 bytes, but with a tag of another value.
+fn with_tag(tag: u16, value: u64) -> (Field, Vec<u8>) {
+    let field = Field { sizes: [5, 4, 1, 1, 1], voxel_type: VoxelType::U16 };
+    (field, written(field, "z", &Layout { chunk: Err(4), tags: vec![(tag, value)], ..Layout::default() }))
+}
+
+#[test]
+fn pages_of_several_slices_are_refused() {
+    for tag in [32997, 32998] {
+        let (_, bytes) = with_tag(tag, 3);
+        assert!(refusal(&bytes, &options()).contains("3 slices"), "{}", refusal(&bytes, &options()));
+        let (field, bytes) = with_tag(tag, 1);
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        assert_boxes(&*opened(&path).unwrap(), field);
+    }
+}
+
+#[test]
+fn directories_at_impossible_places_are_damage() {
+    // A BigTIFF whose first directory is where no file reaches.
+    let bytes = [&b"II+\0\x08\0\0\0"[..], &u64::MAX.to_le_bytes()].concat();
+    assert!(refusal(&bytes, &options()).contains("damaged"), "{}", refusal(&bytes, &options()));
+}
+
+#[test]
+fn several_images_in_ome_xml_are_refused_unless_axes_are_told() {
+    let field = Field { sizes: [5, 4, 2, 1, 1], voxel_type: VoxelType::U16 };
+    let pixels = r#"<Pixels DimensionOrder="XYZCT" SizeX="5" SizeY="4" SizeZ="1" SizeC="1" SizeT="1"/>"#;
+    let description = format!(r#"<OME><Image Name="a">{pixels}</Image><Image Name="b">{pixels}</Image></OME>"#);
+    let bytes = written(field, "z", &Layout { description, ..Layout::default() });
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("2 images, 'a' to 'b'") && message.contains("--axes"), "{message}");
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
+    assert_boxes(&*open(&[path], &told).unwrap(), field);
+}
+
+#[test]
+fn strips_without_all_their_pixels_are_refused_and_longer_ones_read() {
+    const BYTE_COUNTS: u16 = 279;
+    let refused = |count| refusal(&with_tag(BYTE_COUNTS, count).1, &options());
+    assert!(refused(0).contains("sparse"), "{}", refused(0));
+    for count in [39, 60_000] {
+        let message = refused(count);
+        assert!(message.contains("take 40 bytes") && message.contains(&format!("says {count}")), "{message}");
+    }
+    let (field, bytes) = with_tag(BYTE_COUNTS, 50);
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    assert_boxes(&*opened(&path).unwrap(), field);
+}
+
 #[test]
 fn strips_and_tiles_of_every_type_and_order_are_read() {
     for (i, voxel_type) in VoxelType::ALL.into_iter().enumerate() {
