@@ -2,6 +2,7 @@
 
 use super::failure::{ExitKind, Failure};
 use super::progress::{Progress, ProgressStyleArgument};
+use super::values::{self, counted};
 use super::{print_json, print_line, store_errors};
 use brickyard::store;
 use clap::Args;
@@ -12,6 +13,9 @@ use std::path::PathBuf;
 pub(crate) struct VerifyArguments {
     /// The store
     store: PathBuf,
+    /// Limit of the process's own memory
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    memory: u64,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -26,9 +30,9 @@ pub(crate) struct VerifyArguments {
 /// Exit code 5 if anything in the store is not what it should be; every problem is printed.
 pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let progress = Progress::new(arguments.progress, "verify");
-    let report = store::verify(&arguments.store, |done, total| progress.set(done, total));
+    let report = store::verify_within(&arguments.store, arguments.memory, |done, total| progress.set(done, total));
     progress.finish();
-    let report = report.map_err(|error| store_errors::open_failure(&error))?;
+    let report = report.map_err(store_errors::verify_failure)?;
     if arguments.json {
         let problem =
             |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
@@ -44,18 +48,18 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         }
     }
     if !report.problems.is_empty() {
-        let count = report.problems.len();
+        let count = counted(report.problems.len() as u64, "problem");
         return Err(Failure::new(
             ExitKind::VerificationFailed,
-            format!("{}: {count} problems in {} bricks", arguments.store.display(), report.bricks),
+            format!("{}: {count} in {}", arguments.store.display(), counted(report.bricks, "brick")),
         ));
     }
     if !arguments.json {
         print_line(&format!(
-            "{}: {} bricks in {} shards are sound",
+            "{}: {} in {} are sound",
             arguments.store.display(),
-            report.bricks,
-            report.shards
+            counted(report.bricks, "brick"),
+            counted(report.shards, "shard")
         ))?;
     }
     Ok(())
