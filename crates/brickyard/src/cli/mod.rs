@@ -21,6 +21,7 @@ mod store_errors;
 mod synth;
 mod values;
 mod verify;
+mod views;
 mod volume_args;
 
 use clap::{Parser, Subcommand};
