@@ -1,7 +1,7 @@
 //! Budgets: however small they are, the picture is whole, only coarser, and the statistics say so; and a budget that no
 //! picture fits is refused with the least that does.
 
-use brickyard_tests::{Sandbox, read_png};
+use brickyard_tests::{Sandbox, leave_out, read_png};
 use serde_json::Value;
 
 /// Opaque everywhere: any hole would show the background.
@@ -25,7 +25,7 @@ fn backends(sandbox: &Sandbox) -> Vec<&'static str> {
         let (code, _, stderr) = sandbox.run(&line);
         if code != 0 {
             assert!(backend.starts_with("gpu") && stderr.contains("--backend cpu"), "{stderr}");
-            eprintln!("SKIPPED the GPU half of this test: {stderr}");
+            leave_out("gpu", stderr);
         }
         code == 0
     };

@@ -7,7 +7,9 @@ use brickyard::session::{SessionOptions, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, TransferFunction};
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, oracle, read_png};
+use brickyard_tests::{
+    FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, leave_out, oracle, read_png,
+};
 use serde_json::Value;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -56,7 +58,7 @@ fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
     match ExactRenderer::new(store.clone(), &options(1000, 1 << 20)).err().expect("1000 bytes hold nothing") {
         ExactPictureError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. })) => Some(least_bytes),
         ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. })) => {
-            eprintln!("SKIPPED: {error}");
+            leave_out("gpu", error);
             None
         }
         other => panic!("{other}"),
@@ -117,7 +119,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     ] {
         let (code, _, stderr) = sandbox.run(&format!("render t.zarr -o no.png {view} --exact {flags}"));
         if stderr.contains("no graphics adapter") {
-            return eprintln!("SKIPPED: {stderr}");
+            return leave_out("gpu", stderr);
         }
         assert!(code == 2 && stderr.contains(words), "{flags}: exit {code}: {stderr}");
         assert!(!sandbox.path("no.png").exists(), "{flags}");

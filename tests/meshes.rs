@@ -14,7 +14,9 @@ use brickyard::volume::{
     Camera, Extent, FrameSettings, Geometry, Isosurface, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method,
     Mode, Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, TestStore, WAYS, options, oracle, session_for_scene, session_within, settled};
+use brickyard_tests::{
+    FunctionSource, TestStore, WAYS, leave_out, options, oracle, session_for_scene, session_within, settled,
+};
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -359,7 +361,7 @@ fn exact_pictures_have_meshes_too() {
     let mut exact = match ExactRenderer::new(test.store.clone(), &options) {
         Ok(exact) => exact,
         Err(ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            return eprintln!("SKIPPED: {error}");
+            return leave_out("gpu", error);
         }
         Err(error) => panic!("{error}"),
     };

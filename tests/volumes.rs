@@ -13,7 +13,7 @@ use brickyard::volume::{
     Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
     Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, options};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -77,7 +77,7 @@ fn draw(members: &[Member], resolved: &ResolvedEnsemble, options: &SessionOption
     let mut ensemble = match Ensemble::new(members, resolved, options) {
         Ok(ensemble) => ensemble,
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            eprintln!("SKIPPED the GPU half of this test: {error}");
+            leave_out("gpu", error);
             return None;
         }
         Err(error) => panic!("{error}"),

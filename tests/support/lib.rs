@@ -15,6 +15,10 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+pub mod missing;
+
+pub use missing::leave_out;
+
 /// A source whose voxels are a function of (time, channel, `[x, y, z]`).
 pub struct FunctionSource<T, F> {
     info: SourceInfo,
@@ -186,7 +190,7 @@ pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Sessi
     match Session::new(store.clone(), store.default_window(0), &options) {
         Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            eprintln!("SKIPPED the GPU half of this test: {error}");
+            leave_out("gpu", error);
             None
         }
         Err(error) => panic!("{error}"),
@@ -276,7 +280,7 @@ pub fn python() -> Option<PathBuf> {
     let path =
         std::env::var_os("BRICKYARD_PYTHON").map_or_else(|| root.join("target/python/bin/python"), PathBuf::from);
     if !path.is_file() {
-        eprintln!("SKIPPED: {} is not there: run `tools/setup python`", path.display());
+        leave_out("python", format!("{} is not there", path.display()));
         return None;
     }
     Some(path)

@@ -152,12 +152,13 @@ fn combination(expression: Expression, members: &[Member], scene: &Scene) -> Com
     Combination::new(expression.of_its_own(), transfer)
 }
 
-/// The values that an expression can have of volumes with values in these windows; a unit range where that has no end.
+/// The values that an expression can have of volumes with values in these windows; zero to one where that has no end.
 pub fn expression_window(expression: &Expression, windows: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     let windows: Vec<_> = windows.map(|(low, high)| Some([low, high])).collect();
     match expression.range(&windows) {
         Some([low, high]) if low < high && (high - low).is_finite() => (low, high),
-        Some([value, _]) if value.is_finite() => (value, value + 1.0),
+        // Shown as a volume of one value is.
+        Some([value, _]) if value.is_finite() => (value, value),
         _ => (0.0, 1.0),
     }
 }

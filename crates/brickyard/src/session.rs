@@ -475,12 +475,22 @@ fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
     SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
 }
 
+/// The window that is shown: the one given, or where that is a single value, one about it. So a volume of one value has the
+/// middle of the colours and of the opacity, instead of being black.
+pub fn shown_window((low, high): (f64, f64)) -> (f64, f64) {
+    if low < high {
+        return (low, high);
+    }
+    let reach = low.abs().max(1.0) / 2.0;
+    (low - reach, low + reach)
+}
+
 /// What a volume is to a transfer function. The presets' distance is a hundredth of its longest side.
 pub fn subject(geometry: &brickyard_volume::Geometry, extent: Extent, window: (f64, f64)) -> Subject {
     let (low, high) = geometry.world_box(extent);
     let size = high - low;
     Subject {
-        window,
+        window: shown_window(window),
         unit_distance: size.max_element() / 100.0,
         cell_length: size.length() / (extent.volume() as f64).cbrt(),
         mean_spacing: geometry.spacing.element_sum() / 3.0,

@@ -145,6 +145,16 @@ fn hilbert(index: BrickIndex, bits: u32) -> u128 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::{Extent, Level};
+
+    #[test]
+    fn coarse_bricks_come_before_fine_ones_and_large_errors_before_small_ones() {
+        let pyramid = Pyramid::new(Extent::new(64, 64, 64), [1.0; 3], 8);
+        let id = |level, x| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) };
+        let bricks = vec![(id(0, 0), 1.0), (id(0, 1), 8.0), (id(1, 0), 0.5), (id(0, 2), 2.0), (id(1, 1), 3.0)];
+        let expected = [id(1, 1), id(1, 0), id(0, 1), id(0, 2), id(0, 0)];
+        assert_eq!(ordered(&pyramid, Tier::Ring, bricks), expected);
+    }
 
     #[test]
     fn the_curve_steps_to_a_face_neighbour_each_time() {

@@ -137,6 +137,15 @@ mod tests {
     }
 
     #[test]
+    fn a_touched_brick_outlives_one_that_is_not() {
+        let mut table = SlotTable::new(2);
+        assert_eq!([0, 1].map(|x| slot(&mut table, x)), [Some(0), Some(1)]);
+        table.begin_frame();
+        table.touch(brick(0));
+        assert_eq!(slot(&mut table, 2), Some(1));
+    }
+
+    #[test]
     fn only_later_tiers_are_evicted() {
         let mut table = SlotTable::new(4);
         (0..4).for_each(|x| assert_eq!(slot(&mut table, x), Some(x)));

@@ -8,6 +8,7 @@ mod bricks;
 #[path = "../../../tests/support/looks.rs"]
 mod looks;
 
+use bricks::missing::leave_out;
 use bricks::{Bricks, MEMORY_BYTES};
 use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
 use brickyard_reference::{ReferenceVolume, render_together};
@@ -188,7 +189,7 @@ fn ensemble(members: &[Member], bytes: u64) -> Option<GpuEnsemble> {
             Some(ensemble)
         }
         Err(GpuError::NoAdapter { .. }) => {
-            eprintln!("SKIPPED: no graphics adapter, so nothing of the GPU backend was tested here");
+            leave_out("gpu", "nothing of the GPU backend was tested here");
             None
         }
         Err(other) => panic!("{other}"),
@@ -249,7 +250,7 @@ fn budgets_and_layers_are_checked() {
     let with = |bytes| GpuEnsemble::new(GpuPreference::Any, &needs, bytes, SIZE);
     let least = match with(1000) {
         Err(GpuError::Budget { least_bytes, .. }) => least_bytes,
-        Err(GpuError::NoAdapter { .. }) => return eprintln!("SKIPPED: no graphics adapter"),
+        Err(GpuError::NoAdapter { .. }) => return leave_out("gpu", "no budget was tried"),
         other => panic!("{other:?}"),
     };
     assert!(with(least - 1).is_err());

@@ -36,4 +36,4 @@ pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;
 pub use store::Store;
-pub use verify::{VerifyProblem, VerifyReport, verify};
+pub use verify::{VerifyError, VerifyProblem, VerifyReport, verify, verify_within};

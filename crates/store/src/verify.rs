@@ -6,8 +6,9 @@
 //! brick that cannot be read is reported once, not again by what depends on it.
 //!
 //! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is
-//! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth of it per pyramid. Blocks where nothing
-//! is stored are not looked at voxel by voxel.
+//! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per pyramid. Where memory is
+//! short, blocks are smaller, at least of a brick, and then threads fewer. Blocks where nothing is stored are not looked at voxel
+//! by voxel.
 
 mod documents;
 
@@ -61,22 +62,99 @@ pub struct VerifyReport {
     pub problems: Vec<VerifyProblem>,
 }
 
-/// Verifies a store on all threads of the current rayon pool. `progress` is told bytes of voxels checked and in all.
+/// Why a store was not verified.
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    /// It cannot even be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The budget is smaller than the least that one thread can do with.
+    #[error(
+        "--memory {given} MiB is too little: verifying this store needs at least {needed} MiB",
+        given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
+    )]
+    Memory {
+        /// The least it can do with.
+        needed_bytes: u64,
+        /// What was allowed.
+        given_bytes: u64,
+    },
+    /// Threads could not be started.
+    #[error("cannot start worker threads: {0}")]
+    Threads(String),
+}
+
+/// The memory that [`verify`] may take.
+pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
+
+/// Verifies a store on as many threads as the current rayon pool has. `progress` is told bytes of voxels checked and in all.
 ///
 /// # Errors
 /// If the store cannot even be opened; everything else is in the report.
-pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, OpenError> {
+pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, VerifyError> {
+    verify_within(path, VERIFY_MEMORY_BYTES, progress)
+}
+
+/// The same within so much memory of the process's own, beside what opening a store takes.
+///
+/// # Errors
+/// Also if that is too little for one thread.
+pub fn verify_within(
+    path: &Path,
+    memory_bytes: u64,
+    progress: impl Fn(u64, u64) + Sync,
+) -> Result<VerifyReport, VerifyError> {
     let store = Store::open(path)?;
     let second = store.info().downsample.second();
     let second = second.map(|method| Store::open_reduced(path, method, IoMode::default())).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();
-    Ok(with_voxel_type!(views[0].voxel_type(), T => Verifier::new(&views, &progress).run::<T>()))
+    let (block_edge, threads) = block_edge(&views, memory_bytes, rayon::current_num_threads())?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
+    let verifier = Verifier::new(&views, &progress, block_edge);
+    Ok(pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>())))
+}
+
+/// The program, its stacks and its allocator.
+const PROGRAM_BYTES: u64 = 24 << 20;
+
+/// The greatest blocks, and then the most threads, that fit.
+fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32, usize), VerifyError> {
+    let store = &views[0];
+    let voxel_type = store.voxel_type();
+    let fixed = PROGRAM_BYTES
+        + views.iter().map(Store::cache_bytes).sum::<u64>()
+        + store.channels() as u64 * ChannelTotals::bytes(voxel_type)
+        + ChannelTotals::adding_bytes(voxel_type);
+    let voxel_bytes = voxel_type.bytes() as u64;
+    let extent = store.pyramid().levels()[0].extent.to_array().map(u64::from);
+    let per_thread = |edge: u32| {
+        let around = 2 * store.apron().map_or(1, |apron| apron.width);
+        let volume = |edge: u64| extent.map(|n| n.min(edge)).iter().product::<u64>();
+        let coarse = views.len() as u64 * volume(edge as u64) / 2;
+        let apron = store.aprons().map_or(0, Chunks::chunk_bytes) as u64;
+        // A brick, encoded and shuffled and decoded.
+        let brick = 3 * store.core_bytes() as u64 + apron;
+        let workspace = Workspace::<u8>::bytes(store.pyramid().edge() as usize, voxel_type.bytes()) as u64;
+        (volume((edge + around) as u64) + coarse) * voxel_bytes + brick + workspace
+    };
+    let edges = [256, 128, 64, 32, 16, 8].into_iter().filter(|&edge| edge >= store.pyramid().edge());
+    let least = edges.clone().last().unwrap_or(store.pyramid().edge());
+    let room = memory_bytes.saturating_sub(fixed);
+    let fits = |edge: &u32| threads as u64 * per_thread(*edge) <= room;
+    match edges.clone().find(fits) {
+        Some(edge) => Ok((edge, threads)),
+        None if per_thread(least) <= room => Ok((least, (room / per_thread(least)) as usize)),
+        None => Err(VerifyError::Memory { needed_bytes: fixed + per_thread(least), given_bytes: memory_bytes }),
+    }
 }
 
 struct Verifier<'a> {
     /// The main pyramid, whose level 0 counts, and the second one.
     views: &'a [Store],
     progress: &'a (dyn Fn(u64, u64) + Sync),
+    /// Voxels along a block's edge: whole bricks.
+    block_edge: u32,
     bricks_done: AtomicU64,
     /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
     level_0_unread: AtomicBool,
@@ -131,10 +209,10 @@ impl HashPage {
 }
 
 impl<'a> Verifier<'a> {
-    fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync)) -> Self {
+    fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync), block_edge: u32) -> Self {
         let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
         let (unread, level_0_unread, bricks_done) = Default::default();
-        Self { views, progress, bricks_done, level_0_unread, totals: Mutex::new(totals), unread }
+        Self { views, progress, block_edge, bricks_done, level_0_unread, totals: Mutex::new(totals), unread }
     }
 
     fn run<T: Measure>(&self) -> VerifyReport {
@@ -258,19 +336,19 @@ impl<'a> Verifier<'a> {
 
     /// All blocks, in order.
     fn blocks(&self) -> impl ParallelIterator<Item = Block<'a>> {
-        const BLOCK_EDGE: u32 = 256;
+        let edge = self.block_edge;
         let levels: Vec<_> = self.levels().collect();
         let (pyramid, channels) = (self.pyramid(), self.views[0].channels());
         let volumes = 0..self.views[0].times() as usize * channels as usize;
         (0..volumes.len() * levels.len()).into_par_iter().flat_map(move |i| {
             let ((store, level), volume) = (levels[i % levels.len()], (i / levels.len()) as u32);
             let whole = pyramid.level(level).extent.full_box();
-            // Brick edges divide 256, so blocks are whole bricks.
-            let grid = Extent::from_array(whole.max.to_array().map(|n| n.div_ceil(BLOCK_EDGE)));
+            // Blocks are whole bricks.
+            let grid = Extent::from_array(whole.max.to_array().map(|n| n.div_ceil(edge)));
             (0..grid.volume()).into_par_iter().map(move |i| {
                 let (x, y) = (grid.x as u64, grid.y as u64);
-                let corner = [i % x, i / x % y, i / x / y].map(|i| i as u32 * BLOCK_EDGE);
-                let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(BLOCK_EDGE))).intersect(whole);
+                let corner = [i % x, i / x % y, i / x / y].map(|i| i as u32 * edge);
+                let core = VoxelBox::new(corner, corner.map(|c| c.saturating_add(edge))).intersect(whole);
                 Block { store, time: volume / channels, channel: volume % channels, level, core }
             })
         })
@@ -615,7 +693,7 @@ mod tests {
             let dir = tempfile::tempdir().unwrap();
             TestStore { codec: Codec::None, ..TestStore::default() }.write(dir.path(), bumps);
             let views = [Store::open_with(dir.path(), mode).unwrap()];
-            let verifier = Verifier::new(&views, &|_, _| {});
+            let verifier = Verifier::new(&views, &|_, _| {}, 256);
             let mut report = verifier.check_shards();
             assert_eq!(report.problems, []);
             let harmed = ["0/c/0/1/1", "0/c/1/0/1", "1/c/0/0/0"].map(|name| dir.path().join(name));
@@ -686,6 +764,29 @@ mod tests {
         spec.write(dir.path(), |_, _, [x, y, _]| if x == 255 && y == 3 { 200.0 } else { 0.0 });
         let report = verify(dir.path(), |done, total| assert!(done <= total)).unwrap();
         assert_eq!((report.problems, report.shards), (vec![], 5));
+    }
+
+    #[test]
+    fn little_memory_takes_smaller_blocks_and_then_fewer_threads() {
+        let spec = TestStore { extent: [300, 70, 40], voxel_type: VoxelType::F32, ..TestStore::default() };
+        let dir = tempfile::tempdir().unwrap();
+        spec.write(dir.path(), bumps);
+        let views = [Store::open(dir.path()).unwrap()];
+        let chosen = |bytes| block_edge(&views, bytes, 4);
+        assert_eq!(chosen(1 << 40).unwrap(), (256, 4));
+        let Err(VerifyError::Memory { needed_bytes: least, .. }) = chosen(1) else { panic!("one byte is too little") };
+        assert_eq!(chosen(least).unwrap(), (8, 1));
+        assert!(chosen(least - 1).is_err());
+        let report = verify(dir.path(), |_, _| {}).unwrap();
+        let mut before = (256, 4);
+        for bytes in (least..4 * least).rev().step_by(1 << 20) {
+            let now = chosen(bytes).unwrap();
+            assert!(now.0 <= before.0 && now.1 <= before.1, "less memory took more: {now:?} after {before:?}");
+            before = now;
+        }
+        for bytes in [least, 2 * least] {
+            assert_eq!(verify_within(dir.path(), bytes, |_, _| {}).unwrap(), report);
+        }
     }
 
     #[test]

@@ -58,7 +58,8 @@ impl SlotEncoding {
             let (low, high) = voxel_type.limits();
             return Self { voxel_type, format, low, high, has_invalid: false };
         }
-        let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + 1.0) };
+        // One value takes a range in which it is told from its neighbours, however large it is.
+        let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
         Self { voxel_type, format, low, high, has_invalid: has_non_finite }
@@ -162,5 +163,13 @@ mod tests {
     fn a_constant_volume_has_an_encoding() {
         let encoding = SlotEncoding::new(VoxelType::U32, (7.0, 7.0), false);
         assert_eq!(round_trip(&encoding, &7u32.to_le_bytes()), [7.0]);
+        for value in [0.0f32, -5.0, 1e-40, 1e30, f32::MAX, f32::MIN] {
+            for has_non_finite in [false, true] {
+                let encoding = SlotEncoding::new(VoxelType::F32, (value as f64, value as f64), has_non_finite);
+                let [found] = round_trip(&encoding, &value.to_le_bytes())[..] else { unreachable!() };
+                // One code is made of sums of numbers this large.
+                assert!((found - value as f64).abs() <= 1e-9 * value.abs().max(1.0) as f64, "{value}: {found}");
+            }
+        }
     }
 }

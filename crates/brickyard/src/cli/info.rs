@@ -1,7 +1,8 @@
 //! `brickyard info`: what a store holds.
 
 use super::failure::Failure;
-use super::{print_json, print_line, store_errors, values};
+use super::values::{self, counted};
+use super::{print_json, print_line, store_errors};
 use brickyard::store::{ReadError, Store};
 use brickyard::volume::Level;
 use clap::Args;
@@ -92,7 +93,7 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
     let mut lines = vec![
         format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
-        format!("  {} time steps, {} channels", info.times, info.channels),
+        format!("  {}, {}", counted(info.times.into(), "time step"), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
         format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
     ];
@@ -112,8 +113,8 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         let [x, y, z] = level.extent;
         let bytes = store.pyramid().level(Level(l as u8)).extent.volume() * store.voxel_type().bytes() as u64;
         lines.push(format!(
-            "  level {l}: {x} x {y} x {z} voxels, {} bricks, {} raw, spacing {}",
-            level.bricks,
+            "  level {l}: {x} x {y} x {z} voxels, {}, {} raw, spacing {}",
+            counted(level.bricks, "brick"),
             values::human_bytes(bytes),
             triple(level.spacing)
         ));

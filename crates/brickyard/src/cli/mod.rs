@@ -22,6 +22,7 @@ mod synth;
 mod text_file;
 mod values;
 mod verify;
+mod views;
 mod volume_args;
 
 use clap::{Parser, Subcommand};

@@ -2,7 +2,9 @@
 
 use super::failure::Failure;
 use brickyard::picture_file::write_png;
+use brickyard::session::shown_window;
 use brickyard::stats::RenderStats;
+use brickyard::store::Store;
 use brickyard::volume::{Picture, Scene};
 use std::path::Path;
 
@@ -21,6 +23,19 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
 }
 
+/// Says what a picture cannot show by itself: that a channel has a single value, or none.
+pub(crate) fn note_window(store: &Store, channel: u32) {
+    let of_channel = &store.info().channels[channel as usize];
+    let (low, high) = store.default_window(channel);
+    let path = store.path().display();
+    if of_channel.count == 0 {
+        eprintln!("note: {path}: no voxel of channel {channel} has a value: there is nothing to show");
+    } else if low >= high {
+        let (from, to) = shown_window((low, high));
+        eprintln!("note: {path}: every value of channel {channel} is {low}: its window is taken from {from} to {to}");
+    }
+}
+
 pub(crate) fn report(stats: &RenderStats) {
     if stats.memory_bound {
         let found = match stats.effective_pixel_error {
@@ -30,10 +45,11 @@ pub(crate) fn report(stats: &RenderStats) {
         eprintln!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
     }
     if stats.bricks.failed > 0 {
-        eprintln!(
-            "{} bricks could not be read and are drawn from coarser levels; run `brickyard verify` for their names",
-            stats.bricks.failed
-        );
+        let what = match stats.bricks.failed {
+            1 => "1 brick could not be read and is drawn from a coarser level".to_string(),
+            n => format!("{n} bricks could not be read and are drawn from coarser levels"),
+        };
+        eprintln!("{what}; run `brickyard verify` for the names");
     }
 }
 

@@ -161,13 +161,13 @@ impl store::Progress for Watcher<'_> {
         let info = self.source.info();
         let extent = info.extent;
         eprintln!(
-            "packing {} x {} x {} {} voxels, {} steps, {} channels: at most {} of memory, {} of scratch, {} of output",
+            "packing {} x {} x {} {} voxels, {}, {}: at most {} of memory, {} of scratch, {} of output",
             extent.x,
             extent.y,
             extent.z,
             info.voxel_type,
-            info.times,
-            info.channels,
+            values::counted(info.times.into(), "step"),
+            values::counted(info.channels.into(), "channel"),
             values::human_bytes(plan.memory_bytes),
             values::human_bytes(plan.scratch_bytes),
             values::human_bytes(plan.output_bytes_at_most),

@@ -1,9 +1,11 @@
 //! `brickyard render`: settled pictures of a store, as PNG, under fixed budgets.
 
 use super::failure::Failure;
-use super::output::{report, write};
+use super::output::{note_window, report, write};
 use super::render_args::RenderArguments;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
+use super::values::counted;
+use super::views::Views;
 use super::{render_together, store_errors};
 use brickyard::backend::CompositorChoice;
 use brickyard::exact::{ExactPictureError, ExactRenderer};
@@ -14,8 +16,6 @@ use brickyard::projection::for_mode;
 use brickyard::session::{Session, resolve};
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
-use brickyard::volume::Scene;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -34,17 +34,17 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
     let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
     let store = Arc::new(store);
-    let scenes = arguments.scenes(scene)?;
-    let outputs = arguments.outputs(scenes.len())?;
+    note_window(&store, scene.channel);
+    let views = Views::new(&arguments, scene)?;
     let mut stats = RenderStats::default();
     let compositor = arguments.compositor();
     match compositor {
         None if arguments.exact => return Err(exact_failure(ExactPictureError::Way)),
         Some(compositor) if arguments.exact => {
-            run_exact(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?;
+            run_exact(&arguments, compositor, &store, &views, started, &mut stats)?;
         }
-        None => run_reference(&arguments, &store, &scenes, &outputs, started, &mut stats)?,
-        Some(compositor) => run_streaming(&arguments, compositor, &store, &scenes, &outputs, started, &mut stats)?,
+        None => run_reference(&arguments, &store, &views, started, &mut stats)?,
+        Some(compositor) => run_streaming(&arguments, compositor, &store, &views, started, &mut stats)?,
     }
     arguments.write_stats(&stats)
 }
@@ -53,13 +53,13 @@ fn run_streaming(
     arguments: &RenderArguments,
     compositor: CompositorChoice,
     store: &Arc<Store>,
-    scenes: &[Scene],
-    outputs: &[PathBuf],
+    views: &Views,
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let options = arguments.session_options(compositor, scenes[0].needs());
-    let window = store.default_window(scenes[0].channel);
+    let first = views.first();
+    let options = arguments.session_options(compositor, first.needs());
+    let window = store.default_window(first.channel);
     let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
     stats.adapter = session.backend_line().to_string();
     stats.backend = session.backend().name();
@@ -67,11 +67,11 @@ fn run_streaming(
     stats.compositor = session.backend().compositor();
     eprintln!("backend: {} ({}), {} slots", session.backend_line(), stats.compositor, session.backend().slots());
     let mut frame_ms = Vec::new();
-    for (scene, output) in scenes.iter().zip(outputs) {
-        let resolved = session.resolve(scene, arguments.size).map_err(session_failure)?;
+    for (scene, output) in views.iter() {
+        let resolved = session.resolve(&scene, arguments.size).map_err(session_failure)?;
         let picture = render_settled(&mut session, &resolved, arguments.max_wait(), started, stats, &mut frame_ms);
         let picture = picture.map_err(offline_failure)?;
-        write(output, &picture, &resolved.shown(scene), stats)?;
+        write(&output, &picture, &resolved.shown(&scene), stats)?;
     }
     stats.frame_ms = Percentiles::of(&frame_ms);
     stats.level_cells = level_cells(&session, store);
@@ -83,26 +83,29 @@ fn run_exact(
     arguments: &RenderArguments,
     compositor: CompositorChoice,
     store: &Arc<Store>,
-    scenes: &[Scene],
-    outputs: &[PathBuf],
+    views: &Views,
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
-    let options = arguments.session_options(compositor, scenes[0].needs());
+    let options = arguments.session_options(compositor, views.first().needs());
     let mut exact = ExactRenderer::new(store.clone(), &options).map_err(exact_failure)?;
     (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
     stats.compositor = exact.renderer().compositor().name();
     stats.gpu_bytes_asked = exact.renderer().asked_bytes();
     eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots());
     let mut frame_ms = Vec::new();
-    for (scene, output) in scenes.iter().zip(outputs) {
+    for (scene, output) in views.iter() {
         let window = store.default_window(scene.channel);
-        let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
+        let resolved = resolve(&**store, window, &scene, arguments.size).map_err(session_failure)?;
         let begun = Instant::now();
         let picture = exact.render(&resolved, arguments.max_wait(), started, stats).map_err(exact_failure)?;
         frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
-        eprintln!("{} bricks in {} passes", stats.bricks.wanted, stats.passes.unwrap_or(0));
-        write(output, &picture, &resolved.shown(scene), stats)?;
+        let passes = match stats.passes.unwrap_or(0) {
+            1 => "1 pass".to_string(),
+            n => format!("{n} passes"),
+        };
+        eprintln!("{} in {passes}", counted(stats.bricks.wanted as u64, "brick"));
+        write(&output, &picture, &resolved.shown(&scene), stats)?;
     }
     stats.frame_ms = Percentiles::of(&frame_ms);
     report(stats);
@@ -120,22 +123,21 @@ fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
 fn run_reference(
     arguments: &RenderArguments,
     store: &Arc<Store>,
-    scenes: &[Scene],
-    outputs: &[PathBuf],
+    views: &Views,
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<(), Failure> {
     (stats.adapter, stats.backend, stats.compositor) = ("cpu, f64".into(), "cpu", "reference");
     stats.completeness = 1.0;
     let mut frame_ms = Vec::new();
-    for (scene, output) in scenes.iter().zip(outputs) {
+    for (scene, output) in views.iter() {
         let window = store.default_window(scene.channel);
-        let resolved = resolve(&**store, window, scene, arguments.size).map_err(session_failure)?;
+        let resolved = resolve(&**store, window, &scene, arguments.size).map_err(session_failure)?;
         let drawing = Instant::now();
         let picture = render_reference(store, &resolved, arguments.host_memory).map_err(oracle_failure)?;
         frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
         stats.frames += 1;
-        write(output, &picture, &resolved.shown(scene), stats)?;
+        write(&output, &picture, &resolved.shown(&scene), stats)?;
     }
     stats.settled_ms = started.elapsed().as_secs_f64() * 1e3;
     stats.first_image_ms = stats.settled_ms;

@@ -1,19 +1,17 @@
 //! The flags of `render`, and what follows from them.
 
 use super::failure::Failure;
-use super::output::may_write;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
-use super::text_file::read_text;
 use super::values;
 use brickyard::backend::CompositorChoice;
 use brickyard::session::SessionOptions;
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Camera, Needs, Scene};
+use brickyard::volume::Needs;
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// `brickyard render STORE... -o out.png`
@@ -78,20 +76,6 @@ pub(super) enum CompositorArgument {
 }
 
 impl RenderArguments {
-    /// The files of so many pictures, all of which may be written, and the statistics', too.
-    pub(super) fn outputs(&self, count: usize) -> Result<Vec<PathBuf>, Failure> {
-        let outputs: Vec<PathBuf> = (0..count).map(|i| numbered(&self.output, i, count)).collect();
-        for path in outputs.iter().chain(&self.stats) {
-            may_write(path, self.overwrite)?;
-        }
-        match self.stats.as_ref().filter(|path| outputs.contains(path)) {
-            Some(path) => {
-                Err(Failure::usage(format!("{}: cannot be a picture and hold the statistics", path.display())))
-            }
-            None => Ok(outputs),
-        }
-    }
-
     /// `None` is the reference.
     pub(super) fn compositor(&self) -> Option<CompositorChoice> {
         match self.compositor {
@@ -117,26 +101,6 @@ impl RenderArguments {
         }
     }
 
-    /// The scenes of all pictures: one, an orbit, or a path's cameras. The one given has a camera.
-    pub(super) fn scenes(&self, scene: Scene) -> Result<Vec<Scene>, Failure> {
-        let with_camera = |camera: Camera| Scene { camera: Some(camera), ..scene.clone() };
-        if let (Some(count), Some(start)) = (self.orbit, scene.camera) {
-            if count == 0 {
-                return Err(Failure::usage("--orbit 0: expected at least one picture"));
-            }
-            return Ok((0..count).map(|i| with_camera(start.orbited(360.0 * i as f64 / count as f64))).collect());
-        }
-        let Some(path) = &self.path else { return Ok(vec![scene]) };
-        let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
-        let text = read_text(path)?;
-        let cameras: Vec<Camera> =
-            serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
-        if cameras.is_empty() {
-            return Err(bad("the list of cameras is empty".into()));
-        }
-        Ok(cameras.into_iter().map(with_camera).collect())
-    }
-
     /// Writes the statistics, where they are asked for.
     pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
         let Some(path) = &self.stats else { return Ok(()) };
@@ -146,26 +110,5 @@ impl RenderArguments {
 
     pub(super) fn max_wait(&self) -> Duration {
         Duration::from_secs_f64(self.max_wait.min(1e9))
-    }
-}
-
-fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
-    if count == 1 {
-        return path.to_path_buf();
-    }
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let extension = path.extension().unwrap_or("png".as_ref()).to_string_lossy();
-    path.with_file_name(format!("{stem}_{index:03}.{extension}"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn several_pictures_are_numbered() {
-        assert_eq!(numbered(Path::new("a/b.png"), 0, 1), Path::new("a/b.png"));
-        assert_eq!(numbered(Path::new("a/b.png"), 7, 20), Path::new("a/b_007.png"));
-        assert_eq!(numbered(Path::new("b"), 1, 2), Path::new("b_001.png"));
     }
 }

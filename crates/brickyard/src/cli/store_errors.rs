@@ -2,7 +2,7 @@
 
 use super::failure::{ExitKind, Failure};
 use brickyard::import::ImportError;
-use brickyard::store::{ExportError, OpenError, PackError, ReadError, Store};
+use brickyard::store::{ExportError, OpenError, PackError, ReadError, Store, VerifyError};
 use std::path::Path;
 
 /// Opens a finished store.
@@ -17,6 +17,20 @@ pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
     let kind = if matches!(error, OpenError::Incomplete { .. }) { ExitKind::Incomplete } else { ExitKind::BadInput };
     Failure::new(kind, error)
+}
+
+/// The failure for a store that was not verified.
+pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
+    match error {
+        // What contradicts itself is what was looked for, and so is what is missing inside of a store.
+        VerifyError::Open(error @ OpenError::Invalid { .. }) => Failure::new(ExitKind::VerificationFailed, error),
+        VerifyError::Open(OpenError::Io { path, error }) if path != store && path.starts_with(store) => {
+            Failure::new(ExitKind::VerificationFailed, OpenError::Io { path, error })
+        }
+        VerifyError::Open(error) => open_failure(&error),
+        VerifyError::Memory { .. } => Failure::usage(error),
+        VerifyError::Threads(_) => Failure::failed(error),
+    }
 }
 
 /// The failure for a brick that cannot be read.
@@ -62,4 +76,50 @@ pub(crate) fn export_failure(error: ExportError) -> Failure {
         _ => ExitKind::Usage,
     };
     Failure::new(kind, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Error;
+
+    #[test]
+    fn every_error_of_a_pack_has_its_exit_code() {
+        let path = || std::path::PathBuf::from("a.zarr");
+        let io = || Error::other("told to");
+        for (error, kind) in [
+            (PackError::Options("bad".into()), ExitKind::Usage),
+            (PackError::Memory { needed_bytes: 2, given_bytes: 1, advice: String::new() }, ExitKind::Usage),
+            (PackError::Exists { path: path(), unfinished: false }, ExitKind::Usage),
+            (PackError::NotOurs { path: path() }, ExitKind::Usage),
+            (PackError::Mismatch { store: path(), difference: "brick".into() }, ExitKind::Usage),
+            // The command line may stay as it is.
+            (PackError::Busy { store: path(), holder: None }, ExitKind::Failed),
+            (PackError::Io { path: path(), error: io() }, ExitKind::Failed),
+            (PackError::Threads("none".into()), ExitKind::Failed),
+            (
+                PackError::Incomplete { path: path(), error: io(), store: path(), done: 1, total: 2, needed_bytes: 3 },
+                ExitKind::Incomplete,
+            ),
+        ] {
+            let message = error.to_string();
+            assert_eq!(pack_failure(error).kind, kind, "{message}");
+        }
+    }
+
+    #[test]
+    fn what_verify_cannot_open_is_told_apart() {
+        let path = || std::path::PathBuf::from("a.zarr/zarr.json");
+        let kind = |error| verify_failure(VerifyError::Open(error), Path::new("a.zarr")).kind;
+        let invalid = OpenError::Invalid { path: path(), field: "a".into(), expected: "b".into(), found: "c".into() };
+        assert_eq!(kind(invalid), ExitKind::VerificationFailed);
+        assert_eq!(kind(OpenError::NotAStore { path: path() }), ExitKind::BadInput);
+        assert_eq!(kind(OpenError::Incomplete { path: path(), percent: 4 }), ExitKind::Incomplete);
+        let feature = "something new".into();
+        assert_eq!(kind(OpenError::Unsupported { path: path(), feature }), ExitKind::BadInput);
+        assert_eq!(
+            verify_failure(VerifyError::Memory { needed_bytes: 2, given_bytes: 1 }, Path::new("a.zarr")).kind,
+            ExitKind::Usage
+        );
+    }
 }

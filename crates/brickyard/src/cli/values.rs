@@ -3,6 +3,11 @@
 use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, TransferFunction, VoxelBox};
 use glam::DVec3;
 
+/// A number and its noun: `1 step`, `2 steps`, `0 steps`.
+pub(crate) fn counted(n: u64, noun: &str) -> String {
+    if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
+}
+
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
@@ -219,10 +224,36 @@ mod tests {
         assert_eq!(bytes("16MiB"), Ok(16 << 20));
         assert_eq!(bytes("1.5GiB"), Ok(3 << 29));
         assert_eq!(bytes("4096"), Ok(4096));
-        assert_eq!(bytes("2GB"), Ok(2_000_000_000));
+        let (k, kib) = (1000u64, 1024u64);
+        for (unit, expected) in [
+            ("", 1),
+            ("b", 1),
+            ("B", 1),
+            ("k", kib),
+            ("KiB", kib),
+            ("kib", kib),
+            ("KB", k),
+            ("kB", k),
+            ("M", kib.pow(2)),
+            ("MiB", kib.pow(2)),
+            ("MB", k.pow(2)),
+            ("g", kib.pow(3)),
+            ("GiB", kib.pow(3)),
+            ("GB", k.pow(3)),
+            ("T", kib.pow(4)),
+            ("TiB", kib.pow(4)),
+            ("tb", k.pow(4)),
+        ] {
+            assert_eq!(bytes(&format!("3{unit}")), Ok(3 * expected), "{unit}");
+        }
         assert!(bytes("12 parsecs").unwrap_err().contains("parsecs"));
         assert!(bytes("-1MiB").is_err() && bytes("0").is_err() && bytes("MiB").is_err());
         assert_eq!([human_bytes(1), human_bytes(3 << 29)], ["1 B", "1.5 GiB"]);
+    }
+
+    #[test]
+    fn one_is_not_many() {
+        assert_eq!([0, 1, 2].map(|n| counted(n, "step")), ["0 steps", "1 step", "2 steps"]);
     }
 
     #[test]

@@ -2,16 +2,20 @@
 
 use super::failure::{ExitKind, Failure};
 use super::progress::{Progress, ProgressStyleArgument};
+use super::values::{self, counted};
 use super::{print_json, print_line, store_errors};
-use brickyard::store::{self, OpenError};
+use brickyard::store;
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// `brickyard verify STORE`
 #[derive(Args)]
 pub(crate) struct VerifyArguments {
     /// The store
     store: PathBuf,
+    /// Limit of the process's own memory
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    memory: u64,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -26,9 +30,9 @@ pub(crate) struct VerifyArguments {
 /// Exit code 5 if anything in the store is not what it should be; every problem is printed.
 pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let progress = Progress::new(arguments.progress, "verify");
-    let report = store::verify(&arguments.store, |done, total| progress.set(done, total));
+    let report = store::verify_within(&arguments.store, arguments.memory, |done, total| progress.set(done, total));
     progress.finish();
-    let report = report.map_err(|error| open_failure(&error, &arguments.store))?;
+    let report = report.map_err(|error| store_errors::verify_failure(error, &arguments.store))?;
     if arguments.json {
         let problem =
             |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
@@ -44,29 +48,19 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         }
     }
     if !report.problems.is_empty() {
-        let count = report.problems.len();
+        let count = counted(report.problems.len() as u64, "problem");
         return Err(Failure::new(
             ExitKind::VerificationFailed,
-            format!("{}: {count} problems in {} bricks", arguments.store.display(), report.bricks),
+            format!("{}: {count} in {}", arguments.store.display(), counted(report.bricks, "brick")),
         ));
     }
     if !arguments.json {
         print_line(&format!(
-            "{}: {} bricks in {} shards are sound",
+            "{}: {} in {} are sound",
             arguments.store.display(),
-            report.bricks,
-            report.shards
+            counted(report.bricks, "brick"),
+            counted(report.shards, "shard")
         ))?;
     }
     Ok(())
-}
-
-/// A finished store whose documents or side data are damaged has failed verification; what is none has not.
-fn open_failure(error: &OpenError, store: &Path) -> Failure {
-    let is_damaged = match error {
-        OpenError::Invalid { .. } => true,
-        OpenError::Io { path, .. } => path != store && path.starts_with(store),
-        _ => false,
-    };
-    if is_damaged { Failure::new(ExitKind::VerificationFailed, error) } else { store_errors::open_failure(error) }
 }

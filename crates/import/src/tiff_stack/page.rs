@@ -283,7 +283,8 @@ impl OpenTiff {
                 }
                 let end = offset.saturating_add(count);
                 if let Some(needed) = plain.as_ref().map(|chunk| chunk.bytes(i as u64))
-                    && (count < needed || end > self.file_bytes && offset.saturating_add(needed) <= self.file_bytes)
+                    && (count < needed
+                        || end > self.stamp.bytes() && offset.saturating_add(needed) <= self.stamp.bytes())
                 {
                     let problem = format!(
                         "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but its directory \
@@ -291,11 +292,11 @@ impl OpenTiff {
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
-                if end > self.file_bytes {
+                if end > self.stamp.bytes() {
                     let problem = format!(
                         "cut short: the data of page {number} reach to byte {end}, found {} ({} missing)",
-                        self.file_bytes,
-                        end - self.file_bytes
+                        self.stamp.bytes(),
+                        end - self.stamp.bytes()
                     );
                     return Err(ImportError::invalid(path, problem));
                 }

@@ -267,6 +267,23 @@ fn what_is_foreseen_is_there_when_it_is_wanted() {
 }
 
 #[test]
+fn what_is_fetched_ahead_does_not_displace_its_like() {
+    let source = Arc::new(TestSource::cube(64));
+    let mut pager = Pager::new(source.clone(), PagerConfig { prefetch: true, ..config(400, 2 << 20) }).unwrap();
+    let whole = box_view(&source, Projection::Orthographic { height: 24.0 });
+    let view = View { level: LevelPolicy::Locked(0), ..whole };
+    let (mut frame, mut frames) = (pager.frame(&view, Duration::ZERO), 0);
+    while pager.wait(Duration::from_secs(9)) {
+        frames += 1;
+        assert!(frames < 5000, "bricks come and go for ever: {:?}", frame.status.counters);
+        frame = pager.frame(&view, Duration::ZERO);
+    }
+    let counters = frame.status.counters;
+    // The neighbours just outside are more than their share, a sixteenth of the slots.
+    assert!(frame.status.settled && counters.uploaded_ahead == 25 && counters.reuploaded == 0, "{counters:?}");
+}
+
+#[test]
 fn what_is_hidden_is_not_read() {
     let source = Arc::new(TestSource::cube(64));
     let view = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };

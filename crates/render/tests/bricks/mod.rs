@@ -6,6 +6,10 @@ use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use std::collections::BTreeMap;
 
+#[path = "../../../../tests/support/missing.rs"]
+#[expect(unreachable_pub, reason = "the whole-system tests have it in a library")]
+pub(crate) mod missing;
+
 /// Enough for every mode.
 pub(crate) const NEEDS: Needs = Needs { apron: 2, ..Needs::PLAIN };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
@@ -91,7 +95,7 @@ impl Bricks {
         match made {
             Ok(renderer) => Some(renderer),
             Err(GpuError::NoAdapter { .. }) => {
-                eprintln!("SKIPPED: no graphics adapter, so nothing of the GPU backend was tested here");
+                missing::leave_out("gpu", "nothing of the GPU backend was tested here");
                 None
             }
             Err(other) => panic!("{other}"),

@@ -1,0 +1,112 @@
+//! Budgets as the kernel sees them: the anonymous and shared memory of the command, sampled while it runs (`RssAnon` and `RssShmem` in
+//! `/proc/PID/status`). Mapped pages of stores and sources are the page cache's, and can be taken back at any time.
+
+use brickyard_tests::{Sandbox, leave_out};
+use std::io::Read;
+use std::process::Stdio;
+use std::time::Duration;
+
+const MIB: u64 = 1 << 20;
+
+/// What the command takes beside what its budgets are about: its relocated data, a stack and an allocator arena per thread, the
+/// picture and the scene. `info` takes 1 MiB in all.
+const PROGRAM: u64 = 16 * MIB;
+
+/// What a GPU's driver takes in this process: a software one compiles shaders here (LLVM), and keeps its own copies of commands. No
+/// budget is about that. Measured with llvmpipe: 20 to 40 MiB.
+const DRIVER: u64 = 96 * MIB;
+
+/// Runs the command and returns its exit code, standard error and greatest anonymous and shared memory in bytes.
+fn measured(sandbox: &Sandbox, line: &str) -> (i32, String, u64) {
+    let mut command = sandbox.command();
+    command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("the command starts");
+    let mut stderr = child.stderr.take().expect("it is piped");
+    let reader = std::thread::spawn(move || {
+        let mut text = String::new();
+        stderr.read_to_string(&mut text).map(|_| text)
+    });
+    let mut most = 0;
+    let code = loop {
+        most = most.max(held_bytes(child.id()).unwrap_or(0));
+        if let Some(status) = child.try_wait().expect("a child") {
+            break status.code().expect("no signal");
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    let stderr = reader.join().expect("no panic").expect("text");
+    assert!(most > 0, "{line}: it was never seen: {stderr}");
+    (code, stderr, most)
+}
+
+/// What a process holds by itself; `None` once it has ended.
+fn held_bytes(process: u32) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let kib = |field: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(field))?;
+        line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()
+    };
+    Some((kib("RssAnon:")? + kib("RssShmem:")?) << 10)
+}
+
+fn check(sandbox: &Sandbox, line: &str, allowed: u64) {
+    let (code, stderr, most) = measured(sandbox, line);
+    assert_eq!(code, 0, "{line}: {stderr}");
+    eprintln!("{line}: {} of {} MiB", most / MIB, allowed / MIB);
+    assert!(most <= allowed, "{line}: {} MiB, and {} MiB are allowed", most / MIB, allowed / MIB);
+}
+
+/// 256^3 floats of noise: 64 MiB, which compress little.
+fn sandbox() -> Sandbox {
+    let sandbox = Sandbox::default();
+    sandbox.run_ok("synth turbulence t.raw --shape 256,256,256 --dtype f32 --progress none");
+    sandbox.run_ok("pack t.raw t.zarr --shape 256,256,256 --dtype f32 --brick 32 --shard 128 --progress none");
+    sandbox
+}
+
+#[test]
+fn packing_stays_within_its_memory() {
+    let sandbox = sandbox();
+    for (i, mib) in [64u64, 96, 256].into_iter().enumerate() {
+        // The program is in the budget.
+        let line = format!(
+            "pack t.raw {i}.zarr --shape 256,256,256 --dtype f32 --brick 32 --shard 128 -j 2 --memory {mib}MiB --progress none"
+        );
+        check(&sandbox, &line, mib * MIB);
+        check(&sandbox, &format!("{} --aprons 1", line.replace(".zarr", "a.zarr")), mib * MIB);
+    }
+}
+
+#[test]
+fn verifying_stays_within_its_memory() {
+    let sandbox = sandbox();
+    for mib in [40u64, 64, 256] {
+        check(&sandbox, &format!("verify t.zarr --memory {mib}MiB --progress none"), mib * MIB);
+    }
+}
+
+#[test]
+fn opening_takes_little() {
+    let sandbox = sandbox();
+    check(&sandbox, "info t.zarr", PROGRAM);
+}
+
+#[test]
+fn rendering_stays_within_its_budgets() {
+    let sandbox = sandbox();
+    for (gpu_mib, host_mib) in [(8u64, 16u64), (32, 32), (128, 64)] {
+        let budgets = format!("--gpu-memory {gpu_mib}MiB --host-memory {host_mib}MiB -j 2");
+        let line = format!("render t.zarr -o o.png --overwrite --size 300x200 --orbit 3 {budgets}");
+        let budget = (gpu_mib + host_mib) * MIB;
+        check(&sandbox, &format!("{line} --backend cpu"), budget + PROGRAM);
+        for compositor in ["raycast", "sorted"] {
+            let line = format!("{line} --backend gpu --compositor {compositor}");
+            let (code, _, stderr) = sandbox.run(&line);
+            if code == 1 && stderr.contains("--backend cpu") {
+                leave_out("gpu", stderr);
+                continue;
+            }
+            check(&sandbox, &line, budget + PROGRAM + DRIVER);
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Tests for which something is missing on this machine: they are left out, and say so; or they fail, where it is required.
+
+/// What a test may need, by its name in `BRICKYARD_REQUIRE`, and how to get it.
+const CURES: [(&str, &str); 4] = [
+    ("gpu", "a graphics adapter: run `tools/setup`, which installs a software one (mesa-vulkan-drivers, libvulkan1)"),
+    ("python", "the independent readers: run `tools/setup python`, or set BRICKYARD_PYTHON to a Python that has them"),
+    ("mount", "a file system of its own: run as root, or where user namespaces may mount"),
+    ("permissions", "a user without rights: as root, setpriv (of util-linux); else any"),
+];
+
+/// Says on standard error that a test, or a part of it, is left out.
+///
+/// # Panics
+/// If the environment variable `BRICKYARD_REQUIRE`, names between commas, has this one. `tools/test` requires a GPU and Python.
+pub fn leave_out(name: &str, reason: impl std::fmt::Display) {
+    let cure = CURES.iter().find(|(known, _)| *known == name).map(|(_, cure)| *cure).expect("a name of the list");
+    let required = std::env::var("BRICKYARD_REQUIRE").unwrap_or_default();
+    assert!(
+        !required.split(',').any(|required| required.trim() == name),
+        "BRICKYARD_REQUIRE={required}: this test needs {cure}; {reason}"
+    );
+    eprintln!("SKIPPED for want of {cure}; {reason}");
+}
