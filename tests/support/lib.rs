@@ -1,5 +1,10 @@
 //! What the whole-system tests share: volumes from functions, packing, sessions, the command, Python.
 
+#[cfg(target_os = "linux")]
+pub mod faults;
+#[cfg(target_os = "linux")]
+pub mod power_loss;
+
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::import::{ImportError, Source, SourceInfo};
 use brickyard::offline::render_settled;

@@ -112,7 +112,7 @@ pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
         let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if !hidden && path.is_file() && is_dicom(&crate::open::first_bytes(&path)?) {
+        if !hidden && crate::open::is_file(&path)? && is_dicom(&crate::open::first_bytes(&path)?) {
             paths.push(path);
         }
     }

@@ -155,6 +155,11 @@ pub(crate) fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
     Ok(start)
 }
 
+/// Whether a name in a folder is a file's. Where that cannot be known, leaving it out could leave out a slice.
+pub(crate) fn is_file(path: &Path) -> Result<bool, ImportError> {
+    Ok(std::fs::metadata(path).map_err(ImportError::io(path))?.is_file())
+}
+
 fn is_tiff_name(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
@@ -167,7 +172,7 @@ fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
         let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if is_tiff_name(&path) && !hidden && path.is_file() && !dicom.contains(&path) {
+        if is_tiff_name(&path) && !hidden && is_file(&path)? && !dicom.contains(&path) {
             planes.push(path);
         }
     }
@@ -263,6 +268,15 @@ mod tests {
 
     fn refusal(path: &Path, options: &OpenOptions) -> String {
         open(&[path.to_owned()], options).err().unwrap().to_string()
+    }
+
+    /// A link that leads nowhere stands for any file that cannot be asked for.
+    #[test]
+    fn a_slice_that_cannot_be_looked_at_is_not_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("nowhere", folder.path().join("p_2.tif")).unwrap();
+        assert!(refusal(folder.path(), &OpenOptions::default()).contains("p_2.tif: No such file"));
+        assert!(dicom::files_in(folder.path()).unwrap_err().to_string().contains("p_2.tif: No such file"));
     }
 
     #[test]

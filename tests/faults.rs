@@ -1,0 +1,715 @@
+//! File operations that fail, are cut short, delayed or lost, at every n-th call of every command: nothing wrong is ever said
+//! with exit code 0, what is refused says where, and an interrupted pack is finished by the next.
+//!
+//! Each case is one run of the command under one rule. As many cases as `BRICKYARD_FAULT_CASES` says are taken evenly from each
+//! list of all (`all` takes them all; without it, a minute's worth).
+#![cfg(target_os = "linux")]
+
+use brickyard_tests::faults::{Outcome, Trial, assert_reached};
+use brickyard_tests::power_loss::{Disk, Lost, Tree, read_tree, write_tree};
+use brickyard_tests::{Random, read_png, tree, tree_difference};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+type Result<T> = std::result::Result<T, String>;
+
+/// Two pyramids and aprons, shards of several bricks, and some of none: a part of the volume is empty.
+const PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --brick 8 --shard 16 --downsample mean,max --aprons 1 \
+                    --progress none -j 2";
+
+/// What a first pack of the same volume is made by, to be replaced.
+const OLD_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --brick 8 --shard 8 --progress none -j 2";
+
+/// The extent of both.
+const SMALL: [usize; 3] = [20, 17, 12];
+
+/// A store to read: shards of several pages.
+const READ_PACK: &str =
+    "pack in.raw out.zarr --shape 36,33,20 --dtype u16 --brick 8 --shard 32 --aprons 1 --progress none -j 2";
+
+/// How often, and what.
+const ONCE: &str = "";
+const FROM_THEN_ON: &str = "+";
+const ON_THAT_FILE: &str = "~";
+
+/// A kind of fault: the calls, how often, and what happens to them.
+type Fault = (&'static str, &'static str, &'static str);
+
+/// Faults of a disk or a file system on which something is written.
+const OF_WRITING: [Fault; 26] = [
+    ("open,write,sync,rename,unlink,mkdir", ONCE, "kill"),
+    ("write", ONCE, "tear"),
+    ("write", ONCE, "ENOSPC"),
+    ("write,open,mkdir,allocate", FROM_THEN_ON, "ENOSPC"),
+    ("write", ONCE, "EIO"),
+    ("write", ONCE, "EINTR"),
+    ("write", ONCE, "short"),
+    ("sync", ONCE, "EIO"),
+    ("sync", FROM_THEN_ON, "EIO"),
+    ("rename", ONCE, "EIO"),
+    ("open", ONCE, "EMFILE"),
+    ("open", FROM_THEN_ON, "EACCES"),
+    ("open", ONCE, "EINTR"),
+    ("mkdir", ONCE, "EIO"),
+    ("unlink", ONCE, "EIO"),
+    ("close", ONCE, "EIO"),
+    ("truncate,allocate,mode", ONCE, "EIO"),
+    ("lock", ONCE, "EIO"),
+    ("list", ONCE, "EIO"),
+    ("stat", ONCE, "EIO"),
+    ("stat", ON_THAT_FILE, "EACCES"),
+    ("read", ONCE, "EIO"),
+    ("read", ONCE, "short"),
+    ("read", ON_THAT_FILE, "ESTALE"),
+    ("map", ONCE, "ENOMEM"),
+    ("any", "%", "delay:3"),
+];
+
+/// Faults of a file system from which something is read.
+const OF_READING: [Fault; 15] = [
+    ("open", ONCE, "EMFILE"),
+    ("open", ON_THAT_FILE, "EACCES"),
+    ("open", FROM_THEN_ON, "ENOENT"),
+    ("read", ONCE, "EINTR"),
+    ("read", ONCE, "short"),
+    ("read", ONCE, "EIO"),
+    ("read", ON_THAT_FILE, "ESTALE"),
+    ("map", ONCE, "ENOMEM"),
+    ("map", ON_THAT_FILE, "EIO"),
+    ("map", ON_THAT_FILE, "lose"),
+    ("map", ON_THAT_FILE, "flip"),
+    ("stat", ON_THAT_FILE, "EIO"),
+    ("list", ON_THAT_FILE, "EIO"),
+    ("close", ONCE, "EIO"),
+    ("any", "%", "delay:3"),
+];
+
+/// Faults that change the files themselves.
+const OF_FILES: [Fault; 5] = [
+    ("open", ONCE, "halve"),
+    ("map", ONCE, "halve"),
+    ("close", ONCE, "halve"),
+    ("close", ONCE, "empty"),
+    ("stat", ONCE, "empty"),
+];
+
+/// Those of some groups of cases that are run: all that were asked for, evenly, and as many of each group as it has or as its
+/// share is.
+fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
+    let count = match std::env::var("BRICKYARD_FAULT_CASES") {
+        Ok(text) if text == "all" => usize::MAX,
+        Ok(text) => text.parse().expect("BRICKYARD_FAULT_CASES is `all` or a number of cases"),
+        Err(_) => at_most,
+    };
+    let mut left = count;
+    let mut groups: Vec<Vec<C>> = groups.into_iter().filter(|group| !group.is_empty()).collect();
+    // What a small group does not take of its share is the others'.
+    groups.sort_by_key(Vec::len);
+    let mut chosen = Vec::new();
+    let many = groups.len();
+    for (i, group) in groups.into_iter().enumerate() {
+        let all = group.len();
+        let share = left.div_ceil(many - i).min(all);
+        left -= share;
+        let mut wanted = (0..share).map(|j| (2 * j + 1) * all / (2 * share)).peekable();
+        chosen.extend(
+            group.into_iter().enumerate().filter(|(j, _)| wanted.next_if_eq(j).is_some()).map(|(_, case)| case),
+        );
+    }
+    chosen
+}
+
+/// The rules of each of these faults at every call of a run, on files whose path contains `part`.
+fn rules(of: &[Fault], run: &Outcome, part: &str) -> Vec<Vec<String>> {
+    let rules = |(calls, often, action): &Fault| {
+        let concerns = |name: &str| *calls == "any" || calls.split(',').any(|call| call == name);
+        let contains = |path: &Path| path.to_string_lossy().contains(part);
+        let is_met = |call: &&brickyard_tests::faults::Call| {
+            concerns(&call.name) && (contains(&call.path) || call.to.as_deref().is_some_and(contains))
+        };
+        let count = run.calls.iter().filter(is_met).count();
+        let rule = |n| match *often {
+            "%" => format!("{calls} %{n} {action} {part}"),
+            often => format!("{calls} {n}{often} {action} {part}"),
+        };
+        (1..=count).map(rule).collect()
+    };
+    of.iter().map(rules).collect()
+}
+
+/// Two sandboxes side by side: runs a part of the cases in each. `prepare` makes what a worker needs, `cases` lists them.
+///
+/// # Panics
+/// With all that went wrong.
+fn in_two<W, C: std::fmt::Display>(
+    at_most: usize,
+    prepare: impl Fn() -> W + Sync,
+    cases: impl Fn(&W) -> Vec<Vec<C>> + Sync,
+    run: impl Fn(&W, &C) -> Result<()> + Sync,
+) {
+    let work = |half: usize| {
+        let worker = prepare();
+        let cases = chosen(cases(&worker), at_most);
+        assert!(!cases.is_empty(), "nothing to try");
+        let mine = cases.iter().enumerate().filter(|(i, _)| i % 2 == half);
+        let failure = |case: &C| run(&worker, case).err().map(|problem| format!("{case}\n    {problem}"));
+        mine.filter_map(|(_, case)| failure(case)).collect::<Vec<_>>()
+    };
+    let failures: Vec<String> = std::thread::scope(|scope| {
+        let other = scope.spawn(|| work(1));
+        let mut failures = work(0);
+        failures.extend(other.join().expect("the other half"));
+        failures
+    });
+    assert!(failures.is_empty(), "{} cases failed:\n{}", failures.len(), failures.join("\n"));
+}
+
+fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {
+    if holds { Ok(()) } else { Err(otherwise()) }
+}
+
+/// A sandbox with inputs, and the store that they become.
+struct Packed {
+    trial: Trial,
+    /// Paths in the sandbox, and what is there.
+    inputs: Vec<(&'static str, Vec<u8>)>,
+    pack: &'static str,
+    expected: BTreeMap<PathBuf, Vec<u8>>,
+    /// The run without harm.
+    run: Outcome,
+}
+
+impl Packed {
+    fn new(pack: &'static str, inputs: Vec<(&'static str, Vec<u8>)>) -> Self {
+        let trial = Trial::default();
+        let mut packed = Self { run: trial.run("info nothing", ""), trial, inputs, pack, expected: BTreeMap::new() };
+        packed.clear();
+        packed.pack_anew(pack);
+        packed
+    }
+
+    /// Of noise in a raw file.
+    fn raw(pack: &'static str, extent: [usize; 3]) -> Self {
+        Self::new(pack, vec![("in.raw", voxels(extent))])
+    }
+
+    /// Packs without harm; that is then what is expected.
+    fn pack_anew(&mut self, line: &str) {
+        self.run = self.trial.run(line, "");
+        assert_eq!(self.run.code, Some(0), "{}", self.run.stderr);
+        self.expected = tree(&self.store());
+    }
+
+    fn store(&self) -> PathBuf {
+        self.trial.sandbox.path("out.zarr")
+    }
+
+    /// The inputs as they were, their times included: a pack is resumed from the same input only.
+    fn restore_inputs(&self) {
+        for (path, bytes) in &self.inputs {
+            let path = self.trial.sandbox.path(path);
+            std::fs::create_dir_all(path.parent().expect("below the sandbox")).expect("the sandbox is writable");
+            std::fs::write(&path, bytes).expect("the sandbox is writable");
+            let time = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
+            let file = std::fs::File::options().write(true).open(path);
+            file.and_then(|file| file.set_modified(time)).expect("the sandbox is writable");
+        }
+    }
+
+    /// Leaves just the inputs.
+    fn clear(&self) {
+        write_tree(&self.trial.sandbox.path(""), &Tree::new());
+        self.restore_inputs();
+    }
+
+    /// The store is the uninterrupted one, and nothing else is left.
+    fn is_whole(&self) -> Result<()> {
+        let first = |path: &Path| path.components().next().map(|name| name.as_os_str().to_owned());
+        let found = read_tree(&self.trial.sandbox.path(""));
+        let names: BTreeSet<_> = found.keys().filter_map(|path| first(path)).collect();
+        let expected = self.inputs.iter().map(|(path, _)| *path).chain(["out.zarr"]);
+        let is_all = names == expected.filter_map(|path| first(Path::new(path))).collect();
+        ensure(is_all, || format!("in the folder there is {names:?}"))?;
+        let difference = tree_difference(&tree(&self.store()), &self.expected);
+        ensure(difference.is_empty(), || format!("the store is another: {difference:?}"))
+    }
+
+    /// Runs the command without harm.
+    fn run_ok(&self, line: &str) -> Result<()> {
+        let outcome = self.trial.run(line, "");
+        ensure(outcome.code == Some(0), || format!("afterwards: brickyard {line}: {}", ended(&outcome)))
+    }
+
+    /// Packs under a rule: the store is whole, or it is said that it is not, and the next pack finishes it.
+    fn is_whole_or_resumed(&self, line: &str, rule: &str) -> Result<()> {
+        let outcome = self.trial.run(line, rule);
+        ended_well(&outcome, rule)?;
+        let is_another_input = rule.contains("halve") || rule.contains("empty");
+        if outcome.code == Some(0) {
+            self.is_whole()
+                .or_else(|problem| if is_another_input { self.is_whole_but_for_its_source() } else { Err(problem) })?;
+        }
+        self.restore_inputs();
+        let resumed = self.trial.run(&format!("{} --resume", self.pack), "");
+        if is_another_input && resumed.code == Some(2) {
+            // An input that was cut meanwhile is another one, and the message says so: start over.
+            self.run_ok(&format!("{} --overwrite", self.pack))?;
+        } else {
+            ensure(resumed.code == Some(0), || format!("afterwards, --resume: {}", ended(&resumed)))?;
+        }
+        self.is_whole()
+    }
+
+    /// The store is that of the whole input, though it was known by another length or time when it was read.
+    fn is_whole_but_for_its_source(&self) -> Result<()> {
+        let voxels = |files: &BTreeMap<PathBuf, Vec<u8>>| {
+            let mut files = files.clone();
+            files.remove(Path::new("zarr.json"));
+            files
+        };
+        let difference = tree_difference(&voxels(&tree(&self.store())), &voxels(&self.expected));
+        ensure(difference.is_empty(), || format!("the store is another: {difference:?}"))
+    }
+}
+
+/// Noise, but zero in one eighth.
+fn voxels([x, y, z]: [usize; 3]) -> Vec<u8> {
+    let mut random = Random(3);
+    let voxel = |n: usize| {
+        let [i, j, k] = [n % x, n / x % y, n / (x * y)];
+        let is_empty = i < x / 2 && j < y / 2 && k < z / 2;
+        if is_empty { 0u16 } else { random.bits() as u16 }
+    };
+    (0..x * y * z).map(voxel).flat_map(u16::to_le_bytes).collect()
+}
+
+fn ended(outcome: &Outcome) -> String {
+    let how = match (outcome.hung, outcome.code) {
+        (true, _) => "it hung".into(),
+        (_, Some(code)) => format!("exit {code}"),
+        (_, None) => "a signal ended it".into(),
+    };
+    format!("{how}: {}", outcome.stderr.trim())
+}
+
+/// Whatever happens, a command ends, with a documented exit code, and a message that names a file.
+fn ended_well(outcome: &Outcome, rule: &str) -> Result<()> {
+    if outcome.code == Some(0)
+        || (outcome.code.is_none() && !outcome.hung && (rule.contains("kill") || rule.contains("tear")))
+    {
+        return Ok(());
+    }
+    // 2 is for command lines, and these are right.
+    ensure(matches!(outcome.code, Some(1 | 3 | 4 | 5)), || ended(outcome))?;
+    let error = outcome.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
+    let names_a_file =
+        ["out.zarr", "in.raw", "in.nii.gz", "planes", "scratch", "picture.png", "level.raw", "stats.json"]
+            .iter()
+            .any(|name| error.contains(name));
+    ensure(names_a_file, || format!("the message names no file: {}", ended(outcome)))
+}
+
+#[test]
+fn the_library_is_reached() {
+    let packed = Packed::raw(PACK, SMALL);
+    assert_reached(&packed.trial.run(&format!("{PACK} --overwrite"), ""));
+    let refused = packed.trial.run("info out.zarr", "read 1 EIO zarr.json");
+    assert!(refused.code == Some(3) && refused.stderr.contains("Input/output error"), "{}", ended(&refused));
+}
+
+/// A pack that meets a fault either makes the store that it makes without, or says that it did not and is finished by the next.
+#[test]
+fn a_pack_that_meets_a_fault_is_right_or_resumed() {
+    in_two(
+        300,
+        || Packed::raw(PACK, SMALL),
+        |packed| [rules(&OF_WRITING, &packed.run, ""), rules(&OF_FILES, &packed.run, "in.raw")].concat(),
+        |packed, rule| {
+            packed.clear();
+            packed.is_whole_or_resumed(packed.pack, rule)
+        },
+    );
+}
+
+/// The same for one that goes on where another was killed.
+#[test]
+fn a_pack_that_is_resumed_and_meets_a_fault_is_resumed_again() {
+    let prepare = || {
+        let mut packed = Packed::raw(PACK, SMALL);
+        let renames = packed.run.calls.iter().filter(|call| call.name == "rename").count();
+        packed.clear();
+        packed.trial.run(PACK, &format!("rename {} kill", renames / 3));
+        let half = read_tree(&packed.store());
+        packed.pack_anew(&format!("{PACK} --resume"));
+        (packed, half)
+    };
+    in_two(
+        150,
+        prepare,
+        |(packed, _)| rules(&OF_WRITING, &packed.run, ""),
+        |(packed, half), rule| {
+            packed.clear();
+            write_tree(&packed.store(), half);
+            packed.is_whole_or_resumed(&format!("{PACK} --resume"), rule)
+        },
+    );
+}
+
+/// A NIfTI file of 16-bit voxels, compressed.
+fn nifti(extent: [usize; 3]) -> Vec<u8> {
+    let mut file = vec![0u8; 352];
+    let mut put = |at: usize, bytes: &[u8]| file[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_le_bytes());
+    put(344, b"n+1\0");
+    put(40, &3i16.to_le_bytes());
+    extent.iter().enumerate().for_each(|(i, &n)| put(42 + 2 * i, &(n as i16).to_le_bytes()));
+    put(70, &512i16.to_le_bytes());
+    put(72, &16i16.to_le_bytes());
+    (0..4).for_each(|i| put(76 + 4 * i, &1f32.to_le_bytes()));
+    put(108, &352f32.to_le_bytes());
+    file.extend(voxels(extent));
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(&file).and_then(|()| encoder.finish()).expect("writing to memory")
+}
+
+/// A TIFF file of one plane of 16-bit voxels, uncompressed.
+fn tiff(width: usize, plane: &[u8]) -> Vec<u8> {
+    let height = plane.len() / 2 / width;
+    let fields = [(256, width), (257, height), (258, 16), (259, 1), (262, 1), (273, 122), (277, 1), (278, height)];
+    let mut file = b"II*\0\x08\0\0\0\x09\0".to_vec();
+    for (tag, value) in fields.into_iter().chain([(279, plane.len())]) {
+        file.extend((tag as u16).to_le_bytes());
+        file.extend([4, 0, 1, 0, 0, 0]);
+        file.extend((value as u32).to_le_bytes());
+    }
+    file.extend([0; 4]);
+    file.extend(plane);
+    file
+}
+
+/// The same for inputs that are inflated into a scratch file, or opened file by file, and change or fail meanwhile.
+#[test]
+fn a_pack_whose_input_fails_or_changes_is_right_or_resumed() {
+    const NIFTI: &str = "pack in.nii.gz out.zarr --scratch scratch --brick 8 --shard 16 --progress none -j 2";
+    const PLANES: &str = "pack planes out.zarr --brick 8 --shard 16 --progress none -j 2";
+    const NAMES: [&str; 4] = ["planes/p_1.tif", "planes/p_2.tif", "planes/p_3.tif", "planes/p_4.tif"];
+    // Of what is compressed a change is noticed; of what is not, it is another input.
+    const OF_INFLATING: [Fault; 1] = [("read", ONCE, "flip")];
+    let planes = || {
+        let voxels = voxels([SMALL[0], SMALL[1], NAMES.len()]);
+        let planes = voxels.chunks(voxels.len() / NAMES.len()).map(|plane| tiff(SMALL[0], plane));
+        NAMES.into_iter().zip(planes).collect()
+    };
+    let prepare = || {
+        let nifti = Packed::new(NIFTI, vec![("in.nii.gz", nifti(SMALL)), ("scratch/keep", Vec::new())]);
+        [nifti, Packed::new(PLANES, planes())]
+    };
+    let rules = |[nifti, planes]: &[Packed; 2]| {
+        let of = |packed: usize, part, faults| {
+            let run = &[nifti, planes][packed].run;
+            let rules = rules(faults, run, part).into_iter();
+            rules
+                .map(|rules| rules.into_iter().map(|rule| Input { packed, rule }).collect())
+                .collect::<Vec<Vec<Input>>>()
+        };
+        [
+            of(0, "in.nii.gz", &OF_READING[..]),
+            of(0, "in.nii.gz", &OF_FILES),
+            of(0, "in.nii.gz", &OF_INFLATING),
+            of(0, "scratch", &OF_WRITING),
+            of(1, "planes", &OF_READING),
+            of(1, "planes", &OF_FILES),
+        ]
+        .concat()
+    };
+    in_two(150, prepare, rules, |packed, input| {
+        let packed = &packed[input.packed];
+        packed.clear();
+        packed.is_whole_or_resumed(packed.pack, &input.rule)
+    });
+}
+
+/// Which input, and the rule.
+#[derive(Clone)]
+struct Input {
+    packed: usize,
+    rule: String,
+}
+
+impl std::fmt::Display for Input {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.rule)
+    }
+}
+
+/// A store that is to be replaced is there, whole, until its successor is.
+#[test]
+fn a_store_that_is_replaced_is_whole_whatever_happens() {
+    let prepare = || {
+        let packed = Packed::raw(OLD_PACK, SMALL);
+        let old = read_tree(&packed.store());
+        let mut packed = Packed { pack: PACK, ..packed };
+        packed.pack_anew(&format!("{PACK} --overwrite"));
+        (packed, old)
+    };
+    in_two(
+        200,
+        prepare,
+        |(packed, _)| rules(&OF_WRITING, &packed.run, ""),
+        |(packed, old), rule| {
+            packed.clear();
+            write_tree(&packed.store(), old);
+            let outcome = packed.trial.run(&format!("{PACK} --overwrite"), rule);
+            ended_well(&outcome, rule)?;
+            if outcome.code == Some(0) {
+                packed.is_whole()?;
+            }
+            replaced_or_not(packed, old)
+        },
+    );
+}
+
+/// After a pack with `--overwrite` has stopped, or the power was gone: the old store or the new one is there, whole, and it can be
+/// gone on or started over.
+fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
+    const JOURNAL: &str = ".brickyard-journal";
+    ensure(packed.store().is_dir(), || "there is no store any more".into())?;
+    let mut found = tree(&packed.store());
+    found.remove(Path::new(JOURNAL));
+    let old: BTreeMap<PathBuf, Vec<u8>> = old.iter().filter_map(|(p, b)| Some((p.clone(), b.clone()?))).collect();
+    let is_old = found == old;
+    let difference = || format!("the store is neither: {:?}", tree_difference(&found, &packed.expected));
+    ensure(is_old || found == packed.expected, difference)?;
+    let resumed = packed.trial.run(&format!("{} --resume", packed.pack), "");
+    match resumed.code {
+        Some(0) => packed.is_whole(),
+        // Nothing was begun, and the message says that the store is another.
+        Some(2) if is_old => {
+            ensure(tree(&packed.store()) == old, || "a refused --resume changed the store".into())?;
+            packed.run_ok(&format!("{} --overwrite", packed.pack))?;
+            packed.is_whole()
+        }
+        _ => Err(format!("afterwards, --resume: {}", ended(&resumed))),
+    }
+}
+
+/// A moment in a run, and what the power failure takes.
+struct Moment {
+    /// Calls made before.
+    calls: usize,
+    lost: Lost,
+    /// The last of them.
+    last: String,
+}
+
+impl std::fmt::Display for Moment {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "power lost after call {} ({}), with it {:?}", self.calls, self.last, self.lost)
+    }
+}
+
+/// Every moment of a run that began with `before` at which the disk has changed, for every way to lose power then.
+fn moments(run: &Outcome, before: &Tree) -> Vec<Vec<Moment>> {
+    let mut disk = Disk::new(before);
+    let changes: Vec<usize> = (0..run.calls.len()).filter(|&i| disk.follow(&run.calls[i])).collect();
+    let ways = |seed| [Lost::Nothing, Lost::Everything, Lost::Bytes, Lost::Names, Lost::Some(seed), Lost::Some(!seed)];
+    let moment = |way: usize, i: usize| {
+        let last = format!("{} {}", run.calls[i].name, run.calls[i].path.display());
+        Moment { calls: i + 1, lost: ways(i as u64)[way], last }
+    };
+    // The last one, of which a code of 0 was said, always.
+    let last = vec![(0..6).filter_map(|way| Some(moment(way, *changes.last()?))).collect()];
+    let by_way = (0..6).map(|way| changes.iter().map(|&i| moment(way, i)).collect());
+    by_way.chain(last).collect()
+}
+
+impl Packed {
+    /// Makes the sandbox what the disk holds after a moment of the recorded run.
+    fn lose_power(&self, before: &Tree, moment: &Moment) {
+        let mut disk = Disk::new(before);
+        for call in &self.run.calls[..moment.calls] {
+            disk.follow(call);
+        }
+        write_tree(&self.trial.sandbox.path(""), &disk.after_power_loss(moment.lost));
+        self.restore_inputs();
+    }
+
+    /// Whether the run changed nothing after a moment, so that it has said that all is done.
+    fn has_ended(&self, moment: &Moment) -> bool {
+        let changes = ["open", "write", "truncate", "mkdir", "unlink", "sync", "rename"];
+        !self.run.calls[moment.calls..]
+            .iter()
+            .any(|call| call.result >= 0 && call.name != "open" && changes.contains(&&*call.name))
+    }
+}
+
+/// The sandbox's files but for a store made anew.
+fn only_input(packed: &Packed) -> Tree {
+    packed.inputs.iter().map(|(path, bytes)| (path.into(), Some(bytes.clone()))).collect()
+}
+
+/// Whatever of the unsynced writes and names is lost with the power: what opens is whole, and the next pack finishes the rest.
+#[test]
+fn a_pack_that_loses_power_is_right_or_resumed() {
+    in_two(
+        250,
+        || Packed::raw(PACK, SMALL),
+        |packed| moments(&packed.run, &only_input(packed)),
+        |packed, moment| {
+            packed.lose_power(&only_input(packed), moment);
+            if packed.has_ended(moment) {
+                packed.is_whole()?;
+            }
+            let info = packed.trial.run("info out.zarr", "");
+            match info.code {
+                Some(0) => {
+                    let mut found = tree(&packed.store());
+                    found.remove(Path::new(".brickyard-journal"));
+                    let difference = tree_difference(&found, &packed.expected);
+                    ensure(difference.is_empty(), || format!("it opens, but is another: {difference:?}"))?;
+                }
+                Some(3 | 4) => {}
+                _ => return Err(format!("info: {}", ended(&info))),
+            }
+            packed.run_ok(&format!("{} --resume", packed.pack))?;
+            packed.is_whole()
+        },
+    );
+}
+
+/// The same for a store that is replaced, of which there is always one.
+#[test]
+fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
+    let prepare = || {
+        let old = Packed::raw(OLD_PACK, SMALL);
+        let (old_store, before) = (read_tree(&old.store()), read_tree(&old.trial.sandbox.path("")));
+        let mut packed = Packed { pack: PACK, ..old };
+        packed.pack_anew(&format!("{PACK} --overwrite"));
+        (packed, old_store, before)
+    };
+    in_two(
+        200,
+        prepare,
+        |(packed, _, before)| moments(&packed.run, before),
+        |(packed, old_store, before), moment| {
+            packed.lose_power(before, moment);
+            if packed.has_ended(moment) {
+                packed.is_whole()?;
+            }
+            replaced_or_not(packed, old_store)
+        },
+    );
+}
+
+/// The commands that read a store.
+const READERS: [&str; 4] = [
+    "verify out.zarr --progress none",
+    "info out.zarr --json",
+    "export out.zarr level.raw --level 0 --progress none",
+    "render out.zarr -o picture.png --backend cpu --size 24x20 -j 2 --level 0 --stats stats.json",
+];
+
+/// A command that reads, and the rule.
+struct Reading {
+    command: &'static str,
+    rule: String,
+}
+
+impl std::fmt::Display for Reading {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.rule, self.command)
+    }
+}
+
+/// A store, and what is said of it without harm.
+struct Readable {
+    packed: Packed,
+    store: Tree,
+    runs: [Outcome; 4],
+    level: Vec<u8>,
+    picture: brickyard::volume::Picture,
+}
+
+impl Readable {
+    fn new() -> Self {
+        let packed = Packed::raw(READ_PACK, [36, 33, 20]);
+        let store = read_tree(&packed.store());
+        let runs = READERS.map(|command| packed.trial.run(command, ""));
+        for run in &runs {
+            assert_eq!(run.code, Some(0), "{}", ended(run));
+        }
+        let level = packed.trial.sandbox.read("level.raw");
+        assert!(level == packed.inputs[0].1, "level 0 is the input");
+        let picture = read_png(&packed.trial.sandbox.path("picture.png"));
+        Self { packed, store, runs, level, picture }
+    }
+
+    fn cases(&self) -> Vec<Vec<Reading>> {
+        let of = |(command, run): (&&'static str, &Outcome)| {
+            let parts =
+                [("", &OF_READING[..]), ("out.zarr/", &OF_FILES), ("level.raw", &OF_WRITING), ("picture", &OF_WRITING)];
+            let temporary = [(".brickyard-export", &OF_WRITING[..])];
+            let rules = parts.into_iter().chain(temporary).flat_map(|(part, faults)| rules(faults, run, part));
+            let readings = |rules: Vec<String>| rules.into_iter().map(|rule| Reading { command, rule }).collect();
+            rules.map(readings).collect::<Vec<Vec<Reading>>>()
+        };
+        READERS.iter().zip(&self.runs).flat_map(of).collect()
+    }
+
+    fn run(&self, case: &Reading) -> Result<()> {
+        let sandbox = &self.packed.trial.sandbox;
+        for name in ["level.raw", "picture.png", "stats.json"] {
+            let _ = std::fs::remove_file(sandbox.path(name));
+        }
+        let outcome = self.packed.trial.run(case.command, &case.rule);
+        let is_changed = case.rule.contains("halve") || case.rule.contains("empty");
+        let checked = ended_well(&outcome, &case.rule).and_then(|()| self.check(case, &outcome));
+        if is_changed {
+            write_tree(&self.packed.store(), &self.store);
+        }
+        checked
+    }
+
+    fn check(&self, case: &Reading, outcome: &Outcome) -> Result<()> {
+        let sandbox = &self.packed.trial.sandbox;
+        let Some(which) = READERS.iter().position(|command| *command == case.command) else { return Ok(()) };
+        if outcome.code != Some(0) {
+            let left = ["level.raw", "picture.png"].into_iter().find(|name| sandbox.path(name).exists());
+            return ensure(left.is_none(), || format!("it failed but left {left:?}"));
+        }
+        let same_words = || ensure(outcome.stdout == self.runs[which].stdout, || "it says something else".into());
+        match which {
+            0 => {
+                same_words()?;
+                ensure(!is_sure_to_be_met(case, outcome), || "it does not say what it could not read".into())
+            }
+            1 => same_words(),
+            2 => ensure(sandbox.read("level.raw") == self.level, || "level 0 is not the input".into()),
+            _ => {
+                let is_same = read_png(&sandbox.path("picture.png")) == self.picture;
+                let is_said = outcome.stderr.contains("bricks could not be read");
+                ensure(is_same || is_said, || "the picture is another, without a word".into())
+            }
+        }
+    }
+}
+
+/// Whether nobody who reads all of a store can have missed the fault: a file that could not be opened, read or mapped however
+/// often it was tried, or was cut before any of it was read through its map.
+fn is_sure_to_be_met(case: &Reading, outcome: &Outcome) -> bool {
+    let mut words = case.rule.split_whitespace();
+    let (calls, when, action) = (words.next().unwrap_or(""), words.next().unwrap_or(""), words.next().unwrap_or(""));
+    let cut = outcome.calls.iter().find(|call| call.name == "truncate").map(|call| &call.path);
+    match action {
+        "halve" | "empty" => outcome.calls.iter().any(|call| call.name == "map" && Some(&call.path) == cut),
+        _ => matches!(calls, "open" | "read" | "map") && when.ends_with(['+', '~']),
+    }
+}
+
+/// What cannot be read is said, or read again: a report, an export and a picture are never wrong without a word.
+#[test]
+fn readers_that_meet_a_fault_say_so() {
+    in_two(400, Readable::new, Readable::cases, |readable, case| readable.run(case));
+}

@@ -1,0 +1,171 @@
+//! System calls past libc's symbols, which this library takes for itself, and paths of descriptors.
+
+use std::ffi::{CStr, CString, OsString};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
+use std::path::{Component, Path, PathBuf};
+
+/// A system call with up to six arguments; -1 and `errno` on failure.
+///
+/// # Safety
+/// The arguments are what the call expects.
+pub(crate) unsafe fn call(number: i64, a: [usize; 6]) -> i64 {
+    // SAFETY: the caller promises it.
+    unsafe { libc::syscall(number, a[0], a[1], a[2], a[3], a[4], a[5]) }
+}
+
+/// Sets `errno`; the result of a call that failed.
+pub(crate) fn fail(error: i32) -> i64 {
+    // SAFETY: the address of this thread's `errno` is always valid.
+    unsafe { *libc::__errno_location() = error };
+    -1
+}
+
+/// Runs something and leaves `errno` as it was.
+pub(crate) fn keeping_errno<T>(work: impl FnOnce() -> T) -> T {
+    // SAFETY: the address of this thread's `errno` is always valid.
+    let errno = unsafe { *libc::__errno_location() };
+    let result = work();
+    // SAFETY: as above.
+    unsafe { *libc::__errno_location() = errno };
+    result
+}
+
+/// Ends the process as by `kill -9`.
+pub(crate) fn kill_self() -> ! {
+    // SAFETY: both calls take numbers.
+    unsafe {
+        libc::kill(libc::getpid(), libc::SIGKILL);
+        libc::_exit(137)
+    }
+}
+
+fn c_string(path: &Path) -> CString {
+    CString::new(path.as_os_str().as_bytes()).unwrap_or_default()
+}
+
+/// Opens a log.
+pub(crate) fn open_to_append(path: &Path) -> i32 {
+    let (path, flags) = (c_string(path), libc::O_WRONLY | libc::O_CREAT | libc::O_APPEND | libc::O_CLOEXEC);
+    // SAFETY: the path is a string that outlives the call.
+    let file = unsafe {
+        call(libc::SYS_openat, [libc::AT_FDCWD as usize, path.as_ptr() as usize, flags as usize, 0o600, 0, 0])
+    };
+    file as i32
+}
+
+/// Writes to a log. What cannot be written is lost: tests see that the log is too short.
+pub(crate) fn write_all(file: i32, mut bytes: &[u8]) {
+    while !bytes.is_empty() {
+        // SAFETY: the pointer and length are those of a slice.
+        let n = unsafe { call(libc::SYS_write, [file as usize, bytes.as_ptr() as usize, bytes.len(), 0, 0, 0]) };
+        if n <= 0 {
+            return;
+        }
+        bytes = &bytes[n as usize..];
+    }
+}
+
+/// Cuts a file by its path.
+pub(crate) fn truncate(path: &str, length: i64) {
+    let path = c_string(Path::new(path));
+    // SAFETY: the path is a string that outlives the call.
+    unsafe { call(libc::SYS_truncate, [path.as_ptr() as usize, length as usize, 0, 0, 0, 0]) };
+}
+
+/// Length of a file; `None` where it cannot be asked.
+pub(crate) fn length(path: &str) -> Option<i64> {
+    let path = c_string(Path::new(path));
+    let mut stat = std::mem::MaybeUninit::<libc::stat>::zeroed();
+    let to = stat.as_mut_ptr() as usize;
+    // SAFETY: the path is a string and `stat` a place for the answer; all-zero is a valid one.
+    let (code, stat) = unsafe {
+        let at = [libc::AT_FDCWD as usize, path.as_ptr() as usize, to, 0, 0, 0];
+        (call(libc::SYS_newfstatat, at), stat.assume_init())
+    };
+    (code == 0).then_some(stat.st_size)
+}
+
+/// Where the next byte of a descriptor is read or written.
+pub(crate) fn position(file: i32) -> i64 {
+    // SAFETY: the call takes numbers.
+    unsafe { call(libc::SYS_lseek, [file as usize, 0, libc::SEEK_CUR as usize, 0, 0, 0]) }
+}
+
+/// What a link of the process's own folder leads to.
+fn own_link(name: &str) -> Option<PathBuf> {
+    let link = CString::new(format!("/proc/self/{name}")).ok()?;
+    let mut bytes = vec![0; libc::PATH_MAX as usize];
+    // SAFETY: the link is a string; the buffer's pointer and length are its own.
+    let n = unsafe {
+        let (to, size) = (bytes.as_mut_ptr() as usize, bytes.len());
+        call(libc::SYS_readlinkat, [libc::AT_FDCWD as usize, link.as_ptr() as usize, to, size, 0, 0])
+    };
+    bytes.truncate(usize::try_from(n).ok()?);
+    Some(OsString::from_vec(bytes).into())
+}
+
+/// The path of an open file, as it is called now; one without a name ends in ` (deleted)`.
+pub(crate) fn path_of(file: i32) -> Option<String> {
+    let path = keeping_errno(|| own_link(&format!("fd/{file}")))?;
+    path.into_os_string().into_string().ok()
+}
+
+/// The path of a name below a folder's descriptor (`AT_FDCWD` for the current one), `.` and `..` resolved as text. An empty
+/// name is the descriptor's own.
+///
+/// # Safety
+/// The name is null or a string.
+pub(crate) unsafe fn path_at(folder: i32, name: *const libc::c_char) -> Option<String> {
+    let name: &[u8] = if name.is_null() {
+        b""
+    } else {
+        // SAFETY: the caller promises a string.
+        unsafe { CStr::from_ptr(name) }.to_bytes()
+    };
+    let name = Path::new(std::ffi::OsStr::from_bytes(name));
+    let mut path = match (name.is_absolute(), folder) {
+        (true, _) => PathBuf::new(),
+        (_, libc::AT_FDCWD) => keeping_errno(|| own_link("cwd"))?,
+        _ => path_of(folder)?.into(),
+    };
+    for component in name.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir => drop(path.pop()),
+            other => path.push(other),
+        }
+    }
+    path.into_os_string().into_string().ok()
+}
+
+/// Makes a byte of a private map of a file another.
+///
+/// # Safety
+/// The map was just made, of a file of which `length` bytes can be read, and nobody else knows it.
+pub(crate) unsafe fn flip_mapped(map: usize, length: usize, file: i32, offset: i64, place: usize) {
+    let flags = (libc::MAP_PRIVATE | libc::MAP_FIXED) as usize;
+    let access = (libc::PROT_READ | libc::PROT_WRITE) as usize;
+    // SAFETY: the caller promises that the range is ours to map anew; the byte lies in it and the file has it.
+    unsafe {
+        if call(libc::SYS_mmap, [map, length, access, flags, file as usize, offset as usize]) == map as i64 {
+            *(map as *mut u8).add(place) ^= 0x10;
+            call(libc::SYS_mprotect, [map, length, libc::PROT_READ as usize, 0, 0, 0]);
+        }
+    }
+}
+
+/// Puts a page that cannot be read (SIGBUS) into a map.
+///
+/// # Safety
+/// As for [`flip_mapped`].
+pub(crate) unsafe fn lose_mapped(map: usize, length: usize, place: usize) {
+    const PAGE: usize = 4096;
+    let flags = (libc::MAP_SHARED | libc::MAP_FIXED) as usize;
+    // SAFETY: a file without bytes, mapped over a page of the range, which the caller promises to be ours.
+    unsafe {
+        let empty = call(libc::SYS_memfd_create, [c"lost".as_ptr() as usize, 0, 0, 0, 0, 0]);
+        let page = map + (place.min(length - 1) & !(PAGE - 1));
+        call(libc::SYS_mmap, [page, PAGE, libc::PROT_READ as usize, flags, empty as usize, 0]);
+        call(libc::SYS_close, [empty as usize, 0, 0, 0, 0, 0]);
+    }
+}

@@ -1,0 +1,229 @@
+//! Which calls are harmed, and how.
+//!
+//! A rule is `CALLS WHEN ACTION [PATH]`, separated by blanks:
+//!
+//! - `CALLS`: names of [`Call`]s, separated by commas, or `any`.
+//! - `WHEN`, among those calls: `7` is the seventh alone; `7+` it and all that follow; `7~` it and all that follow on the same
+//!   file; `%7` every seventh.
+//! - `ACTION`: see [`Action`].
+//! - `PATH`: only files whose path contains this.
+
+use std::collections::HashSet;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// What is called, by purpose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Call {
+    Open,
+    Close,
+    Read,
+    Write,
+    Map,
+    Sync,
+    Rename,
+    Truncate,
+    Allocate,
+    Unlink,
+    Mkdir,
+    Stat,
+    Lock,
+    List,
+    Mode,
+}
+
+impl Call {
+    const ALL: [(Self, &'static str); 15] = [
+        (Self::Open, "open"),
+        (Self::Close, "close"),
+        (Self::Read, "read"),
+        (Self::Write, "write"),
+        (Self::Map, "map"),
+        (Self::Sync, "sync"),
+        (Self::Rename, "rename"),
+        (Self::Truncate, "truncate"),
+        (Self::Allocate, "allocate"),
+        (Self::Unlink, "unlink"),
+        (Self::Mkdir, "mkdir"),
+        (Self::Stat, "stat"),
+        (Self::Lock, "lock"),
+        (Self::List, "list"),
+        (Self::Mode, "mode"),
+    ];
+
+    pub(crate) fn name(self) -> &'static str {
+        Self::ALL[self as usize].1
+    }
+}
+
+/// What is done to a call.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Action {
+    /// `EIO`, `ENOSPC`...: it fails with that.
+    Fail(i32),
+    /// `short`: half of the bytes are read or written.
+    Short,
+    /// `delay:MS`: it waits before.
+    Delay(u64),
+    /// `kill`: the process ends before it, as by SIGKILL.
+    Kill,
+    /// `tear`: half of the bytes are written, then the process ends so.
+    Tear,
+    /// `lie`: it does nothing and says that it did.
+    Lie,
+    /// `halve`, `empty`: after it, the file is cut to half of its length, or to nothing.
+    Cut { halves: u64 },
+    /// `flip`: a byte of what is read or mapped is another.
+    Flip,
+    /// `lose`: a page of what is mapped cannot be read.
+    Lose,
+}
+
+const ERRORS: [(&str, i32); 9] = [
+    ("EIO", libc::EIO),
+    ("ENOSPC", libc::ENOSPC),
+    ("EINTR", libc::EINTR),
+    ("EMFILE", libc::EMFILE),
+    ("ENOMEM", libc::ENOMEM),
+    ("ESTALE", libc::ESTALE),
+    ("EACCES", libc::EACCES),
+    ("ENOENT", libc::ENOENT),
+    ("EOPNOTSUPP", libc::EOPNOTSUPP),
+];
+
+impl FromStr for Action {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        if let Some(millis) = text.strip_prefix("delay:") {
+            return millis.parse().map(Self::Delay).map_err(drop);
+        }
+        let error = ERRORS.iter().find(|(name, _)| *name == text);
+        Ok(match (text, error) {
+            (_, Some((_, number))) => Self::Fail(*number),
+            ("short", _) => Self::Short,
+            ("kill", _) => Self::Kill,
+            ("tear", _) => Self::Tear,
+            ("lie", _) => Self::Lie,
+            ("halve", _) => Self::Cut { halves: 1 },
+            ("empty", _) => Self::Cut { halves: 0 },
+            ("flip", _) => Self::Flip,
+            ("lose", _) => Self::Lose,
+            _ => return Err(()),
+        })
+    }
+}
+
+#[derive(Clone, Copy)]
+enum When {
+    Once(u64),
+    From(u64),
+    SameFile(u64),
+    Every(u64),
+}
+
+impl FromStr for When {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let number = |text: &str| text.parse().map_err(drop);
+        if let Some(n) = text.strip_prefix('%') {
+            return number(n).map(Self::Every);
+        }
+        match text.split_at_checked(text.len().saturating_sub(1)) {
+            Some((n, "+")) => number(n).map(Self::From),
+            Some((n, "~")) => number(n).map(Self::SameFile),
+            _ => number(text).map(Self::Once),
+        }
+    }
+}
+
+struct Rule {
+    /// Empty for any.
+    calls: Vec<Call>,
+    when: When,
+    action: Action,
+    part: String,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    seen: u64,
+    /// Files that [`When::SameFile`] has met.
+    files: HashSet<String>,
+}
+
+impl FromStr for Rule {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let mut words = text.split_whitespace();
+        let mut next = || words.next().ok_or(());
+        let (calls, when, action) = (next()?, next()?.parse()?, next()?.parse()?);
+        let call = |name: &str| Call::ALL.iter().find(|(_, n)| *n == name).map(|(call, _)| *call).ok_or(());
+        let calls = if calls == "any" { Vec::new() } else { calls.split(',').map(call).collect::<Result<_, ()>>()? };
+        Ok(Self { calls, when, action, part: words.next().unwrap_or("").into(), state: Mutex::default() })
+    }
+}
+
+impl Rule {
+    /// Counts the call; what is done to it.
+    fn meet(&self, call: Call, path: &str) -> Option<Action> {
+        if !(self.calls.is_empty() || self.calls.contains(&call)) || !path.contains(&self.part) {
+            return None;
+        }
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.seen += 1;
+        let is_met = match self.when {
+            When::Once(n) => state.seen == n,
+            When::From(n) => state.seen >= n,
+            When::Every(n) => state.seen.is_multiple_of(n),
+            When::SameFile(n) => {
+                if state.seen == n {
+                    state.files.insert(path.into());
+                }
+                state.files.contains(path)
+            }
+        };
+        is_met.then_some(self.action)
+    }
+}
+
+/// What the environment says.
+pub(crate) struct Settings {
+    pub(crate) under: String,
+    rules: Vec<Rule>,
+    pub(crate) log: Option<PathBuf>,
+}
+
+/// The settings; `None` where nothing is to be done.
+pub(crate) fn settings() -> Option<&'static Settings> {
+    static SETTINGS: OnceLock<Option<Settings>> = OnceLock::new();
+    let read = || {
+        let under = std::env::var("BRICKYARD_FAULTS_UNDER").ok().filter(|under| under.starts_with('/'))?;
+        let rules = std::env::var("BRICKYARD_FAULTS").unwrap_or_default();
+        let rules = rules.split(';').filter(|rule| !rule.trim().is_empty()).map(str::parse);
+        // A rule that is not understood would be a test that tests nothing.
+        let rules = rules.collect::<Result<_, ()>>().unwrap_or_else(|()| std::process::abort());
+        Some(Settings { under, rules, log: std::env::var_os("BRICKYARD_FAULTS_LOG").map(PathBuf::from) })
+    };
+    SETTINGS.get_or_init(read).as_ref()
+}
+
+impl Settings {
+    /// Whether a path is below the folder.
+    pub(crate) fn concerns(&self, path: &str) -> bool {
+        path.strip_prefix(&self.under).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    }
+
+    /// Counts a call; what is done to it, by the first rule that it meets.
+    pub(crate) fn meet(&self, call: Call, path: &str) -> Option<Action> {
+        // All rules count, whatever an earlier one does.
+        self.rules.iter().fold(None, |first, rule| {
+            let met = rule.meet(call, path);
+            first.or(met)
+        })
+    }
+}
