@@ -8,8 +8,8 @@ use std::fs::DirEntry;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The arrays beside each level.
-const SIDE_ARRAYS: [&str; 4] = ["minmax", "occupancy", "shards", "aprons"];
+/// The arrays beside each level, those of stores of format 1 (`minmax`, `occupancy`) among them, which are packed anew over the old.
+const SIDE_ARRAYS: [&str; 6] = ["ranges", "hashes", "shards", "aprons", "minmax", "occupancy"];
 
 /// A folder of a store, by what may stand in it.
 #[derive(Clone, Copy)]
