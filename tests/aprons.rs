@@ -106,10 +106,14 @@ fn a_damaged_apron_is_reported_and_drawn_around() {
     let path = test.path().join("0/.brickyard/aprons/c/0/0/0/0/0");
     damage(&path, 20);
     let way = (BackendChoice::Cpu, CompositorChoice::Raycast);
-    let mut session = session(&test.store, way, size).expect("the CPU is there");
-    let (_, stats) = settled(&mut session, &scene(), size);
-    // The brick itself is sound, so nothing that is wanted is missing.
-    assert_eq!((stats.completeness, stats.bricks.failed), (1.0, 0), "{stats:?}");
+    let mut damaged = session(&test.store, way, size).expect("the CPU is there");
+    let (picture, stats) = settled(&mut damaged, &scene(), size);
+    // The brick itself is sound, so nothing that is wanted is missing, and its neighbours' voxels are the apron's.
+    let bricks = stats.bricks;
+    assert_eq!((stats.completeness, bricks.failed, bricks.unreadable), (1.0, 0, 1), "{stats:?}");
+    let sound = store_with(1, |c, v| value(c, v) as u8);
+    let (expected, stats) = settled(&mut session(&sound.store, way, size).expect("the CPU is there"), &scene(), size);
+    assert!(picture == expected && stats.bricks.unreadable == 0);
     let sandbox = Sandbox::default();
     let store = test.path().display().to_string();
     let (code, stdout, _) = sandbox.run(&format!("verify {store} --progress none"));

@@ -199,8 +199,14 @@ fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64) {
     stats.rss_peak = memory.resident_peak_bytes;
     stats.anonymous_peak = stats.anonymous_peak.max(memory.anonymous_bytes);
     let uploaded = stats.bricks.uploaded + counters.uploaded;
-    stats.bricks =
-        BrickCounts { wanted: cells, resident: cells - stand_ins, uploaded, reuploaded: 0, failed: stand_ins };
+    stats.bricks = BrickCounts {
+        wanted: cells,
+        resident: cells - stand_ins,
+        uploaded,
+        reuploaded: 0,
+        failed: stand_ins,
+        unreadable: stats.bricks.unreadable + counters.failed,
+    };
     stats.bytes = ByteCounts {
         read: stats.bytes.read + counters.bytes_read,
         decoded: stats.bytes.decoded + counters.bytes_decoded,

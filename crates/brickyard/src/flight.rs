@@ -162,6 +162,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
             uploaded: counters.uploaded - before.uploaded,
             reuploaded: counters.reuploaded - before.reuploaded,
             failed: status.failed as u64,
+            unreadable: status.counters.failed,
         },
         uploaded_ahead: counters.uploaded_ahead - before.uploaded_ahead,
         bricks_decoded: counters.decoded - before.decoded,

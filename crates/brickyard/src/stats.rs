@@ -93,8 +93,10 @@ pub struct BrickCounts {
     pub uploaded: u64,
     /// Of those, bricks that had been uploaded before.
     pub reuploaded: u64,
-    /// Bricks that could not be read.
+    /// Of the wanted ones, those that could not be read.
     pub failed: u64,
+    /// Bricks and stored aprons that could not be read, wanted for themselves or for what borders on them, over the whole run.
+    pub unreadable: u64,
 }
 
 /// Counts of bytes.
@@ -122,6 +124,7 @@ impl RenderStats {
             uploaded: status.counters.uploaded,
             reuploaded: status.counters.reuploaded,
             failed: status.failed as u64,
+            unreadable: status.counters.failed,
         };
         self.bytes = ByteCounts {
             read: status.counters.bytes_read,

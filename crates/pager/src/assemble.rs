@@ -5,8 +5,8 @@
 //!
 //! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
 //! one by one what has to be decoded. At the faces of the level (its own extent, which may end inside a brick) the last
-//! voxel is repeated; so it is towards a neighbour that cannot be read, and all around where a stored apron cannot. Cost: the
-//! copy of one padded brick, plus decoding what the cache does not hold.
+//! voxel is repeated; so it is towards a neighbour that cannot be read. Where a stored apron cannot be read, its voxels come
+//! from the neighbours' cores. Cost: the copy of one padded brick, plus decoding what the cache does not hold.
 
 use crate::blocks::{Block, paste, paste_apron};
 use crate::layout::Layout;
@@ -42,8 +42,7 @@ impl PaddedReader {
     /// may pass, and tries again, a few times.
     ///
     /// # Errors
-    /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there, and so
-    /// does a stored apron all around.
+    /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there.
     pub fn read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         loop {
             match self.try_read(id, out) {
@@ -65,8 +64,7 @@ impl PaddedReader {
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
         let (codes, gradients) = out.split_at_mut(layout.voxel_bytes());
         if layout.has_stored() {
-            let whole = self.cache.whole(id, &mut self.scratch)?;
-            paste_whole(&layout, &whole, spans, codes);
+            self.paste_whole(id, spans, codes)?;
         } else {
             self.gather(id, spans, codes)?;
         }
@@ -105,26 +103,51 @@ impl PaddedReader {
         }
         Ok(())
     }
+
+    /// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read.
+    fn paste_whole(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
+        let layout = self.layout;
+        let own = place(&spans, Part::OWN);
+        let Whole { codes, has_apron } = self.cache.whole(id, &mut self.scratch)?;
+        let (core, apron) = codes.split_at(layout.core_bytes());
+        if has_apron {
+            paste_apron(&layout, apron, out);
+        }
+        paste(&layout, [None, Some(Block::new(&layout, Part::OWN, core, own)), None], out);
+        // To be dropped before asking for another.
+        drop(codes);
+        let missing = Part::all().filter(|&part| part != Part::OWN && !has_apron);
+        for part in missing {
+            let region = place(&spans, part);
+            if region.iter().any(|span| span.len == 0) {
+                continue;
+            }
+            let lender = BrickId { index: part.lender(id.index), ..id };
+            match self.cache.whole(lender, &mut self.scratch) {
+                Ok(whole) => copy_of_core(&layout, &whole.codes, region, out),
+                Err(failure) if failure.again.is_some() => return Err(failure),
+                Err(_) => repeat_own_edge(&layout, region, own, out),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Copies a box of a neighbour's core to where it goes in the apron, voxel by voxel.
+fn copy_of_core(layout: &Layout, core: &[u8], region: [Span; 3], out: &mut [u8]) {
+    let (edge, padded, bytes) = (layout.edge, layout.padded(), layout.code_bytes);
+    for (z, to_z) in (region[2].from..).zip(region[2].target()) {
+        for (y, to_y) in (region[1].from..).zip(region[1].target()) {
+            let (from, to) = ((z * edge + y) * edge + region[0].from, (to_z * padded + to_y) * padded + region[0].to);
+            let row = region[0].len * bytes;
+            out[to * bytes..][..row].copy_from_slice(&core[from * bytes..][..row]);
+        }
+    }
 }
 
 /// Where a part goes.
 fn place(spans: &[[Span; 3]; 3], part: Part) -> [Span; 3] {
     [0, 1, 2].map(|a| spans[a][part.side[a]])
-}
-
-/// Puts a padded brick together from its core and its stored apron.
-fn paste_whole(layout: &Layout, whole: &Whole, spans: [[Span; 3]; 3], out: &mut [u8]) {
-    let (core, apron) = whole.codes.split_at(layout.core_bytes());
-    let own = place(&spans, Part::OWN);
-    if whole.has_apron {
-        paste_apron(layout, apron, out);
-    }
-    paste(layout, [None, Some(Block::new(layout, Part::OWN, core, own)), None], out);
-    if !whole.has_apron {
-        for part in Part::all().filter(|&part| part != Part::OWN) {
-            repeat_own_edge(layout, place(&spans, part), own, out);
-        }
-    }
 }
 
 /// Fills a box of the apron with the nearest voxels of the brick's own core.
@@ -194,8 +217,8 @@ mod tests {
         (0..x * y * z).map(|i| BrickId { time: 0, channel: 0, level: Level(0), index: index(i) }).collect()
     }
 
-    fn cache(source: TestSource, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, 1, 0).unwrap();
+    fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
+        let layout = layout_of(&source, apron, 0).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
         (Arc::new(RamCache::with_meter(Arc::new(source), layout, cores, meter.clone())), meter)
     }
@@ -205,7 +228,7 @@ mod tests {
         let bricks = rows(&TestSource::cube(64));
         // 8^3 bricks in rows: of each, neighbours up to a slice, a row and a brick ahead are met before their own turn.
         let front = 8 * 8 + 8 + 1;
-        let (cache, meter) = cache(TestSource::cube(64), front);
+        let (cache, meter) = cache(TestSource::cube(64), 1, front);
         let mut reader = PaddedReader::new(cache.clone());
         let mut out = vec![0; reader.padded_bytes()];
         for &id in &bricks {
@@ -221,7 +244,7 @@ mod tests {
         let bricks = rows(&TestSource::cube(24));
         let expected: Vec<_> = bricks.iter().map(|&id| padded(TestSource::cube(24), id, 1)).collect();
         for cores in [1, 2, 5] {
-            let (cache, meter) = cache(TestSource::cube(24), cores);
+            let (cache, meter) = cache(TestSource::cube(24), 1, cores);
             std::thread::scope(|scope| {
                 for thread in 0..6 {
                     let (cache, bricks, expected) = (cache.clone(), &bricks, &expected);
@@ -244,7 +267,7 @@ mod tests {
         let source = || TestSource::cube(64).with_aprons(1);
         let bricks = rows(&source());
         // Room for one brick, and a sweep backwards: nothing is met again.
-        let (cache, meter) = cache(source(), 1);
+        let (cache, meter) = cache(source(), 1, 1);
         let mut reader = PaddedReader::new(cache.clone());
         let mut out = vec![0; reader.padded_bytes()];
         for &id in bricks.iter().rev() {
@@ -258,21 +281,33 @@ mod tests {
     }
 
     #[test]
-    fn a_brick_whose_apron_cannot_be_read_repeats_its_own_edge() {
-        let id = rows(&TestSource::cube(24))[13];
-        let mut source = TestSource::cube(24).with_aprons(1);
-        source.failing_aprons.insert(id);
-        let mut alone = TestSource::cube(24);
-        alone.failing.extend(rows(&alone).into_iter().filter(|other| *other != id));
-        let expected = padded(alone, id, 1);
-        let (cache, _) = cache(source, 1);
-        let mut reader = PaddedReader::new(cache.clone());
-        let mut out = vec![0xEE; reader.padded_bytes()];
-        for other in rows(&TestSource::cube(24)).into_iter().chain([id]) {
-            reader.read(other, &mut out).unwrap();
-            assert!(other != id || out == expected);
+    fn a_brick_whose_apron_cannot_be_read_takes_its_neighbours_voxels() {
+        // In the middle, and at a corner.
+        for (width, i) in [(1, 13), (2, 13), (2, 26)] {
+            let id = rows(&TestSource::cube(24))[i];
+            let mut source = TestSource::cube(24).with_aprons(width);
+            source.failing_aprons.insert(id);
+            let expected = padded(TestSource::cube(24), id, width);
+            let (cache, _) = cache(source, width, 1);
+            let mut reader = PaddedReader::new(cache.clone());
+            let mut out = vec![0xEE; reader.padded_bytes()];
+            for other in rows(&TestSource::cube(24)).into_iter().chain([id]) {
+                reader.read(other, &mut out).unwrap();
+                assert!(other != id || out == expected, "apron of {width}, brick {i}");
+            }
+            assert_eq!(cache.counters().failed, 1, "each is counted once");
         }
-        assert_eq!(cache.counters().failed, 1, "each is counted once");
+    }
+
+    #[test]
+    fn a_brick_whose_neighbours_cannot_be_read_either_repeats_its_own_edge() {
+        let id = rows(&TestSource::cube(24))[13];
+        let others = || rows(&TestSource::cube(24)).into_iter().filter(|other| *other != id);
+        let (mut source, mut alone) = (TestSource::cube(24).with_aprons(1), TestSource::cube(24));
+        source.failing_aprons.insert(id);
+        source.failing.extend(others());
+        alone.failing.extend(others());
+        assert!(padded(source, id, 1) == padded(alone, id, 1));
     }
 
     /// Bricks side by side have the same gradients where both have some, with stored aprons or without, at the level's faces too.

@@ -278,7 +278,7 @@ impl Inner {
                 self.failed_aprons.remove(&id);
             }
             Some(Err(err)) if self.failed_aprons.insert(id) => {
-                tracing::warn!("apron of {err}; the brick's own outermost voxels stand in");
+                tracing::warn!("apron of {err}; the neighbours' own voxels stand in");
                 self.counters.failed += 1;
             }
             _ => {}

@@ -92,8 +92,9 @@ impl Chunks {
             return Ok(());
         };
         self.bytes_read.fetch_add(range.length, Ordering::Relaxed);
-        let path = || self.path(self.layout.shard_of(id).0);
-        Scratch::with(|scratch| {
+        let shard_id = self.layout.shard_of(id).0;
+        let path = || self.path(shard_id);
+        let read = Scratch::with(|scratch| {
             let mut encoded = std::mem::take(&mut scratch.encoded);
             let bytes = shard.bytes(range, &mut encoded);
             let decoded = bytes.map(|bytes| self.codec.decode(scratch, bytes, out));
@@ -101,7 +102,12 @@ impl Chunks {
             decoded
                 .map_err(|error| ReadError::Io { path: path(), error })?
                 .map_err(|error| shard.unreadable(&path(), id, error))
-        })
+        });
+        if read.is_err() {
+            // The next try opens the file anew, and maps pages again that could not be read.
+            lock(&self.open).pop(&shard_id);
+        }
+        read
     }
 
     /// Whether the brick has a chunk; one that has not is all zero.

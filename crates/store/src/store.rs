@@ -627,6 +627,38 @@ mod tests {
         }
     }
 
+    /// 134 million bricks, and a million time steps: opening looks at the documents alone, which are all there is here.
+    #[test]
+    fn opening_takes_the_same_memory_whatever_the_size() {
+        const CHILD: &str = "BRICKYARD_TEST_OPEN";
+        let Some(path) = std::env::var_os(CHILD).map(PathBuf::from) else {
+            for (edge, times) in [(32768, 1), (64, 1_000_000)] {
+                let dir = tempfile::tempdir().unwrap();
+                let spec = TestStore { extent: [edge; 3], times, edge: 64, shard: 512, ..TestStore::default() };
+                spec.write_documents(dir.path());
+                let name = "store::tests::opening_takes_the_same_memory_whatever_the_size";
+                let child = std::process::Command::new(std::env::current_exe().unwrap())
+                    .args(["--exact", name, "--nocapture"])
+                    .env(CHILD, dir.path())
+                    .output();
+                let child = child.unwrap();
+                assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stderr));
+            }
+            return;
+        };
+        let anonymous_kib = || -> u64 {
+            let status = std::fs::read_to_string("/proc/self/status").unwrap();
+            let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
+            line.split_whitespace().nth(1).unwrap().parse().unwrap()
+        };
+        let before = anonymous_kib();
+        let store = Store::open(path).unwrap();
+        let after = anonymous_kib();
+        assert!(after - before < 4 << 10, "{before} KiB before, {after} KiB after");
+        // At most 8 MiB of ranges, 4 of indexes, 1 of fingerprints.
+        assert!(store.cache_bytes() < 14 << 20);
+    }
+
     /// More shards than are kept open at a time, forwards and backwards.
     #[test]
     fn any_number_of_shards_can_be_read() {

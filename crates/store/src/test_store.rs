@@ -142,13 +142,32 @@ impl TestStore {
         write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
     }
 
+    /// Writes the documents alone, of a store of nothing but zeros: what opening reads.
+    pub(crate) fn write_documents(&self, store: &Path) {
+        let layout = self.layout();
+        let channels =
+            with_voxel_type!(self.voxel_type, T => vec![channel_statistics::<T>(&[0.0]); self.channels as usize]);
+        let info = self.info_with(channels);
+        for k in 0..layout.pyramid.levels().len() {
+            let level = Level(k as u8);
+            let arrays = level_arrays(store, &layout, level, self.voxel_type);
+            arrays.iter().map(SideArray::document_file).for_each(|(path, bytes)| write_file(&path, &bytes));
+            let document = level_document(&layout, level, &info);
+            write_file(&store.join(k.to_string()).join("zarr.json"), &document_bytes(&document));
+        }
+        write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
+    }
+
     fn info(&self, value: &impl Fn(u32, u32, [u32; 3]) -> f64) -> StoreInfo {
         let channel = |c: u32| {
             let volume = |t| self.levels(|v| value(t, c, v)).swap_remove(0);
             let all: Vec<f64> = (0..self.times).flat_map(volume).collect();
             with_voxel_type!(self.voxel_type, T => channel_statistics::<T>(&all))
         };
-        let channels: Vec<_> = (0..self.channels).map(channel).collect();
+        self.info_with((0..self.channels).map(channel).collect())
+    }
+
+    fn info_with(&self, channels: Vec<ChannelStatistics>) -> StoreInfo {
         StoreInfo {
             version: FORMAT_VERSION,
             edge: self.edge,

@@ -1,6 +1,7 @@
 //! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
+use super::values::counted;
 use brickyard::picture_file::write_png;
 use brickyard::session::shown_window;
 use brickyard::stats::RenderStats;
@@ -50,6 +51,11 @@ pub(crate) fn report(stats: &RenderStats) {
             n => format!("{n} bricks could not be read and are drawn from coarser levels"),
         };
         eprintln!("{what}; run `brickyard verify` for the names");
+    } else if stats.bricks.unreadable > 0 {
+        let unreadable = counted(stats.bricks.unreadable, "brick");
+        eprintln!(
+            "{unreadable} beside what is shown, or aprons, could not be read; run `brickyard verify` for the names"
+        );
     }
 }
 

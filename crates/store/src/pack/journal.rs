@@ -39,12 +39,19 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// That of a directory's journal; empty if it cannot be read.
-    pub(crate) fn of(store: &Path) -> Self {
-        let mut line = Vec::new();
-        let file = File::open(store.join(JOURNAL_NAME));
+    /// That of a directory's journal; empty if there is none, or it is none.
+    ///
+    /// # Errors
+    /// If it is there and cannot be read.
+    pub(crate) fn of(store: &Path) -> Result<Self, PackError> {
+        let (path, mut line) = (store.join(JOURNAL_NAME), Vec::new());
+        let file = File::open(&path);
         let read = file.and_then(|file| BufReader::new(file).take(MOST_HEAD_BYTES).read_until(b'\n', &mut line));
-        read.ok().and_then(|_| serde_json::from_slice(&line).ok()).unwrap_or_default()
+        match read {
+            Ok(_) => Ok(serde_json::from_slice(&line).unwrap_or_default()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
+            Err(error) => Err(PackError::Io { path, error }),
+        }
     }
 }
 
@@ -61,9 +68,9 @@ impl Journal {
     }
 
     /// Opens the journal of an unfinished pack.
-    pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, DiskError> {
+    pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, PackError> {
         let path = store.join(JOURNAL_NAME);
-        Ok(Self { file: disk.reopen(&path)?, path, head: Head::of(store), finished: HashMap::new() })
+        Ok(Self { file: disk.reopen(&path)?, path, head: Head::of(store)?, finished: HashMap::new() })
     }
 
     /// The fingerprint of the store whose place the pack is to take.

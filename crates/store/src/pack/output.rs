@@ -12,6 +12,7 @@
 //! journal tells that what stands beside it is the old store. Where the file system cannot exchange names (NFS) there is a
 //! moment without a store under the final name: meanwhile the pack beside it counts.
 
+use crate::error::OpenError;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::disk::{Disk, DiskError, temporary};
 use crate::pack::journal::{Head, Journal};
@@ -99,7 +100,7 @@ impl Output {
             exchange(disk, &self.dir, &self.store)?;
             self.lock.moved(&self.store);
         }
-        Ok(tidy(disk, &self.store, self.journal.replaces())?)
+        tidy(disk, &self.store, self.journal.replaces())
     }
 }
 
@@ -115,14 +116,14 @@ fn prepare(
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),
         // The store has gone, or has not come back from the exchange: what the pack is to replace stays what it was.
-        _ if dir != store => Head::of(dir).replaces,
+        _ if dir != store => Head::of(dir)?.replaces,
         _ => None,
     };
     match step {
         Step::Refuse => return Err(PackError::Exists { path: dir.into(), unfinished: true }),
         Step::Tidy => {
             lock.declare(disk)?;
-            tidy(disk, store, Head::of(dir).replaces.as_deref())?;
+            tidy(disk, store, Head::of(dir)?.replaces.as_deref())?;
             return Ok(None);
         }
         Step::Resume => {
@@ -179,10 +180,10 @@ fn decide(store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step
 }
 
 /// Puts the new store in the place of the old one, which is then where the new one was; if there is an old one.
-fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), DiskError> {
+fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), PackError> {
     if !disk.exchange(new, store)? {
         let aside = aside(store);
-        if store.exists() {
+        if is_there(store)? {
             disk.rename(store, &aside)?;
         }
         disk.rename_dir(new, store)?;
@@ -191,27 +192,33 @@ fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), DiskError> {
 }
 
 /// Ends a pack whose store stands under its name: deletes the store that it has replaced, then the journal.
-fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), DiskError> {
+fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackError> {
     // The new store's name lasts before the old store goes.
     disk.sync_dir(parent(store))?;
     if let Some(replaced) = replaces {
         let (old, aside) = (with_suffix(store, ".packing"), aside(store));
-        if !old.exists() && is_store(&aside, replaced) {
+        if !is_there(&old)? && is_store(&aside, replaced)? {
             disk.rename(&aside, &old)?;
         }
         // Its root document goes first. What has another one somebody has put there since.
-        let begun = || old.is_dir() && !old.join("zarr.json").exists() && !old.join(JOURNAL_NAME).exists();
-        if is_store(&old, replaced) || begun() {
+        let names = ["zarr.json", JOURNAL_NAME].map(|name| old.join(name));
+        let is_begun = is_there(&old)? && !is_there(&names[0])? && !is_there(&names[1])?;
+        if is_store(&old, replaced)? || is_begun {
             ours::remove(disk, &old)?;
             disk.remove_dir(&old)?;
         }
     }
     disk.remove_file(&store.join(JOURNAL_NAME))?;
-    disk.sync_dir(store)
+    Ok(disk.sync_dir(store)?)
 }
 
-fn is_store(path: &Path, with: &str) -> bool {
-    matches!(find(path), Ok(Found::Store(found)) if found == with)
+fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {
+    Ok(matches!(find(path)?, Found::Store(found) if found == with))
+}
+
+/// Whether there is something of a name. What cannot be looked at is not taken for absent.
+fn is_there(path: &Path) -> Result<bool, PackError> {
+    path.try_exists().map_err(|error| PackError::Io { path: path.into(), error })
 }
 
 fn refuse_foreign(store: &Path) -> Result<(), PackError> {
@@ -232,10 +239,16 @@ fn find(path: &Path) -> Result<Found, PackError> {
         Err(error) => return Err(io(error)),
     };
     let names = entries.map(|e| e.map(|e| e.file_name())).collect::<io::Result<Vec<OsString>>>().map_err(io)?;
-    let ours = crate::side::read_json(&path.join("zarr.json")).map(|root| root["attributes"]["brickyard"].clone());
-    let ours = ours.ok().filter(|ours| !ours.is_null());
+    let ours = match crate::side::read_json(&path.join("zarr.json")) {
+        Ok(root) => Some(root["attributes"]["brickyard"].clone()).filter(|ours| !ours.is_null()),
+        // What cannot be read now may be a whole store.
+        Err(OpenError::Io { path, error }) if error.kind() != io::ErrorKind::NotFound => {
+            return Err(PackError::Io { path, error });
+        }
+        Err(_) => None,
+    };
     if names.iter().any(|name| name == JOURNAL_NAME) {
-        return Ok(Found::Unfinished { replaces: Head::of(path).replaces.is_some(), is_whole: ours.is_some() });
+        return Ok(Found::Unfinished { replaces: Head::of(path)?.replaces.is_some(), is_whole: ours.is_some() });
     }
     if let Some(ours) = ours {
         return Ok(Found::Store(ours["settings_fingerprint"].as_str().unwrap_or_default().into()));
