@@ -429,7 +429,7 @@ fn every_setting_is_compared_on_resume() {
     let first = variant(0, Exists::Refuse);
     interrupted(&store, &first);
     let keys = settings(&source(), &first);
-    let head = journal::Head::of(&store);
+    let head = journal::Head::of(&store).unwrap();
     for (key, value) in keys.as_object().unwrap() {
         let mut changed = head.clone();
         changed.settings[key] = if value == &json!(77) { json!(78) } else { json!(77) };
