@@ -70,7 +70,7 @@ fn raw_files_that_do_not_fit_their_flags() {
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --axes zyq", USAGE, &["'q'", "t, c, z, y, x"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --axes yx", USAGE, &["'z'", "40"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --times 0", USAGE, &["time steps"]),
-            ("pack a.raw a.raw o.zarr --shape 20,30,20 --dtype u8 --times 2", USAGE, &["2 files"]),
+            ("pack --order given a.raw a.raw o.zarr --shape 20,30,20 --dtype u8 --times 2", USAGE, &["2 files"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --spacing 1,0,1", USAGE, &["1,0,1", "positive"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --origin 1,nan,1", USAGE, &["1,nan,1", "finite"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --brick 60", USAGE, &["60", "power of two"]),
@@ -196,7 +196,7 @@ fn what_is_not_a_finished_store() {
     sandbox.write("unfinished.zarr/.brickyard-journal", "{\"settings\": {}, \"shards\": 8}\n9 00000000 0/c/0/0/0/0\n");
     sandbox.copy("good.zarr", "future.zarr");
     let root = String::from_utf8(sandbox.read("good.zarr/zarr.json")).expect("text");
-    sandbox.write("future.zarr/zarr.json", root.replacen("\"version\": 1", "\"version\": 999", 1));
+    sandbox.write("future.zarr/zarr.json", root.replacen("\"version\": 2", "\"version\": 999", 1));
     sandbox.copy("good.zarr", "garbled.zarr");
     sandbox.write("garbled.zarr/zarr.json", &root[..root.len() / 2]);
     sandbox.copy("good.zarr", "reshaped.zarr");

@@ -138,7 +138,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     shard[99] ^= 1;
     sandbox.write("t.zarr/0/c/0/0/0", shard);
     let (code, _, stderr) = sandbox.run(&line);
-    assert!(code == 0 && stderr.contains("1 bricks could not be read"), "exit {code}: {stderr}");
+    assert!(code == 0 && stderr.contains("1 brick could not be read"), "exit {code}: {stderr}");
     let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
     assert_eq!(stats["bricks"]["failed"], 1);
 }

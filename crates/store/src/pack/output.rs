@@ -206,6 +206,8 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
         if is_store(&old, replaced)? || is_begun {
             ours::remove(disk, &old)?;
             disk.remove_dir(&old)?;
+            // Before the journal goes, without which nobody would take it away again.
+            disk.sync_dir(parent(store))?;
         }
     }
     disk.remove_file(&store.join(JOURNAL_NAME))?;
