@@ -79,7 +79,13 @@ impl Output {
         let store = resolve(store)?;
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
-            let Some((step, dir)) = decide(&store, exists, settings)? else { return Ok(None) };
+            let Some((step, dir)) = decide(&store, exists, settings)? else {
+                if is_there(&store.join(LOCK_NAME))? {
+                    // Left by a pack that was killed as its last step; if somebody is there after all, it is theirs.
+                    drop(DirLock::take(disk, &store));
+                }
+                return Ok(None);
+            };
             disk.meanwhile("it is decided");
             let lock = DirLock::take(disk, &dir)?;
             if decide(&store, exists, settings)? != Some((step, dir.clone())) {
