@@ -2,8 +2,9 @@
 //! plain array (`.npy`, NIfTI, ImageJ's single-directory TIFF).
 //!
 //! The files are memory-mapped; a box is copied line by line along the array's fastest axis, whatever the order of
-//! its axes. A box is believed only if the file is still as it was opened once the box was read. Cost of a box: its own bytes, once; nothing where they are lent as they lie in the file. The kernel is told of
-//! announced boxes plane by plane, since plain faulting reads a cold file several times slower.
+//! its axes. A box is believed only if the file is still as it was opened once the box was read. Cost of a box: its own
+//! bytes, once; nothing where they are lent as they lie in the file. The kernel is told of announced boxes plane by plane, since
+//! plain faulting reads a cold file several times slower.
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
