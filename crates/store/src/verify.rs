@@ -204,10 +204,10 @@ impl HashPage {
         if self.0.as_ref().is_none_or(|(of, second, _)| (*of, *second) != (page, is_second)) {
             self.0 = Some((page, is_second, store.read_hashes(page).unwrap_or_default()));
         }
-        let stored = *self.0.as_ref()?.2.get(place)?;
+        let stored = *self.0.as_ref()?.2.get(place).filter(|stored| **stored != computed)?;
         let what = format!("hashes: expected {computed:032x}, found {stored:032x}");
         let path = store.layout().side_dir(store.path(), id.level).join("hashes");
-        (stored != computed).then(|| VerifyProblem { brick: Some(id), path, what })
+        Some(VerifyProblem { brick: Some(id), path, what })
     }
 }
 

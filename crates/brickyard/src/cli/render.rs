@@ -104,7 +104,7 @@ fn run_exact(
             1 => "1 pass".to_string(),
             n => format!("{n} passes"),
         };
-        eprintln!("{} in {passes}", counted(stats.bricks.wanted as u64, "brick"));
+        eprintln!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
         write(&output, &picture, &resolved.shown(&scene), stats)?;
     }
     stats.frame_ms = Percentiles::of(&frame_ms);
