@@ -416,7 +416,12 @@ fn what_lasts_lasts_before_what_tells_of_it() {
         [format!("rename {at}.packing/zarr.json"), format!("sync_dir {at}.packing")]
     );
     assert_eq!(tail[1], parent);
-    check(tail, &parent, &format!("remove_file {at}.packing/zarr.json"));
+    let place = |change: String| tail.iter().position(|found| *found == change).unwrap();
+    assert!(place(format!("remove_file {at}.packing/zarr.json")) > 1);
+    // Nor does the old store come back once the journal has gone.
+    let last_sync = tail.iter().rposition(|change| *change == parent).unwrap();
+    assert!(place(format!("remove_dir {at}.packing")) < last_sync);
+    check(tail, &parent, &format!("remove_file {journal}"));
     check(tail, &format!("remove_file {at}.packing/zarr.json"), &format!("remove_file {at}.packing/0/zarr.json"));
     check(tail, &format!("remove_dir {at}.packing"), &format!("remove_file {journal}"));
 }
@@ -459,5 +464,5 @@ fn every_setting_is_compared_on_resume() {
     differs(&|_, o| o.codec = Codec::None, "codec");
     differs(&|_, o| o.downsample = Downsample::Max.into(), "downsample");
     differs(&|_, o| o.aprons = 1, "aprons");
-    differs(&|s, _| s.info.calibrated = true, "calibrated");
+    differs(&|s, _| s.info.calibrated = true, "spacing_given");
 }
