@@ -11,7 +11,7 @@ use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, index_bytes};
 use crate::shard_file::{IoMode, ShardFile};
 use crate::side::{SideArray, read_fingerprints};
-use brickyard_volume::{BrickId, Level, PageId};
+use brickyard_volume::{BrickId, Level, PageId, Paging};
 use lru::LruCache;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -171,12 +171,12 @@ impl Chunks {
     }
 
     fn fingerprint(&self, id: ShardId) -> Result<Fingerprint, ReadError> {
-        let array = SideArray::fingerprints(&self.store, &self.layout, id.level);
-        let ([x, y, z], place) = array.paging().locate([id.x, id.y, id.z]);
+        let ([x, y, z], place) = Paging::new(self.layout.shard_grid(id.level)).locate([id.x, id.y, id.z]);
         let page = PageId { time: id.time, channel: id.channel, level: id.level, z, y, x };
         if let Some(kept) = lock(&self.fingerprints).get(&page) {
             return Ok(kept[place]);
         }
+        let array = SideArray::fingerprints(&self.store, &self.layout, id.level);
         let read: Arc<[Fingerprint]> = read_fingerprints(&array, page)?.into();
         lock(&self.fingerprints).put(page, read.clone());
         Ok(read[place])
