@@ -15,14 +15,19 @@ use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
 use brickyard::volume::{Extent, Geometry, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 pub mod missing;
 
 pub use missing::leave_out;
+
+/// A command that takes longer hangs. The slowest takes about a minute, on two cores that do other work too.
+const LONGEST_RUN: Duration = Duration::from_mins(10);
 
 /// A source whose voxels are a function of (time, channel, `[x, y, z]`).
 pub struct FunctionSource<T, F> {
@@ -406,10 +411,32 @@ impl Sandbox {
     }
 }
 
+/// What a command does that has no input: its exit code and what it wrote.
 fn outcome(command: &mut Command) -> (i32, String, String) {
-    let Output { status, stdout, stderr } = command.output().expect("the command starts");
-    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
-    (status.code().expect("no signal"), text(stdout), text(stderr))
+    let mut child =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it can be started");
+    let stdout = read_on_a_thread(child.stdout.take().expect("it is piped"));
+    let stderr = read_on_a_thread(child.stderr.take().expect("it is piped"));
+    let mut text = |output: Receiver<String>| {
+        output.recv_timeout(LONGEST_RUN).unwrap_or_else(|_| {
+            child.kill().expect("it is ours");
+            panic!("{command:?} has not ended after {LONGEST_RUN:?}")
+        })
+    };
+    let (stdout, stderr) = (text(stdout), text(stderr));
+    (child.wait().expect("it is ours").code().expect("no signal"), stdout, stderr)
+}
+
+/// All that comes out of a pipe, once its other end is closed.
+fn read_on_a_thread(mut pipe: impl Read + Send + 'static) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        pipe.read_to_end(&mut bytes).expect("the pipe can be read");
+        // Nobody waits for it once the test has failed.
+        let _ = sender.send(String::from_utf8_lossy(&bytes).into_owned());
+    });
+    receiver
 }
 
 /// Every file below a folder, by its path there.
