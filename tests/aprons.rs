@@ -101,7 +101,10 @@ fn pictures_are_the_same_and_no_brick_is_decoded_for_a_neighbour() {
     // for them meanwhile is a matter of time.
     let (bricks, rest) = (stored.bytes.decoded / (18 * 18 * 18), stored.bytes.decoded % (18 * 18 * 18));
     let most = stored.bricks.wanted + coarse;
-    assert!(rest == 0 && (stored.bricks.wanted..=most).contains(&bricks), "{bricks} of at most {most}, and {rest} bytes");
+    assert!(
+        rest == 0 && (stored.bricks.wanted..=most).contains(&bricks),
+        "{bricks} of at most {most}, and {rest} bytes"
+    );
 }
 
 #[test]

@@ -176,17 +176,8 @@ impl Layout {
 
     /// Shard `i` of a level, row-major in (t, c, z, y, x).
     pub fn shard_at(&self, level: Level, i: u64) -> ShardId {
-        let (grid, channels) = (self.shard_grid(level), self.channels as u64);
-        let (volume, cell) = (i / grid.volume(), i % grid.volume());
-        let (gx, gy) = (grid.x as u64, grid.y as u64);
-        ShardId {
-            time: (volume / channels) as u32,
-            channel: (volume % channels) as u32,
-            level,
-            z: (cell / (gx * gy)) as u32,
-            y: (cell / gx % gy) as u32,
-            x: (cell % gx) as u32,
-        }
+        let [time, channel, z, y, x] = place_at(i, self.channels, self.shard_grid(level));
+        ShardId { time, channel, level, z, y, x }
     }
 
     /// Shards of all levels, time steps and channels.
@@ -227,6 +218,13 @@ impl Layout {
             && id.level <= self.pyramid.coarsest()
             && self.pyramid.level(id.level).bricks.contains(id.index.to_array())
     }
+}
+
+/// `[t, c, z, y, x]` of the `i`th cell, row-major, of all time steps and so many channels of a grid.
+pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
+    let (volume, cell) = (i / grid.volume(), i % grid.volume());
+    let (gx, gy, channels) = (grid.x as u64, grid.y as u64, channels as u64);
+    [volume / channels, volume % channels, cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32)
 }
 
 /// How much of an unfinished store its journal says is there, 0 to 99; `None` if the journal cannot be read.

@@ -13,7 +13,7 @@
 //! leave old pages as they are. A page of ranges takes 16 KiB to 64 KiB in memory.
 
 use crate::error::{OpenError, ReadError};
-use crate::layout::Layout;
+use crate::layout::{Layout, place_at};
 use crate::metadata::{array_document, bytes_codec, check_array, document_bytes};
 use crate::shard::Fingerprint;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
@@ -120,11 +120,7 @@ impl SideArray {
 
     /// Page `i` of a level, in the order of the axes.
     pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
-        let (grid, channels) = (self.paging().page_grid(), self.channels as u64);
-        let (volume, cell) = (i / grid.volume(), i % grid.volume());
-        let (gx, gy) = (grid.x as u64, grid.y as u64);
-        let [time, channel] = [volume / channels, volume % channels].map(|n| n as u32);
-        let [z, y, x] = [cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32);
+        let [time, channel, z, y, x] = place_at(i, self.channels, self.paging().page_grid());
         PageId { time, channel, level, z, y, x }
     }
 

@@ -66,11 +66,7 @@ impl Frames {
         if let (Packing::Encapsulated(codec @ (Codec::Jpeg | Codec::Jpeg2000)), None) = (packing, pixels.length) {
             format.check_codec(path, codec == Codec::Jpeg2000)?;
         }
-        let count = match header.number(tags::NUMBER_OF_FRAMES) {
-            None => 1,
-            Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) => n as u64,
-            Some(n) => return Err(ImportError::invalid(path, format!("NumberOfFrames is {n}, expected 1 or more"))),
-        };
+        let count = frame_count(header)?;
         // Before a place is noted for each.
         super::check_frames(header, count)?;
         let places = match (packing, pixels.length) {
@@ -161,6 +157,15 @@ impl Frames {
             }
         }
     }
+}
+
+/// How many frames a file has by its header: one, if it does not say.
+fn frame_count(header: &Header) -> Result<u64, ImportError> {
+    let text = header.text(tags::NUMBER_OF_FRAMES).filter(|text| !text.is_empty());
+    let Some(text) = text else { return Ok(1) };
+    let count = text.parse::<f64>().ok().filter(|n| n.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(n));
+    let problem = || format!("NumberOfFrames is '{text}', expected a whole number from 1 on");
+    count.map(|n| n as u64).ok_or_else(|| ImportError::invalid(&header.path, problem()))
 }
 
 fn packing_of(header: &Header) -> Result<Packing, ImportError> {

@@ -481,6 +481,10 @@ fn missing_and_wrong_elements_are_named() {
     changed(&|s| s.number(tags::ROWS, 30)).refused(&["cut short", "240 bytes", "found 24 (216 missing)"]);
     changed(&|s| s.text(tags::NUMBER_OF_FRAMES, VR::IS, "2").number(tags::ROWS, 1))
         .refused(&["2 frames without a place for each", "PerFrameFunctionalGroupsSequence"]);
+    for count in ["1A", "2\\2", "0", "-1", "1.5"] {
+        changed(&|s| s.text(tags::NUMBER_OF_FRAMES, VR::IS, count))
+            .refused(&[count, "expected a whole number from 1 on"]);
+    }
     changed(&|s| s.sequence(tags::MODALITY_LUT_SEQUENCE, vec![])).refused(&["ModalityLUTSequence"]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
