@@ -21,8 +21,8 @@ use crate::pack::{Exists, PackError, fingerprint, ours};
 use serde_json::Value;
 use std::ffi::OsString;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// How often the directory may change while it is looked at.
 const MOST_CHANGES: u32 = 100;
@@ -79,7 +79,7 @@ impl Output {
         let store = resolve(store)?;
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
-            let Some((step, dir)) = decide(&store, exists, settings)? else {
+            let Some((step, dir)) = decide(disk, &store, exists, settings)? else {
                 if is_there(&store.join(LOCK_NAME))? {
                     // Left by a pack that was killed as its last step; if somebody is there after all, it is theirs.
                     drop(DirLock::take(disk, &store));
@@ -88,7 +88,7 @@ impl Output {
             };
             disk.meanwhile("it is decided");
             let lock = DirLock::take(disk, &dir)?;
-            if decide(&store, exists, settings)? != Some((step, dir.clone())) {
+            if decide(disk, &store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
             if let Some(journal) = prepare(disk, &store, &dir, step, &lock, (settings, shards))? {
@@ -104,6 +104,7 @@ impl Output {
         if self.dir != self.store {
             refuse_foreign(&self.store)?;
             exchange(disk, &self.dir, &self.store)?;
+            disk.meanwhile("the names are exchanged");
             self.lock.moved(&self.store);
         }
         tidy(disk, &self.store, self.journal.replaces())
@@ -151,16 +152,9 @@ fn prepare(
 }
 
 /// What is to be done where; `None` if the very store is there.
-fn decide(store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step, PathBuf)>, PackError> {
+fn decide(disk: &Disk, store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step, PathBuf)>, PackError> {
     let beside = with_suffix(store, ".packing");
-    let mut found_beside = find(&beside)?;
-    let mut found = find(store)?;
-    if matches!(found, Found::Store(_)) && found_beside != Found::Free {
-        // The one may be from before an exchange and the other from after: only what stays so is so.
-        std::thread::sleep(Duration::from_millis(20));
-        found_beside = find(&beside)?;
-        found = find(store)?;
-    }
+    let [found_beside, found] = find_both(disk, [&beside, store])?;
     let is_pending = matches!(found_beside, Found::Unfinished { replaces: true, .. });
     let mismatch = |difference: &str| PackError::Mismatch { store: store.into(), difference: difference.into() };
     let (step, is_beside) = match (exists, found) {
@@ -183,6 +177,27 @@ fn decide(store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step
         (Exists::Overwrite, _) => return Err(PackError::InTheWay { path: beside, store: store.into() }),
     };
     Ok(Some((step, if is_beside { beside } else { store.into() })))
+}
+
+/// What stands under two names that others may exchange at any moment. What is found under the one may be from before and under the
+/// other from after: what is found twice, in the same directories, stood there at one time.
+fn find_both(disk: &Disk, paths: [&Path; 2]) -> Result<[Found; 2], PackError> {
+    let mut last = None;
+    for _ in 0..MOST_CHANGES {
+        let first = (number(paths[0]), find(paths[0])?);
+        disk.meanwhile("one of two names was looked at");
+        let now = [first, (number(paths[1]), find(paths[1])?)];
+        if last.as_ref() == Some(&now) {
+            return Ok(now.map(|(_, found)| found));
+        }
+        last = Some(now);
+    }
+    Err(PackError::Busy { store: paths[1].into(), holder: None })
+}
+
+/// Which directory has a name; none if none is seen there.
+fn number(path: &Path) -> Option<(u64, u64)> {
+    std::fs::metadata(path).map(|dir| (dir.dev(), dir.ino())).ok()
 }
 
 /// Puts the new store in the place of the old one, which is then where the new one was; if there is an old one.

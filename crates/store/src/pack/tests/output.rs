@@ -228,6 +228,50 @@ fn what_was_seen_before_the_lock_is_looked_at_again() {
     assert_whole(&store, &[ours], "gone");
 }
 
+/// Overwrites a store up to where it has its name and what it replaces is still beside it. What is returned lets the pack go on, and
+/// waits for its end.
+fn overwritten_but_for_the_old(store: &Path, settings: usize) -> impl FnOnce() + Send + use<> {
+    let (store, disk) = (store.to_path_buf(), Disk::default());
+    let (to_test, exchanged) = std::sync::mpsc::channel();
+    let (go_on, waits) = std::sync::mpsc::channel::<()>();
+    let stop = move || {
+        to_test.send(()).unwrap();
+        waits.recv().unwrap();
+    };
+    disk.meanwhile.lock().unwrap().push(("the names are exchanged", Box::new(stop)));
+    let pack = move || pack_on(&disk, &source(), &store, &variant(settings, Exists::Overwrite), &()).unwrap();
+    let running = std::thread::spawn(pack);
+    exchanged.recv().unwrap();
+    move || {
+        go_on.send(()).unwrap();
+        running.join().unwrap();
+    }
+}
+
+/// While somebody looks at the store and at what is beside it, other packs replace the store, one after another. What is seen then
+/// never stood there at one time: a store, and beside it another one that nobody is about to take away.
+#[test]
+fn names_that_are_exchanged_while_they_are_looked_at_are_looked_at_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    pack(&source(), &store, &variant(1, Exists::Refuse), &()).unwrap();
+    let first = overwritten_but_for_the_old(&store, 2);
+    let (to_second_look, second) = std::sync::mpsc::channel();
+    let path = store.clone();
+    let at_first_look = move || {
+        first();
+        to_second_look.send(overwritten_but_for_the_old(&path, 1)).unwrap();
+    };
+    let at_second_look = move || second.recv().unwrap()();
+    let moment = "one of two names was looked at";
+    let disk = Disk::default();
+    disk.meanwhile.lock().unwrap().push((moment, Box::new(at_first_look)));
+    disk.meanwhile.lock().unwrap().push((moment, Box::new(at_second_look)));
+    pack_on(&disk, &source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
+    assert!(disk.meanwhile.lock().unwrap().is_empty());
+    assert_whole(&store, &[fingerprint(&settings(&source(), &variant(0, Exists::Refuse)))], "the last one's");
+}
+
 #[test]
 fn overwriting_deletes_only_what_packing_wrote() {
     let dir = tempfile::tempdir().unwrap();
@@ -254,6 +298,21 @@ fn overwriting_deletes_only_what_packing_wrote() {
     std::fs::remove_file(store.join("7")).unwrap();
     assert_same(&expected, &files(&store), "refused");
     assert_eq!(names(dir.path()), ["s.zarr"]);
+
+    // What comes while the pack is at work, too, and what is packed by then stays beside it.
+    struct Meddler(std::path::PathBuf);
+    impl crate::pack::Progress for Meddler {
+        fn advanced(&self, _done: u64, _total: u64) {
+            std::fs::write(&self.0, "theirs").unwrap();
+        }
+    }
+    let late = store.join("late.txt");
+    let error =
+        pack(&source(), &store, &variant(1, Exists::Overwrite), &Meddler(late.clone())).expect_err("there is a file");
+    assert!(matches!(&error, PackError::Foreign { found, .. } if *found == late), "{error}");
+    std::fs::remove_file(&late).unwrap();
+    assert_same(&expected, &files(&store), "refused at the end");
+    std::fs::remove_dir_all(dir.path().join("s.zarr.packing")).unwrap();
 
     // An unfinished pack likewise.
     let unfinished = dir.path().join("u.zarr");
@@ -367,7 +426,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
     }
 }
 
-/// What makes a store last, in this order: a shard's bytes, its name, the journal's line; all names, the root document, the
+/// What makes a store last, in this order: the journal's name; a shard's bytes, its name, the journal's line; all names, the root document, the
 /// folder that the store is in; the exchange, the old store's removal; the journal's.
 #[test]
 fn what_lasts_lasts_before_what_tells_of_it() {
@@ -392,6 +451,8 @@ fn what_lasts_lasts_before_what_tells_of_it() {
         assert!(log[..begun].contains(&format!("sync_dir {made}")), "{made}: {log:#?}");
     }
     let journal = format!("{at}/{JOURNAL_NAME}");
+    let named = log.iter().position(|change| *change == format!("rename {journal}")).unwrap();
+    assert!(log[named..begun].contains(&format!("sync_dir {at}")), "{log:#?}");
     let shards: Vec<&String> =
         log.iter().filter(|change| change.starts_with("rename") && change.contains("/c/")).collect();
     assert!(shards.len() > 10);
