@@ -703,6 +703,23 @@ impl Readable {
     }
 }
 
+/// Each thing that `verify` could not read once, of what stands beside the bricks, is said: that it was read before, or will be
+/// again, is no reason to be silent.
+#[test]
+fn nothing_beside_the_bricks_is_checked_unread() {
+    const VERIFY: &str = READERS[0];
+    let cases = |readable: &Readable| {
+        let rules = rules(&[("read", ONCE, "EIO")], &readable.runs[0], ".brickyard/").into_iter().flatten();
+        vec![rules.map(|rule| Reading { command: VERIFY, rule }).collect()]
+    };
+    in_two(usize::MAX, Readable::new, cases, |readable, case| {
+        let outcome = readable.packed.trial.run(VERIFY, &case.rule);
+        ended_well(&outcome, &case.rule)?;
+        let is_met = outcome.calls.iter().any(|call| call.name == "read" && call.result < 0);
+        ensure(is_met == (outcome.code != Some(0)), || format!("met: {is_met}; {}", ended(&outcome)))
+    });
+}
+
 /// Whether nobody who reads all of a store can have missed the fault: a file that could not be opened, read or mapped however
 /// often it was tried, or was cut before any of it was read through its map.
 fn is_sure_to_be_met(case: &Reading, outcome: &Outcome) -> bool {

@@ -191,23 +191,25 @@ struct Buffers<T> {
     hashes: HashPage,
 }
 
-/// The page of hashes that was looked at last; empty if it cannot be read.
+/// The page of hashes that was looked at last; empty before the first one.
 #[derive(Default)]
 struct HashPage(Option<(PageId, bool, Vec<u128>)>);
 
 impl HashPage {
-    /// Compares the hash of a brick's core with the one that is stored.
-    fn check(&mut self, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
+    /// The stored hash of a brick's core.
+    fn stored(&mut self, store: &Store, id: BrickId) -> Result<u128, ReadError> {
         let (page, place) = store.pyramid().page_of(id);
         // Pages of two pyramids have the same ids.
         let is_second = store.layout().second().is_some();
-        if self.0.as_ref().is_none_or(|(of, second, _)| (*of, *second) != (page, is_second)) {
-            self.0 = Some((page, is_second, store.read_hashes(page).unwrap_or_default()));
+        if let Some((of, second, hashes)) = &self.0
+            && (*of, *second) == (page, is_second)
+        {
+            return Ok(hashes[place]);
         }
-        let stored = *self.0.as_ref()?.2.get(place).filter(|stored| **stored != computed)?;
-        let what = format!("hashes: expected {computed:032x}, found {stored:032x}");
-        let path = store.layout().side_dir(store.path(), id.level).join("hashes");
-        Some(VerifyProblem { brick: Some(id), path, what })
+        let hashes = store.read_hashes(page)?;
+        let stored = hashes[place];
+        self.0 = Some((page, is_second, hashes));
+        Ok(stored)
     }
 }
 
@@ -232,11 +234,17 @@ impl<'a> Verifier<'a> {
             report.problems.par_extend(self.check_pages(store, level));
             for chunks in store.chunks() {
                 let pages = (0..chunks.fingerprint_pages(level)).into_par_iter();
-                // A page that cannot be read is a problem of the shards in it.
-                let files = pages.filter_map(|page| chunks.files_of_page(level, page).ok());
-                let (shards, bytes) = files.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-                report.shards += shards;
-                report.bytes += bytes;
+                let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
+                report.problems.par_extend(pages.filter_map(|page| match chunks.files_of_page(level, page) {
+                    Ok((count, length)) => {
+                        shards.fetch_add(count, Ordering::Relaxed);
+                        bytes.fetch_add(length, Ordering::Relaxed);
+                        None
+                    }
+                    Err(error) => self.unread(error),
+                }));
+                report.shards += shards.into_inner();
+                report.bytes += bytes.into_inner();
                 let shards = (0..chunks.layout().level_shards(level)).into_par_iter();
                 let shards = shards.map(|i| chunks.layout().shard_at(level, i));
                 report.problems.par_extend(shards.filter_map(|id| self.check_shard(chunks, id)));
@@ -254,6 +262,19 @@ impl<'a> Verifier<'a> {
         report.problems.append(&mut found);
         if !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
+        }
+    }
+
+    /// Compares the hash of a brick's core with the one that is stored.
+    fn check_hash(&self, hashes: &mut HashPage, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
+        match hashes.stored(store, id) {
+            Ok(stored) if stored == computed => None,
+            Ok(stored) => {
+                let what = format!("hashes: expected {computed:032x}, found {stored:032x}");
+                let path = store.layout().side_dir(store.path(), id.level).join("hashes");
+                Some(VerifyProblem { brick: Some(id), path, what })
+            }
+            Err(error) => self.unread(error),
         }
     }
 
@@ -408,8 +429,9 @@ impl<'a> Verifier<'a> {
         buffers.brick.fill(0);
         let fill = core_hash(&buffers.brick);
         for index in bricks_of(block.core, edge) {
-            check_entry(block.store, block.brick(index), zero, Some(zero), problems);
-            problems.extend(buffers.hashes.check(block.store, block.brick(index), fill));
+            let checked = check_entry(block.store, block.brick(index), zero, Some(zero), problems);
+            problems.extend(checked.err().and_then(|error| self.unread(error)));
+            problems.extend(self.check_hash(&mut buffers.hashes, block.store, block.brick(index), fill));
         }
         if block.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -438,7 +460,8 @@ impl<'a> Verifier<'a> {
                 Ok(()) => {
                     let is_own = !block.core.intersect(self.pyramid().brick_box(block.level, index)).is_empty();
                     if is_own {
-                        problems.extend(buffers.hashes.check(store, id, core_hash(&buffers.brick)));
+                        let hash = core_hash(&buffers.brick);
+                        problems.extend(self.check_hash(&mut buffers.hashes, store, id, hash));
                     }
                     store.copy_rows(index, &buffers.brick, region, bytemuck::cast_slice_mut(&mut buffers.fine));
                 }
@@ -485,7 +508,8 @@ impl<'a> Verifier<'a> {
         let padded = self.grown(id.level, core, 1);
         let neighbours_read = bricks_of(padded, self.pyramid().edge()).all(|i| !unread.contains(&i));
         let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded));
-        check_entry(store, id, summary.parts.whole(), reach, problems);
+        let checked = check_entry(store, id, summary.parts.whole(), reach, problems);
+        problems.extend(checked.err().and_then(|error| self.unread(error)));
         for (store, coarse) in self.coarser(block).iter().zip(&buffers.coarse).filter(|(_, coarse)| !coarse.is_empty())
         {
             let (region, whole) = (self.coarse_box(id.level, core), self.coarse_box(id.level, block.core));
@@ -589,20 +613,19 @@ impl Block<'_> {
     }
 }
 
-/// Compares the ranges that are stored of a brick with its voxels' and its children's. Those of a page that cannot be read are
-/// left out: the page has been reported.
+/// Compares the ranges that are stored of a brick with its voxels' and its children's.
 fn check_entry<T: Measure>(
     store: &Store,
     id: BrickId,
     core: Range<T>,
     reach: Option<Range<T>>,
     problems: &mut Vec<VerifyProblem>,
-) {
-    let Ok((page, place)) = store.sides().ranges_of(id) else { return };
+) -> Result<(), ReadError> {
+    let (page, place) = store.sides().ranges_of(id)?;
     let (mut core, mut reach) = (core.to_f64(), reach.map(Range::to_f64));
     for child in store.pyramid().children(id.level, id.index) {
         let child = BrickId { level: Level(id.level.0 - 1), index: child, ..id };
-        let Ok((page, place)) = store.sides().ranges_of(child) else { return };
+        let (page, place) = store.sides().ranges_of(child)?;
         core = join(core, page.core(place));
         reach = reach.map(|reach| join(reach, page.reach(place)));
     }
@@ -615,6 +638,7 @@ fn check_entry<T: Measure>(
             problems.push(VerifyProblem { brick: Some(id), path, what });
         }
     }
+    Ok(())
 }
 
 fn join(a: Option<(f64, f64)>, b: Option<(f64, f64)>) -> Option<(f64, f64)> {
