@@ -80,7 +80,7 @@ pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let mut tiff = OpenTiff::open(path)?;
     let format = tiff.format()?;
-    let description = tiff.description();
+    let description = tiff.description()?;
     if let [first, .., last] = &description.images[..]
         && options.axes.is_none()
     {
@@ -129,7 +129,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         tiff.check_data(path, 1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
         files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, decoders: Mutex::default() });
-        let description = tiff.description();
+        let description = tiff.description()?;
         match &first {
             Some((_, expected)) if description.calibration != expected.calibration => {
                 let problem = format!(

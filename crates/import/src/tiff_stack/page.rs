@@ -138,33 +138,38 @@ impl OpenTiff {
         seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
     }
 
-    /// What the image description and the resolution say.
-    pub(super) fn description(&mut self) -> Description {
-        let resolution = self.resolution();
+    /// What the image description and the resolution say: how values are calibrated, and how large pixels are.
+    ///
+    /// # Errors
+    /// If the disk does not give them.
+    pub(super) fn description(&mut self) -> Result<Description, ImportError> {
+        let path = self.path.clone();
+        let resolution = self.resolution()?;
         let mut tags = self.decoder.image_ifd();
         let length = tags
             .find_entry(Tag::ImageDescription)
             .map_or(0, |e| e.count().min(LONGEST_DESCRIPTION).min(self.stamp.bytes()));
         let mut bytes = vec![0; length as usize];
-        // A description that cannot be read is no reason to refuse the voxels.
-        let read = tags.find_tag_bytes(Tag::ImageDescription, &mut bytes, 0).ok().flatten().unwrap_or(0);
-        bytes.truncate(read);
+        let read = said(&path, tags.find_tag_bytes(Tag::ImageDescription, &mut bytes, 0))?;
+        bytes.truncate(read.unwrap_or(0));
         let text = match std::str::from_utf8(&bytes) {
             Ok(text) => text.to_owned(),
             // ImageJ writes Latin-1, whose bytes are the first 256 code points.
             Err(_) => bytes.iter().map(|&b| b as char).collect(),
         };
-        Description::parse(text.trim_end_matches('\0'), resolution)
+        Ok(Description::parse(text.trim_end_matches('\0'), resolution))
     }
 
     /// Pixels per unit along x and y.
-    fn resolution(&mut self) -> Option<(f64, f64)> {
+    fn resolution(&mut self) -> Result<Option<(f64, f64)>, ImportError> {
         use tiff::decoder::ifd::Value;
         let mut read = |tag| {
-            let value = self.decoder.find_tag(tag).ok()??;
-            if let Value::Rational(n, d) = value { (d > 0).then(|| n as f64 / d as f64) } else { None }
+            Ok(match said(&self.path, self.decoder.find_tag(tag))? {
+                Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),
+                _ => None,
+            })
         };
-        Some((read(Tag::XResolution)?, read(Tag::YResolution)?))
+        Ok(read(Tag::XResolution)?.zip(read(Tag::YResolution)?))
     }
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
@@ -561,6 +566,18 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
         S::F64 => Element::F64,
         S::F16 => Element::F16,
     })
+}
+
+/// What a tag says that voxels can do without: nothing where it is not there, or is damaged. But what the disk does not give now may
+/// say what the values are.
+fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
+    use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
+    match read {
+        Err(TiffError::IoError(error)) if !matches!(error.kind(), UnexpectedEof | InvalidInput) => {
+            Err(ImportError::io(path)(error))
+        }
+        read => Ok(read.ok().flatten()),
+    }
 }
 
 /// What the library says, as this crate's error.
