@@ -3,12 +3,12 @@
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::render::GpuError;
-use brickyard::session::{SessionOptions, resolve};
+use brickyard::session::SessionOptions;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, TransferFunction};
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, leave_out, oracle, read_png,
+    FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, leave_out, oracle, read_png, resolved,
 };
 use serde_json::Value;
 use std::sync::Arc;
@@ -65,8 +65,8 @@ fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
     }
 }
 
-fn draw(exact: &mut ExactRenderer, store: &Store, scene: &Scene) -> (Picture, RenderStats) {
-    let resolved = resolve(store, store.default_window(0), scene, SIZE).expect("the scene is possible");
+fn draw(exact: &mut ExactRenderer, store: &Arc<Store>, scene: &Scene) -> (Picture, RenderStats) {
+    let resolved = resolved(store, scene, SIZE);
     let mut stats = RenderStats::default();
     let picture = exact.render(&resolved, Duration::from_secs(60), Instant::now(), &mut stats);
     (picture.expect("a picture"), stats)

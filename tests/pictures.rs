@@ -194,7 +194,8 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
         for backend in WAYS {
             let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
             settled(&mut session, &scene, SIZE);
-            let mut levels: Vec<u8> = session.draw_list().cells.iter().map(|c| c.brick.level.0).collect();
+            let mut levels: Vec<u8> =
+                session.draw_lists().flat_map(|list| &list.cells).map(|c| c.brick.level.0).collect();
             levels.sort_unstable();
             levels.dedup();
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");

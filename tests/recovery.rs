@@ -1,6 +1,6 @@
 //! What breaks in mid-flight: the GPU's device, and the files of an open store.
 
-use brickyard::backend::{Backend, BackendChoice, CompositorChoice};
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::{Session, SessionError};
 use brickyard::volume::{BrickId, BrickIndex, Extent, Geometry, Level, LevelPolicy, Scene, TransferFunction};
 use brickyard_tests::{FunctionSource, TestStore, WAYS, assert_same, session, session_within, settled};
@@ -30,8 +30,7 @@ fn waves() -> TestStore {
 }
 
 fn destroy_device(session: &Session) {
-    let Backend::Gpu(renderer) = session.backend() else { panic!("this is about GPUs") };
-    renderer.destroy_device();
+    session.backend().destroy_device();
 }
 
 #[test]
@@ -82,7 +81,7 @@ fn a_device_that_is_always_lost_is_an_error() {
         let error = (0..1000).find_map(|_| {
             destroy_device(&session);
             session.wait(Duration::from_millis(5));
-            session.step(&scene.view).err()
+            session.step(&scene).err()
         });
         let error = error.expect("four losses without a picture");
         assert!(matches!(error, SessionError::LostAgain { times: 4, .. }), "{error}");

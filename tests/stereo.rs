@@ -4,8 +4,8 @@ use brickyard::offline::render_settled;
 use brickyard::session::{ResolvedScene, Session, SessionOptions};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{
-    Camera, Extent, FrameSettings, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, Stereo,
-    StereoLayout, TransferFunction,
+    Camera, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, Stereo, StereoLayout,
+    TransferFunction,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, leave_out, options, oracle, read_png,
@@ -95,10 +95,12 @@ fn eyes_in_one_place_see_what_one_eye_sees() {
         for way in WAYS {
             let Some(mut session) = session(&test.store, way, SIZE) else { continue };
             let mono = session.resolve(&scene(camera, None), SIZE).expect("the scene is possible");
-            let at = |by: f64| mono.frame.rays.from_aside(by, 9.0);
-            let frame = FrameSettings { rays: at(0.0), ..mono.frame.clone() };
-            let mut pair = ResolvedScene { stereo: Some((frame, StereoLayout::TopBottom)), ..mono.clone() };
-            pair.view.other_eye = Some(at(0.0));
+            let mut pair = ResolvedScene { stereo: Some(StereoLayout::TopBottom), ..mono.clone() };
+            let layer = &mut pair.layers[0];
+            let mut right = layer.frames[0].clone();
+            right.settings.rays = right.settings.rays.from_aside(0.0, 9.0);
+            layer.view.other_eye = Some(right.settings.rays);
+            layer.frames.push(right);
             let one = picture(&mut session, &mono).0;
             let two = picture(&mut session, &pair).0;
             assert_eq!(two.rgb, [&one.rgb[..], &one.rgb[..]].concat(), "{name}, {way:?}");
@@ -127,15 +129,18 @@ fn one_residency_set_serves_both_eyes() {
         let Some(both) = session(&test.store, way, SIZE) else { continue };
         let uploads = |mut session: Session, resolved: &ResolvedScene| {
             let stats = picture(&mut session, resolved).1;
-            let own: HashSet<_> = session.draw_list().cells.iter().map(|cell| cell.brick).collect();
+            let own: HashSet<_> = session.draw_lists().flat_map(|list| &list.cells).map(|cell| cell.brick).collect();
             (stats.bricks.uploaded, own)
         };
         let resolved = both.resolve(&pair, SIZE).expect("the scene is possible");
         let (uploaded, drawn) = uploads(both, &resolved);
-        let [left, right] = [resolved.view.clone(), resolved.view.from_other_eye()].map(|mut view| {
-            view.other_eye = None;
-            let frame = FrameSettings { rays: view.rays, ..resolved.frame.clone() };
-            let alone = ResolvedScene { view, frame, stereo: None, ..resolved.clone() };
+        let view = &resolved.layers[0].view;
+        let [left, right] = [view.clone(), view.from_other_eye()].map(|view| {
+            let mut alone = ResolvedScene { stereo: None, ..resolved.clone() };
+            let layer = &mut alone.layers[0];
+            layer.frames.truncate(1);
+            layer.frames[0].settings.rays = view.rays;
+            layer.view = brickyard::pager::View { other_eye: None, ..view };
             uploads(session(&test.store, way, SIZE).expect("the same backend"), &alone)
         });
         assert_eq!(drawn, left.1.union(&right.1).copied().collect(), "{way:?}");
@@ -195,7 +200,7 @@ fn live_pairs_settle() {
         };
         for turn_deg in [0.0, 3.0, 6.0] {
             let resolved = session.resolve(&scene_at(turn_deg), SIZE).expect("the scene is possible");
-            session.step(&resolved.view).expect("a step");
+            session.step(&resolved).expect("a step");
             session.draw(&resolved).expect("a picture");
         }
         let (picture, _) = settled(&mut session, &scene_at(9.0), SIZE);

@@ -107,7 +107,7 @@ fn a_view_after_a_flight_equals_the_oracle() {
                 let camera = Camera { eye, target, ..camera(0.0) };
                 let frame = Scene { camera: Some(camera), transfer: Some(transfer(0.5, 0.2)), ..Scene::default() };
                 let resolved = session.resolve(&frame, SIZE).expect("a possible scene");
-                let status = session.step(&resolved.view).expect("a frame");
+                let status = session.step(&resolved).expect("a frame");
                 session.draw(&resolved).expect("a picture");
                 assert!(status.covered || !was_covered, "{way:?}: a hole");
                 was_covered = status.covered;

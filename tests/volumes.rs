@@ -2,18 +2,17 @@
 //! refused.
 
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
-use brickyard::ensemble::{Ensemble, Member, ResolvedEnsemble};
-use brickyard::offline::{Streamed, render_settled};
-use brickyard::oracle::{render_reference, render_reference_together};
+use brickyard::offline::render_settled;
+use brickyard::oracle::render_reference;
 use brickyard::render::GpuError;
-use brickyard::session::{SessionError, SessionOptions, resolve};
+use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
     Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
     Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, resolved};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -33,9 +32,8 @@ fn store<T: Voxel>(extent: [u32; 3], spacing: [f64; 3], brick: u32, scale: f64) 
     TestStore::pack(&FunctionSource::new(Extent::from_array(extent), geometry, value), brick)
 }
 
-fn members(stores: &[TestStore]) -> Vec<Member> {
-    let member = |test: &TestStore| Member { source: test.store.clone(), default_window: test.store.default_window(0) };
-    stores.iter().map(member).collect()
+fn volumes(stores: &[TestStore]) -> Vec<VolumeSource> {
+    stores.iter().map(|test| VolumeSource::of_store(&test.store, 0)).collect()
 }
 
 fn transfer(rgb: [f64; 3], alpha: f64) -> TransferFunction {
@@ -72,49 +70,84 @@ fn lit(gradient: Gradient, lights: &[[f64; 3]]) -> Lighting {
     Lighting { model: LightingModel::BlinnPhong, gradient, lights: lights.iter().map(|&light| light.into()).collect() }
 }
 
-/// The settled picture of a way to draw; `None` (said loudly) where there is no GPU.
-fn draw(members: &[Member], resolved: &ResolvedEnsemble, options: &SessionOptions) -> Option<(Picture, RenderStats)> {
-    let mut ensemble = match Ensemble::new(members, resolved, options) {
-        Ok(ensemble) => ensemble,
+/// A session of the layers that a scene shows; `None` (said loudly) where there is no GPU.
+fn open(volumes: &[VolumeSource], resolved: &ResolvedScene, options: &SessionOptions) -> Option<Session> {
+    match Session::of_scene(volumes.to_vec(), resolved, options) {
+        Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
             leave_out("gpu", error);
-            return None;
+            None
         }
         Err(error) => panic!("{error}"),
-    };
+    }
+}
+
+fn settle(session: &mut Session, resolved: &ResolvedScene) -> (Picture, RenderStats) {
     let mut stats = RenderStats::default();
     let wait = Duration::from_secs(120);
-    let picture = render_settled(&mut ensemble, resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
-    Some((picture.expect("the picture settles"), stats))
+    let picture = render_settled(session, resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
+    (picture.expect("the picture settles"), stats)
+}
+
+/// The settled picture of a way to draw; `None` (said loudly) where there is no GPU.
+fn draw(
+    volumes: &[VolumeSource],
+    resolved: &ResolvedScene,
+    options: &SessionOptions,
+) -> Option<(Picture, RenderStats)> {
+    Some(settle(&mut open(volumes, resolved, options)?, resolved))
+}
+
+/// Bricks are fetched ahead, uploads are limited and fade in, and the picture is the same in the end.
+#[test]
+fn live_sessions_of_several_volumes_settle() {
+    let stores = two();
+    let volumes = volumes(&stores);
+    // Else hysteresis may keep finer bricks than the oracle has.
+    let scene = Scene { level: LevelPolicy::Locked(0), ..scene() };
+    let first = resolve(&volumes, &scene, SIZE).expect("the scene is possible");
+    let at = |turn_deg: f64| Scene { camera: Some(first.camera.orbited(turn_deg)), ..scene.clone() };
+    let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
+    for way in WAYS {
+        let options = SessionOptions { live: true, ..options(way, SIZE, 64 << 20, 64 << 20) };
+        let Some(mut session) = open(&volumes, &first, &options) else { continue };
+        for turn_deg in [0.0, 4.0, 8.0] {
+            let resolved = session.resolve(&at(turn_deg), SIZE).expect("the scene is possible");
+            let status = session.step(&resolved).expect("a step");
+            assert!(status.gpu_bytes <= 64 << 20 && status.host_bytes <= 64 << 20, "{status:?}");
+            session.draw(&resolved).expect("a picture");
+        }
+        let resolved = session.resolve(&at(12.0), SIZE).expect("the scene is possible");
+        let (picture, stats) = settle(&mut session, &resolved);
+        let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+        assert!(picture.difference(&expected).max <= 2 && stats.completeness == 1.0, "{way:?}: {stats:?}");
+        let hidden = VolumeLook { visible: false, ..VolumeLook::default() };
+        let error = session.resolve(&Scene { volumes: vec![hidden], ..scene.clone() }, SIZE).expect_err("one layer");
+        assert!(error.to_string().contains("made for other layers"), "{error}");
+    }
 }
 
 #[test]
 fn a_lost_device_is_started_anew_with_the_same_picture() {
     let (stores, scene) = (two(), scene());
-    let members = members(&stores);
-    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("the scene is possible");
+    let volumes = volumes(&stores);
+    let resolved = resolve(&volumes, &scene, SIZE).expect("the scene is possible");
     let options = options((BackendChoice::Gpu, CompositorChoice::Raycast), SIZE, 64 << 20, 64 << 20);
-    let Some((before, _)) = draw(&members, &resolved, &options) else { return };
-    let mut ensemble = Ensemble::new(&members, &resolved, &options).expect("there is a GPU");
-    let settle = |ensemble: &mut Ensemble| {
-        let mut stats = RenderStats::default();
-        let wait = Duration::from_secs(120);
-        let picture = render_settled(ensemble, &resolved, wait, Instant::now(), &mut stats, &mut Vec::new());
-        (picture.expect("the picture settles"), stats.device_losses)
-    };
+    let Some((before, _)) = draw(&volumes, &resolved, &options) else { return };
+    let mut session = Session::of_scene(volumes.clone(), &resolved, &options).expect("there is a GPU");
     // Found out by uploading, and by drawing what was settled.
-    ensemble.destroy_device();
-    let (picture, losses) = settle(&mut ensemble);
+    session.backend().destroy_device();
+    let (picture, stats) = settle(&mut session, &resolved);
     assert_same(&picture, &before, "lost before it was filled");
-    assert_eq!(losses, 1);
-    ensemble.destroy_device();
-    assert_same(&ensemble.draw(&resolved).expect("drawn anew"), &before, "lost when it was settled");
-    let mut ensemble = Ensemble::new(&members, &resolved, &options).expect("there is a GPU");
+    assert_eq!(stats.device_losses, 1);
+    session.backend().destroy_device();
+    assert_same(&session.draw(&resolved).expect("drawn anew"), &before, "lost when it was settled");
+    let mut session = Session::of_scene(volumes.clone(), &resolved, &options).expect("there is a GPU");
     // Uploads go out in batches, so not every step finds the device gone.
     let always_lost = (0..1000).find_map(|_| {
-        ensemble.destroy_device();
-        ensemble.wait(Duration::from_millis(5));
-        ensemble.step(&resolved).err()
+        session.backend().destroy_device();
+        session.wait(Duration::from_millis(5));
+        session.step(&resolved).err()
     });
     assert!(matches!(always_lost, Some(SessionError::LostAgain { times: 4, .. })), "{always_lost:?}");
 }
@@ -122,7 +155,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
 #[test]
 fn two_stores_equal_the_oracle_on_every_backend() {
     let stores = two();
-    let members = members(&stores);
+    let volumes = volumes(&stores);
     let glowing = VolumeLook { blend: Blend::Add, opacity: 0.5, ..look_askew() };
     let cropped =
         VolumeLook { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..Default::default() };
@@ -162,12 +195,12 @@ fn two_stores_equal_the_oracle_on_every_backend() {
         ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
     ];
     for (what, scene) in scenes {
-        let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+        let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
         let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
-        let expected = render_reference_together(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+        let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         for way in WAYS {
             let options = SessionOptions { bricks: scene.needs(), ..options(way, SIZE, 256 << 20, 256 << 20) };
-            let Some((picture, stats)) = draw(&members, &resolved, &options) else { continue };
+            let Some((picture, stats)) = draw(&volumes, &resolved, &options) else { continue };
             assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
             let difference = picture.difference(&expected);
             // As for one volume: rounding, twice; and rays that graze a surface.
@@ -184,14 +217,14 @@ fn two_stores_equal_the_oracle_on_every_backend() {
 #[test]
 fn one_volume_among_none_is_the_picture_of_one_volume() {
     let stores = [store::<u8>([61, 53, 47], [1.0, 0.8, 1.3], 16, 1.0)];
-    let members = members(&stores);
+    let volumes = volumes(&stores);
     let scene = Scene { volumes: Vec::new(), ..scene() };
     let source = &*stores[0].store;
-    let alone = resolve(source, source.default_window(0), &scene, SIZE).expect("a possible scene");
-    let alone = render_reference(source, &alone, 1 << 30).expect("the oracle's picture");
-    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+    let alone = resolved(&stores[0].store, &scene, SIZE);
+    let alone = render_reference(&[source], &alone, 1 << 30).expect("the oracle's picture");
+    let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
     for way in WAYS {
-        let Some((picture, _)) = draw(&members, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)) else { continue };
+        let Some((picture, _)) = draw(&volumes, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)) else { continue };
         assert!(picture.difference(&alone).max <= 2, "{way:?}");
     }
 }
@@ -203,15 +236,15 @@ fn many_volumes_live_within_the_budgets() {
         let at = [i % 4, i / 4 % 4, i / 16].map(|n| n as f64 * 30.0);
         Placement::from_text(&format!("1 0 0 {} 0 1 0 {} 0 0 1 {}", at[0], at[1], at[2])).expect("a map")
     };
-    let members: Vec<Member> = (0..MAX_VOLUMES).flat_map(|i| members(&small[i % 2..i % 2 + 1])).collect();
+    let volumes: Vec<VolumeSource> = (0..MAX_VOLUMES).flat_map(|i| volumes(&small[i % 2..i % 2 + 1])).collect();
     let look = |i| VolumeLook { world_from_volume: place(i), ..VolumeLook::default() };
     let scene = Scene { volumes: (0..MAX_VOLUMES).map(look).collect(), ..scene() };
-    let resolved = ResolvedEnsemble::new(&members, &scene, SIZE).expect("a possible scene");
+    let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
     let shown: Vec<&Store> = (0..MAX_VOLUMES).map(|i| &*small[i % 2].store).collect();
-    let expected = render_reference_together(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+    let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
     let budget = 96 << 20;
     let options = options(WAYS[0], SIZE, budget, budget);
-    let (picture, stats) = draw(&members, &resolved, &options).expect("the CPU is there");
+    let (picture, stats) = draw(&volumes, &resolved, &options).expect("the CPU is there");
     assert!(picture.difference(&expected).max <= 2);
     assert!(stats.gpu_bytes_peak <= budget && stats.host_bytes_peak <= budget, "{stats:?}");
 }
@@ -219,9 +252,9 @@ fn many_volumes_live_within_the_budgets() {
 #[test]
 fn what_several_volumes_cannot_do_is_refused() {
     let stores = two();
-    let members = members(&stores);
+    let volumes = volumes(&stores);
     let refused = |scene: Scene, word: &str| {
-        let error = ResolvedEnsemble::new(&members, &scene, SIZE).expect_err(word).to_string();
+        let error = resolve(&volumes, &scene, SIZE).expect_err(word).to_string();
         assert!(error.contains(word), "{word}: {error}");
     };
     refused(Scene { mode: Mode::Mip, ..scene() }, "--mode dvr");
@@ -253,13 +286,14 @@ fn what_several_volumes_cannot_do_is_refused() {
     refused(Scene { expression: expression("a"), volumes: vec![dimmed], ..scene() }, "look of its own");
     let hidden = VolumeLook { visible: false, ..VolumeLook::default() };
     refused(Scene { expression: expression("a"), volumes: vec![hidden], ..scene() }, "not visible");
-    let resolved = ResolvedEnsemble::new(&members, &scene(), SIZE).expect("a possible scene");
+    let resolved = resolve(&volumes, &scene(), SIZE).expect("a possible scene");
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
-    let error = Ensemble::new(&members, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)).err().expect("refused");
+    let error =
+        Session::of_scene(volumes.clone(), &resolved, &options(way, SIZE, 64 << 20, 64 << 20)).err().expect("refused");
     assert!(error.to_string().contains("raycast"), "{error}");
     for (gpu, host) in [(1 << 10, 64 << 20), (64 << 20, 1 << 10)] {
         let options = options(WAYS[0], SIZE, gpu, host);
-        let error = Ensemble::new(&members, &resolved, &options).err().expect("a kibibyte is too little");
+        let error = Session::of_scene(volumes.clone(), &resolved, &options).err().expect("a kibibyte is too little");
         assert!(error.to_string().contains("least"), "{error}");
     }
 }

@@ -10,7 +10,7 @@ use brickyard::import::{ImportError, Source, SourceInfo};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::render::GpuError;
-use brickyard::session::{Session, SessionError, SessionOptions};
+use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
 use brickyard::volume::{Extent, Geometry, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
@@ -219,13 +219,20 @@ pub fn settled(session: &mut Session, scene: &Scene, size_px: (u32, u32)) -> (Pi
     (picture.expect("the picture settles"), stats)
 }
 
+/// A scene resolved for a store's volume.
+///
+/// # Panics
+/// If the scene is impossible.
+pub fn resolved(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> ResolvedScene {
+    resolve(&[VolumeSource::of_store(store, scene.channel)], scene, size_px).expect("the scene is possible")
+}
+
 /// The oracle's picture of the same scene.
 ///
 /// # Panics
 /// If the store cannot be read.
-pub fn oracle(store: &Store, scene: &Scene, size_px: (u32, u32)) -> Picture {
-    let resolved = brickyard::session::resolve(store, store.default_window(scene.channel), scene, size_px);
-    render_reference(store, &resolved.expect("the scene is possible"), 1 << 30).expect("the levels can be read")
+pub fn oracle(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> Picture {
+    render_reference(&[store], &resolved(store, scene, size_px), 1 << 30).expect("the levels can be read")
 }
 
 /// The contract between renderers: every channel within 1/255, or a PSNR of at least 50 dB where rounding accumulates over

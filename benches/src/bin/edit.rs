@@ -140,7 +140,7 @@ fn draw(
     stats: &mut RenderStats,
 ) -> Result<(), Box<dyn Error>> {
     let resolved = session.resolve(scene, size_px)?;
-    let status = session.step(&resolved.view)?;
+    let status = session.step(&resolved)?;
     stats.record(&status, session.backend().bytes());
     session.draw(&resolved)?;
     Ok(())

@@ -1,57 +1,11 @@
-//! The two rendering backends behind one face: slots in, pictures out.
+//! Renderers behind one face: bricks go into the slots of layers, and frames come out.
 
 use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
-use brickyard_pager::{BrickSource, DrawList, Upload};
-use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
-use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding};
-
-/// What a backend is built for.
-#[derive(Clone, Copy, Debug)]
-pub struct BackendNeeds {
-    /// How slot codes stand for values.
-    pub encoding: SlotEncoding,
-    /// Voxels along a brick's core edge.
-    pub edge: u32,
-    /// What the pictures need of bricks.
-    pub bricks: Needs,
-    /// How samples are gathered.
-    pub compositor: CompositorChoice,
-    /// Levels of the pyramid.
-    pub levels: u32,
-    /// The hard limit for slots, tables, targets and staging.
-    pub gpu_memory_bytes: u64,
-    /// The largest picture to be rendered, pixels.
-    pub max_size_px: (u32, u32),
-    /// No more slots than this are of use: the number of bricks there are.
-    pub max_slots: u32,
-    /// Threads of the CPU backend.
-    pub threads: usize,
-    /// Whether rays leap over what shows nothing.
-    pub leaps: bool,
-}
-
-impl BackendNeeds {
-    /// What a source needs under these options.
-    pub(crate) fn new(source: &dyn BrickSource, options: &SessionOptions) -> Self {
-        let pyramid = source.pyramid();
-        // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
-        let bricks = pyramid.brick_count();
-        Self {
-            encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
-            edge: pyramid.edge(),
-            bricks: options.bricks,
-            compositor: options.compositor,
-            levels: pyramid.levels().len() as u32,
-            gpu_memory_bytes: options.gpu_memory_bytes,
-            max_size_px: options.max_size_px,
-            max_slots: u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX),
-            threads: options.threads,
-            leaps: options.leaps,
-        }
-    }
-}
+use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
+use brickyard_render::{Compositor, GpuEnsemble, GpuError, GpuOptions, GpuPreference, GpuRenderer};
+use brickyard_software::{EnsembleOptions, SoftwareEnsemble, SoftwareError, SoftwareOptions, SoftwareRenderer};
+use brickyard_volume::{Combination, Picture, SlotEncoding};
 
 /// A backend that could not be made or has failed.
 #[derive(Debug, thiserror::Error)]
@@ -68,163 +22,288 @@ pub enum BackendError {
 }
 
 impl BackendError {
-    /// Whether the device is gone, so that [`Backend::renew`] may help.
+    /// Whether the device is gone, so that [`Renderer::renew`] may help.
     pub fn is_loss(&self) -> bool {
         matches!(self, Self::Gpu(GpuError::DeviceLost(_)))
     }
 }
 
-/// A renderer and the slots it draws from.
-pub enum Backend {
-    /// wgpu.
-    Gpu(Box<GpuRenderer>),
-    /// The CPU.
-    Cpu(Box<SoftwareRenderer>),
-}
+/// A renderer of the layers that it was made for, and the slots that it draws them from.
+pub trait Renderer: Send {
+    /// `gpu` or `cpu`.
+    fn name(&self) -> &'static str;
 
-impl Backend {
-    /// Makes the chosen backend and says which in one line.
+    /// `sorted`, `raycast` or `compute`.
+    fn compositor(&self) -> &'static str {
+        Compositor::Raycast.name()
+    }
+
+    /// How many bricks of a layer fit.
+    fn slots(&self, layer: usize) -> u32;
+
+    /// Everything that is allocated for slots, tables, targets and staging.
+    fn bytes(&self) -> u64;
+
+    /// What [`Renderer::bytes`] would be, had the device not refused some of it.
+    fn asked_bytes(&self) -> u64 {
+        self.bytes()
+    }
+
+    /// Puts a padded brick into a layer's slot.
     ///
     /// # Errors
-    /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a
-    /// picture and one brick.
-    pub fn new(choice: BackendChoice, needs: &BackendNeeds) -> Result<(Self, String), BackendError> {
-        let cpu = |why: &str| -> Result<(Self, String), BackendError> {
-            match needs.compositor {
-                CompositorChoice::Auto | CompositorChoice::Raycast => {}
-                CompositorChoice::Sorted => return Err(BackendError::CpuCompositor("sorted")),
-                CompositorChoice::Compute => return Err(BackendError::CpuCompositor("compute")),
-            }
-            let renderer = SoftwareRenderer::new(SoftwareOptions {
-                encoding: needs.encoding,
-                edge: needs.edge,
-                needs: needs.bricks,
-                memory_bytes: needs.gpu_memory_bytes,
-                max_picture_px: needs.max_size_px.into(),
-                threads: needs.threads,
-                leaps: needs.leaps,
-            })?;
-            Ok((Self::Cpu(Box::new(renderer)), format!("cpu, {} threads{why}", needs.threads)))
-        };
-        let gpu = |preference: GpuPreference| -> Result<(Self, String), BackendError> {
-            let compositor = match needs.compositor {
-                CompositorChoice::Auto => Compositor::default(),
-                CompositorChoice::Sorted => Compositor::Sorted,
-                CompositorChoice::Raycast => Compositor::Raycast,
-                CompositorChoice::Compute => Compositor::Compute,
-            };
-            let (levels, max_slots) = (needs.levels, needs.max_slots);
-            let options =
-                GpuOptions { preference, compositor, levels, max_slots, leaps: needs.leaps, ..Default::default() };
-            let renderer = GpuRenderer::new(
-                &options,
-                needs.encoding,
-                needs.edge,
-                needs.bricks,
-                needs.gpu_memory_bytes,
-                needs.max_size_px,
-            )?;
-            let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
-            Ok((Self::Gpu(Box::new(renderer)), line))
-        };
-        match choice {
-            BackendChoice::Cpu => cpu(""),
-            BackendChoice::Gpu => gpu(GpuPreference::Any),
-            BackendChoice::Auto => match gpu(GpuPreference::Hardware) {
-                Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
-                other => other,
-            },
-        }
+    /// If the device is lost.
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError>;
+
+    /// Renders one frame of the layers, which come in the order that the renderer was made for; or an expression over them.
+    ///
+    /// # Errors
+    /// If the device is lost or out of memory.
+    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError>;
+
+    /// For each cell of a layer's last list drawn, in its order, how much light was left where a ray entered it, the most of all
+    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, of `sorted`, and of several layers.
+    fn visibility(&self, _layer: usize) -> Option<&[f32]> {
+        None
     }
 
     /// Starts a lost GPU anew, from the choice of the adapter on. All slots are empty then, and there may be fewer.
     ///
     /// # Errors
     /// If there is no GPU any more, or it gives too little.
-    pub fn renew(&mut self) -> Result<(), BackendError> {
-        match self {
-            Self::Gpu(r) => r.renew()?,
-            Self::Cpu(_) => {}
-        }
+    fn renew(&mut self) -> Result<(), BackendError> {
         Ok(())
     }
 
-    /// `gpu` or `cpu`.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Gpu(_) => "gpu",
-            Self::Cpu(_) => "cpu",
-        }
+    /// Loses the device as a driver does: for tests.
+    #[doc(hidden)]
+    fn destroy_device(&self) {}
+}
+
+impl Renderer for GpuRenderer {
+    fn name(&self) -> &'static str {
+        "gpu"
     }
 
-    /// `sorted`, `raycast` or `compute`.
-    pub fn compositor(&self) -> &'static str {
-        match self {
-            Self::Gpu(r) => r.compositor().name(),
-            Self::Cpu(_) => Compositor::Raycast.name(),
-        }
+    fn compositor(&self) -> &'static str {
+        self.compositor().name()
     }
 
-    /// How many bricks fit.
-    pub fn slots(&self) -> u32 {
-        match self {
-            Self::Gpu(r) => r.slots(),
-            Self::Cpu(r) => r.slots(),
-        }
+    fn slots(&self, _layer: usize) -> u32 {
+        self.slots()
     }
 
-    /// Everything the backend has allocated for slots, tables, targets and staging.
-    pub fn bytes(&self) -> u64 {
-        match self {
-            Self::Gpu(r) => r.gpu_bytes(),
-            Self::Cpu(r) => r.bytes(),
-        }
+    fn bytes(&self) -> u64 {
+        self.gpu_bytes()
     }
 
-    /// What [`Backend::bytes`] would be, had the device not refused some of it.
-    pub fn asked_bytes(&self) -> u64 {
-        match self {
-            Self::Gpu(r) => r.asked_bytes(),
-            Self::Cpu(r) => r.bytes(),
-        }
+    fn asked_bytes(&self) -> u64 {
+        self.asked_bytes()
     }
 
-    /// Puts a padded brick into its slot.
-    ///
-    /// # Errors
-    /// If the device is lost.
-    pub fn upload(&mut self, upload: &Upload) -> Result<(), BackendError> {
-        match self {
-            Self::Gpu(r) => r.upload(upload.slot, &upload.codes)?,
-            Self::Cpu(r) => r.upload(upload.slot, upload.codes.clone()),
-        }
+    fn upload(&mut self, _layer: usize, upload: &Upload) -> Result<(), BackendError> {
+        Ok(self.upload(upload.slot, &upload.codes)?)
+    }
+
+    fn render(&mut self, layers: &[Layer<'_>], _combination: Option<&Combination>) -> Result<Picture, BackendError> {
+        let Layer { frame, pyramid, draw } = layers[0];
+        Ok(self.render(&frame.settings, pyramid, draw)?)
+    }
+
+    fn visibility(&self, _layer: usize) -> Option<&[f32]> {
+        self.visibility()
+    }
+
+    fn renew(&mut self) -> Result<(), BackendError> {
+        Ok(self.renew()?)
+    }
+
+    fn destroy_device(&self) {
+        self.destroy_device();
+    }
+}
+
+impl Renderer for GpuEnsemble {
+    fn name(&self) -> &'static str {
+        "gpu"
+    }
+
+    fn slots(&self, layer: usize) -> u32 {
+        self.slots(layer)
+    }
+
+    fn bytes(&self) -> u64 {
+        self.gpu_bytes()
+    }
+
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
+        Ok(self.upload(layer, upload.slot, &upload.codes)?)
+    }
+
+    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
+        Ok(self.render(layers, combination)?)
+    }
+
+    fn renew(&mut self) -> Result<(), BackendError> {
+        Ok(self.renew()?)
+    }
+
+    fn destroy_device(&self) {
+        self.destroy_device();
+    }
+}
+
+impl Renderer for SoftwareRenderer {
+    fn name(&self) -> &'static str {
+        "cpu"
+    }
+
+    fn slots(&self, _layer: usize) -> u32 {
+        self.slots()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes()
+    }
+
+    fn upload(&mut self, _layer: usize, upload: &Upload) -> Result<(), BackendError> {
+        self.upload(upload.slot, upload.codes.clone());
         Ok(())
     }
 
-    /// For each cell of the last list drawn, in its order, how much light was left where a ray entered it, the most of all
-    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections and of `sorted`.
-    pub fn visibility(&self) -> Option<&[f32]> {
-        match self {
-            Self::Gpu(r) => r.visibility(),
-            Self::Cpu(r) => r.visibility(),
-        }
+    fn render(&mut self, layers: &[Layer<'_>], _combination: Option<&Combination>) -> Result<Picture, BackendError> {
+        let Layer { frame, pyramid, draw } = layers[0];
+        Ok(self.render(&frame.settings, pyramid, draw))
     }
 
-    /// Renders one frame.
-    ///
-    /// # Errors
-    /// If the device is lost or out of memory.
-    pub fn render(
-        &mut self,
-        frame: &FrameSettings,
-        pyramid: &Pyramid,
-        draw: &DrawList,
-    ) -> Result<Picture, BackendError> {
-        Ok(match self {
-            Self::Gpu(r) => r.render(frame, pyramid, draw)?,
-            Self::Cpu(r) => r.render(frame, pyramid, draw),
-        })
+    fn visibility(&self, _layer: usize) -> Option<&[f32]> {
+        self.visibility()
     }
+}
+
+impl Renderer for SoftwareEnsemble {
+    fn name(&self) -> &'static str {
+        "cpu"
+    }
+
+    fn slots(&self, layer: usize) -> u32 {
+        self.slots(layer)
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes()
+    }
+
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
+        self.upload(layer, upload.slot, upload.codes.clone());
+        Ok(())
+    }
+
+    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
+        Ok(SoftwareEnsemble::render(self, layers, combination))
+    }
+}
+
+/// What a layer needs of a renderer under these options.
+pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) -> VolumeNeeds {
+    let pyramid = source.pyramid();
+    // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
+    let bricks = pyramid.brick_count();
+    let most_slots = u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX);
+    // All of the coarsest level, and one to refine with.
+    let roots = pyramid.level(pyramid.coarsest()).bricks.volume();
+    VolumeNeeds {
+        encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
+        edge: pyramid.edge(),
+        levels: pyramid.levels().len() as u32,
+        bricks: options.bricks,
+        least_slots: u32::try_from(roots + 1).unwrap_or(u32::MAX).min(most_slots),
+        most_slots,
+    }
+}
+
+/// Makes the chosen backend for layers, and says which in one line. One layer that stands alone, in its own world, has renderers of
+/// its own.
+///
+/// # Errors
+/// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and
+/// the least bricks.
+pub(crate) fn open(
+    layers: &[VolumeNeeds],
+    is_alone: bool,
+    options: &SessionOptions,
+) -> Result<(Box<dyn Renderer>, String), BackendError> {
+    let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
+        let renderer = if is_alone { software(&layers[0], options)? } else { software_of_several(layers, options)? };
+        Ok((renderer, format!("cpu, {} threads{why}", options.threads)))
+    };
+    let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
+        if is_alone {
+            let (renderer, line) = gpu_alone(preference, &layers[0], options)?;
+            return Ok((Box::new(renderer), line));
+        }
+        let renderer = GpuEnsemble::new(preference, layers, options.gpu_memory_bytes, options.max_size_px)?;
+        let line = format!("gpu, {}", renderer.adapter());
+        Ok((Box::new(renderer), line))
+    };
+    match options.backend {
+        BackendChoice::Cpu => cpu(""),
+        BackendChoice::Gpu => gpu(GpuPreference::Any),
+        BackendChoice::Auto => match gpu(GpuPreference::Hardware) {
+            Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
+            other => other,
+        },
+    }
+}
+
+/// The GPU renderer of one layer that stands alone, and which it is in one line.
+///
+/// # Errors
+/// As [`open`].
+pub(crate) fn gpu_alone(
+    preference: GpuPreference,
+    needs: &VolumeNeeds,
+    options: &SessionOptions,
+) -> Result<(GpuRenderer, String), BackendError> {
+    let compositor = match options.compositor {
+        CompositorChoice::Auto => Compositor::default(),
+        CompositorChoice::Sorted => Compositor::Sorted,
+        CompositorChoice::Raycast => Compositor::Raycast,
+        CompositorChoice::Compute => Compositor::Compute,
+    };
+    let VolumeNeeds { encoding, edge, levels, bricks, most_slots: max_slots, .. } = *needs;
+    let (budget_bytes, size_px) = (options.gpu_memory_bytes, options.max_size_px);
+    let options =
+        GpuOptions { preference, compositor, levels, max_slots, leaps: options.leaps, ..GpuOptions::default() };
+    let renderer = GpuRenderer::new(&options, encoding, edge, bricks, budget_bytes, size_px)?;
+    let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
+    Ok((renderer, line))
+}
+
+fn software(needs: &VolumeNeeds, options: &SessionOptions) -> Result<Box<dyn Renderer>, BackendError> {
+    match options.compositor {
+        CompositorChoice::Auto | CompositorChoice::Raycast => {}
+        CompositorChoice::Sorted => return Err(BackendError::CpuCompositor("sorted")),
+        CompositorChoice::Compute => return Err(BackendError::CpuCompositor("compute")),
+    }
+    Ok(Box::new(SoftwareRenderer::new(SoftwareOptions {
+        encoding: needs.encoding,
+        edge: needs.edge,
+        needs: needs.bricks,
+        memory_bytes: options.gpu_memory_bytes,
+        max_picture_px: options.max_size_px.into(),
+        threads: options.threads,
+        leaps: options.leaps,
+    })?))
+}
+
+fn software_of_several(layers: &[VolumeNeeds], options: &SessionOptions) -> Result<Box<dyn Renderer>, BackendError> {
+    let options = EnsembleOptions {
+        memory_bytes: options.gpu_memory_bytes,
+        max_picture_px: options.max_size_px.into(),
+        threads: options.threads,
+    };
+    Ok(Box::new(SoftwareEnsemble::new(layers, &options)?))
 }
 
 /// What is to be said where the device gave less than it was asked for.

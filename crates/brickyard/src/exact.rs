@@ -1,12 +1,12 @@
 //! Exact pictures: every brick that a view wants at its own level, however few slots there are, in passes from back to front
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
-use crate::backend::{Backend, BackendChoice, BackendError, BackendNeeds, CompositorChoice};
+use crate::backend::{BackendChoice, BackendError, CompositorChoice, gpu_alone, layer_needs};
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
 use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
-use brickyard_render::{GpuError, GpuRenderer};
+use brickyard_render::{GpuError, GpuPreference, GpuRenderer};
 use brickyard_volume::{FrameSettings, Picture};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -20,6 +20,9 @@ pub enum ExactPictureError {
          compositor: use --backend gpu or auto, --compositor sorted or auto"
     )]
     Way,
+    /// Passes are of one layer in its own world.
+    #[error("--exact draws one volume in its own world: leave it out, or give one store")]
+    Mixed,
     /// No backend, too little memory for it, or a lost device.
     #[error(transparent)]
     Backend(#[from] BackendError),
@@ -55,7 +58,7 @@ const MAX_LOSSES: u32 = 3;
 /// Draws exact pictures of one volume.
 pub struct ExactRenderer {
     source: Arc<dyn BrickSource>,
-    renderer: Box<GpuRenderer>,
+    renderer: GpuRenderer,
     backend_line: String,
     config: PagerConfig,
 }
@@ -71,10 +74,8 @@ impl ExactRenderer {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
-        let needs = BackendNeeds::new(&*source, &options);
-        let (Backend::Gpu(renderer), backend_line) = Backend::new(BackendChoice::Gpu, &needs)? else {
-            return Err(ExactPictureError::Way);
-        };
+        let needs = layer_needs(&*source, &options);
+        let (renderer, backend_line) = gpu_alone(GpuPreference::Any, &needs, &options)?;
         let config = PagerConfig {
             slots: renderer.slots(),
             apron: needs.bricks.apron,
@@ -143,7 +144,14 @@ impl ExactRenderer {
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
         stats.passes = Some(0);
-        scene.picture(|view, frame| self.try_render(view, frame, begun, max_wait, stats))
+        if !scene.is_alone() {
+            return Err(ExactPictureError::Mixed);
+        }
+        let layer = &scene.layers[0];
+        scene.picture(|eye| {
+            let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
+            self.try_render(&view, &layer.frames[eye].settings, begun, max_wait, stats)
+        })
     }
 
     fn try_render(

@@ -25,7 +25,7 @@ pub struct FlightReport {
     /// `sorted` or `raycast`.
     pub compositor: &'static str,
     /// Slots for bricks.
-    pub slots: u32,
+    pub slots: u64,
     /// From the start to a session that can be asked for frames, milliseconds.
     pub open_ms: f64,
     /// To the first complete picture, drawn.
@@ -113,7 +113,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
     let setting = Setting {
         scene: plan.scene.clone(),
         camera: first.camera,
-        transfer: first.transfer.clone(),
+        transfer: first.layers[0].transfer.clone(),
         world_box: store.geometry().world_box(extent),
         voxel_size: store.geometry().voxel_size(extent),
         seed: plan.seed,
@@ -144,7 +144,7 @@ pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Res
         scenario: plan.scenario,
         adapter: session.backend_line().into(),
         compositor: session.backend().compositor(),
-        slots: session.backend().slots(),
+        slots: session.slots(),
         open_ms,
         first_picture_ms,
         settled_ms,
@@ -206,7 +206,7 @@ impl<'a> Watch<'a> {
     }
 
     fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Status, SessionError> {
-        let status = session.step(&scene.view)?;
+        let status = session.step(scene)?;
         let gpu_bytes = session.backend().bytes();
         self.uncovered += !status.covered as u32;
         let over = gpu_bytes > self.options.gpu_memory_bytes || status.host_bytes > self.options.host_memory_bytes;

@@ -1,14 +1,13 @@
 //! brickyard shows volumes that fit neither a 3D texture, nor GPU memory, nor RAM: it packs them into brick stores and
 //! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
 //!
-//! This crate ties the parts together: [`session::Session`] joins a store, a pager and a rendering backend,
-//! [`ensemble::Ensemble`] several stores;
+//! This crate ties the parts together: [`session::Session`] joins stores, their pagers and a rendering backend;
 //! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`projection`] chooses the pyramid
 //! that a mode is drawn from, [`survey`] compares ways to sample. The parts are re-exported under their own names.
 
 pub mod backend;
-pub mod ensemble;
 pub mod exact;
+mod expression;
 pub mod flight;
 mod losses;
 pub mod memory;
@@ -18,12 +17,15 @@ pub mod oracle;
 pub mod picture_file;
 pub mod projection;
 pub mod quality;
+mod resolve;
 pub mod scenario;
+mod scene_check;
 pub mod session;
 mod session_error;
 pub mod stats;
 pub mod survey;
 mod tables;
+mod volume_source;
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;

@@ -26,57 +26,6 @@ pub enum OfflineError {
     },
 }
 
-/// What is streamed until it has settled.
-pub trait Streamed {
-    /// What is to be seen.
-    type Scene;
-
-    /// One step of streaming.
-    ///
-    /// # Errors
-    /// If there is no device any more or nothing can be drawn at all.
-    fn step(&mut self, scene: &Self::Scene) -> Result<Status, SessionError>;
-
-    /// Waits until a brick has arrived, at most this long.
-    fn wait(&mut self, timeout: Duration);
-
-    /// Renders what is there now of the last step's scene.
-    ///
-    /// # Errors
-    /// If there is no device any more, or it is out of memory.
-    fn draw(&mut self, scene: &Self::Scene) -> Result<Picture, SessionError>;
-
-    /// Everything the backend has allocated.
-    fn backend_bytes(&self) -> u64;
-
-    /// How many times the GPU's device was lost and made anew.
-    fn device_losses(&self) -> u32;
-}
-
-impl Streamed for Session {
-    type Scene = ResolvedScene;
-
-    fn step(&mut self, scene: &ResolvedScene) -> Result<Status, SessionError> {
-        Session::step(self, &scene.view)
-    }
-
-    fn wait(&mut self, timeout: Duration) {
-        Session::wait(self, timeout);
-    }
-
-    fn draw(&mut self, scene: &ResolvedScene) -> Result<Picture, SessionError> {
-        Session::draw(self, scene)
-    }
-
-    fn backend_bytes(&self) -> u64 {
-        self.backend().bytes()
-    }
-
-    fn device_losses(&self) -> u32 {
-        Session::device_losses(self)
-    }
-}
-
 /// How long to wait for a brick before looking again whether time is up.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -84,9 +33,9 @@ const POLL: Duration = Duration::from_millis(50);
 ///
 /// # Errors
 /// If the session fails, or `max_wait` passes first.
-pub fn render_settled<S: Streamed>(
-    session: &mut S,
-    scene: &S::Scene,
+pub fn render_settled(
+    session: &mut Session,
+    scene: &ResolvedScene,
     max_wait: Duration,
     started: Instant,
     stats: &mut RenderStats,
@@ -95,7 +44,7 @@ pub fn render_settled<S: Streamed>(
     let begun = Instant::now();
     let status = loop {
         let status = session.step(scene)?;
-        stats.record(&status, session.backend_bytes());
+        stats.record(&status, session.backend().bytes());
         if stats.first_image_ms == 0.0 && status.covered {
             session.draw(scene)?;
             stats.first_image_ms = ms(started);
@@ -118,7 +67,7 @@ pub fn render_settled<S: Streamed>(
     }
     stats.frames += 1;
     stats.device_losses = session.device_losses();
-    stats.record(&status, session.backend_bytes());
+    stats.record(&status, session.backend().bytes());
     Ok(picture)
 }
 

@@ -1,11 +1,10 @@
 //! `--compositor reference`: the picture that streaming must equal, from whole levels held in memory as f64.
 
-use crate::ensemble::ResolvedEnsemble;
 use crate::session::ResolvedScene;
 use brickyard_pager::{BrickSource, Cut, View};
 use brickyard_reference::{Array, ReferenceVolume};
 use brickyard_store::{ReadError, Store};
-use brickyard_volume::{BrickIndex, Extent, Level, Picture, Pyramid};
+use brickyard_volume::{BrickIndex, Extent, Level, Picture, Pyramid, VolumeFrame};
 use glam::DVec3;
 use std::collections::HashSet;
 
@@ -27,31 +26,17 @@ pub enum OracleError {
     Read(#[from] ReadError),
 }
 
-/// Renders the scene from the same cut that streaming with unlimited memory would settle on.
+/// Renders the scene from the same cuts that streaming with unlimited memory would settle on; `stores` are those that the scene was
+/// resolved for.
 ///
 /// # Errors
-/// If the levels that the view needs do not fit `host_memory_bytes` as f64, or cannot be read.
-pub fn render_reference(store: &Store, scene: &ResolvedScene, host_memory_bytes: u64) -> Result<Picture, OracleError> {
-    let needed = Wanted::new(store, &scene.view).bytes(store);
-    if needed > host_memory_bytes {
-        return Err(OracleError::TooLarge { needed, allowed: host_memory_bytes });
-    }
-    let levels = Levels::read(store, &scene.view)?;
-    let level_at = |point: DVec3| levels.at(point);
-    let volume = ReferenceVolume { levels: &levels.arrays, level_at: &level_at, transfer: &scene.transfer };
-    scene.picture(|_, frame| Ok(brickyard_reference::render(frame, &volume)))
-}
-
-/// The same of several volumes: the stores that a scene shows.
-///
-/// # Errors
-/// As [`render_reference`], of all levels of all volumes together.
-pub fn render_reference_together(
+/// If the levels that the views need do not fit `host_memory_bytes` as f64, all layers' together, or cannot be read.
+pub fn render_reference(
     stores: &[&Store],
-    scene: &ResolvedEnsemble,
+    scene: &ResolvedScene,
     host_memory_bytes: u64,
 ) -> Result<Picture, OracleError> {
-    let views = || stores.iter().zip(&scene.volumes).map(|(store, (_, resolved))| (*store, &resolved.view));
+    let views = || scene.layers.iter().map(|layer| (stores[layer.volume], &layer.view));
     let needed = views().map(|(store, view)| Wanted::new(store, view).bytes(store)).fold(0, u64::saturating_add);
     if needed > host_memory_bytes {
         return Err(OracleError::TooLarge { needed, allowed: host_memory_bytes });
@@ -59,10 +44,16 @@ pub fn render_reference_together(
     let levels = views().map(|(store, view)| Levels::read(store, view)).collect::<Result<Vec<_>, _>>()?;
     let level_at: Vec<_> = levels.iter().map(|levels| |point: DVec3| levels.at(point)).collect();
     let mut volumes = Vec::new();
-    for ((levels, level_at), transfer) in levels.iter().zip(&level_at).zip(scene.transfers()) {
-        volumes.push(ReferenceVolume { levels: &levels.arrays, level_at, transfer });
+    for ((levels, level_at), layer) in levels.iter().zip(&level_at).zip(&scene.layers) {
+        volumes.push(ReferenceVolume { levels: &levels.arrays, level_at, transfer: &layer.transfer });
     }
-    scene.picture(|_, frames| Ok(brickyard_reference::render_together(frames, &volumes, scene.combination.as_ref())))
+    scene.picture(|eye| {
+        if scene.is_alone() {
+            return Ok(brickyard_reference::render(&scene.layers[0].frames[eye].settings, &volumes[0]));
+        }
+        let frames: Vec<VolumeFrame> = scene.layers.iter().map(|layer| layer.frames[eye].clone()).collect();
+        Ok(brickyard_reference::render_together(&frames, &volumes, scene.combination.as_ref()))
+    })
 }
 
 /// The cells that a view wants, and whether any is of each level.

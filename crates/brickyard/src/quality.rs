@@ -47,13 +47,11 @@ impl Quality {
 
     /// The scene drawn so.
     pub fn scene(self, exact: &ResolvedScene) -> ResolvedScene {
-        ResolvedScene {
-            view: exact.view.clone(),
-            frame: self.frame(&exact.frame),
-            stereo: exact.stereo.as_ref().map(|(frame, layout)| (self.frame(frame), *layout)),
-            transfer: exact.transfer.clone(),
-            camera: exact.camera,
+        let mut scene = exact.clone();
+        for frame in scene.layers.iter_mut().flat_map(|layer| &mut layer.frames) {
+            frame.settings = self.frame(&frame.settings);
         }
+        scene
     }
 }
 

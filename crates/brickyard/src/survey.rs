@@ -194,13 +194,13 @@ impl<'a> Stage<'a> {
         self.settle(&resolved)?;
         let (mut pictures, mut frame_ms, mut cpu_ms) = (Vec::new(), Vec::new(), Vec::new());
         for seed in 0..self.plan.frames {
-            resolved.frame.sampling.jitter = Jitter::White(seed);
+            resolved.layers[0].frames[0].settings.sampling.jitter = Jitter::White(seed);
             let (begun, cpu_begun) = (Instant::now(), processor_ms());
             pictures.push(self.session.draw(&resolved)?);
             frame_ms.push(ms(begun));
             cpu_ms.push(processor_ms() - cpu_begun);
         }
-        let background = Picture::quantise(resolved.frame.background);
+        let background = Picture::quantise(resolved.layers[0].frames[0].settings.background);
         Ok(Shots { series: Series::new(pictures, background), frame_ms, cpu_ms })
     }
 

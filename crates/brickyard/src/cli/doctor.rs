@@ -8,7 +8,7 @@ use brickyard::import::{SynthKind, SynthSource};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
-use brickyard::session::{Session, SessionOptions, resolve};
+use brickyard::session::{Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
 use brickyard::volume::{Extent, Picture, Scene, VoxelType};
@@ -111,9 +111,8 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
     pack(&source, path, &options, &()).map_err(store_errors::pack_failure)?;
     let store = Arc::new(store_errors::open(path)?);
     let scene = Scene::default();
-    let window = store.default_window(0);
-    let resolved = resolve(&*store, window, &scene, SIZE).map_err(Failure::failed)?;
-    let expected = render_reference(&store, &resolved, 1 << 30).map_err(Failure::failed)?;
+    let resolved = resolve(&[VolumeSource::of_store(&store, 0)], &scene, SIZE).map_err(Failure::failed)?;
+    let expected = render_reference(&[&store], &resolved, 1 << 30).map_err(Failure::failed)?;
     let backends = [("gpu", BackendChoice::Gpu), ("cpu", BackendChoice::Cpu)];
     Ok(backends.into_iter().map(|(name, choice)| trial(name, choice, &store, &scene, &expected)).collect())
 }

@@ -12,7 +12,6 @@ mod progress;
 mod quality;
 mod render;
 mod render_args;
-mod render_together;
 mod sampling_args;
 mod scene_args;
 mod session_args;

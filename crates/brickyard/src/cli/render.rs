@@ -1,21 +1,22 @@
-//! `brickyard render`: settled pictures of a store, as PNG, under fixed budgets.
+//! `brickyard render`: settled pictures of stores, as PNG, under fixed budgets.
 
 use super::failure::Failure;
 use super::output::{note_window, report, write};
 use super::render_args::RenderArguments;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
+use super::store_errors;
 use super::values::counted;
 use super::views::Views;
-use super::{render_together, store_errors};
 use brickyard::backend::CompositorChoice;
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::pager::ExactError;
 use brickyard::projection::for_mode;
-use brickyard::session::{Session, resolve};
+use brickyard::session::{ResolvedScene, Session, VolumeSource, resolve};
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
+use brickyard::volume::Scene;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -26,130 +27,140 @@ use std::time::Instant;
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
     let stores = arguments.stores.iter().map(|path| store_errors::open(path));
-    let mut stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
-    if stores.len() > 1 || arguments.scene.is_of_several()? {
-        return render_together::run(&arguments, stores.into_iter().map(Arc::new).collect(), started);
+    let stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
+    let scene = arguments.sampling.of(arguments.scene.scene_of(&stores, arguments.size)?);
+    let of_mode = stores.into_iter().map(|store| for_mode(store, scene.mode).map(Arc::new));
+    let of_mode = of_mode.collect::<Result<Vec<Arc<Store>>, _>>();
+    let stores = of_mode.map_err(|error| store_errors::open_failure(&error))?;
+    let channel = |i: usize| scene.volumes.get(i).and_then(|look| look.channel).unwrap_or(scene.channel);
+    let volumes = stores.iter().enumerate().map(|(i, store)| VolumeSource::of_store(store, channel(i))).collect();
+    for (i, store) in stores.iter().enumerate() {
+        note_window(store, channel(i));
     }
-    let store = stores.remove(0);
-    let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
-    let store = for_mode(store, scene.mode).map_err(|error| store_errors::open_failure(&error))?;
-    let store = Arc::new(store);
-    note_window(&store, scene.channel);
     let views = Views::new(&arguments, scene)?;
-    let mut stats = RenderStats::default();
-    let compositor = arguments.compositor();
-    match compositor {
+    let mut pictures =
+        Pictures { arguments: &arguments, stores, volumes, views, started, stats: RenderStats::default() };
+    match arguments.compositor() {
         None if arguments.exact => return Err(exact_failure(ExactPictureError::Way)),
-        Some(compositor) if arguments.exact => {
-            run_exact(&arguments, compositor, &store, &views, started, &mut stats)?;
-        }
-        None => run_reference(&arguments, &store, &views, started, &mut stats)?,
-        Some(compositor) => run_streaming(&arguments, compositor, &store, &views, started, &mut stats)?,
+        Some(compositor) if arguments.exact => pictures.exact(compositor)?,
+        None => pictures.reference()?,
+        Some(compositor) => pictures.stream(compositor)?,
     }
-    arguments.write_stats(&stats)
+    arguments.write_stats(&pictures.stats)
 }
 
-fn run_streaming(
-    arguments: &RenderArguments,
-    compositor: CompositorChoice,
-    store: &Arc<Store>,
-    views: &Views,
+/// What is to be rendered, where it goes, and how it went.
+struct Pictures<'a> {
+    arguments: &'a RenderArguments,
+    stores: Vec<Arc<Store>>,
+    volumes: Vec<VolumeSource>,
+    views: Views,
     started: Instant,
-    stats: &mut RenderStats,
-) -> Result<(), Failure> {
-    let first = views.first();
-    let options = arguments.session_options(compositor, first.needs());
-    let window = store.default_window(first.channel);
-    let mut session = Session::new(store.clone(), window, &options).map_err(session_failure)?;
-    stats.adapter = session.backend_line().to_string();
-    stats.backend = session.backend().name();
-    stats.gpu_bytes_asked = session.backend().asked_bytes();
-    stats.compositor = session.backend().compositor();
-    eprintln!("backend: {} ({}), {} slots", session.backend_line(), stats.compositor, session.backend().slots());
-    let mut frame_ms = Vec::new();
-    for (scene, output) in views.iter() {
-        let resolved = session.resolve(&scene, arguments.size).map_err(session_failure)?;
-        let picture = render_settled(&mut session, &resolved, arguments.max_wait(), started, stats, &mut frame_ms);
-        let picture = picture.map_err(offline_failure)?;
-        write(&output, &picture, &resolved.shown(&scene), stats)?;
-    }
-    stats.frame_ms = Percentiles::of(&frame_ms);
-    stats.level_cells = level_cells(&session, store);
-    report(stats);
-    Ok(())
+    stats: RenderStats,
 }
 
-fn run_exact(
-    arguments: &RenderArguments,
-    compositor: CompositorChoice,
-    store: &Arc<Store>,
-    views: &Views,
-    started: Instant,
-    stats: &mut RenderStats,
-) -> Result<(), Failure> {
-    let options = arguments.session_options(compositor, views.first().needs());
-    let mut exact = ExactRenderer::new(store.clone(), &options).map_err(exact_failure)?;
-    (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
-    stats.compositor = exact.renderer().compositor().name();
-    stats.gpu_bytes_asked = exact.renderer().asked_bytes();
-    eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots());
-    let mut frame_ms = Vec::new();
-    for (scene, output) in views.iter() {
-        let window = store.default_window(scene.channel);
-        let resolved = resolve(&**store, window, &scene, arguments.size).map_err(session_failure)?;
-        let begun = Instant::now();
-        let picture = exact.render(&resolved, arguments.max_wait(), started, stats).map_err(exact_failure)?;
-        frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
-        let passes = match stats.passes.unwrap_or(0) {
-            1 => "1 pass".to_string(),
-            n => format!("{n} passes"),
+impl Pictures<'_> {
+    fn resolve(&self, scene: &Scene) -> Result<ResolvedScene, Failure> {
+        resolve(&self.volumes, scene, self.arguments.size).map_err(session_failure)
+    }
+
+    fn stream(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
+        let first = self.views.first();
+        let options = self.arguments.session_options(compositor, first.needs());
+        let first = self.resolve(&first)?;
+        let mut session = Session::of_scene(self.volumes.clone(), &first, &options).map_err(session_failure)?;
+        let Self { arguments, views, started, stats, .. } = self;
+        let backend = session.backend();
+        (stats.adapter, stats.backend) = (session.backend_line().into(), backend.name());
+        (stats.compositor, stats.gpu_bytes_asked) = (backend.compositor(), backend.asked_bytes());
+        let volumes = match first.layers.len() {
+            1 => String::new(),
+            count => format!(" {count} volumes,"),
         };
-        eprintln!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
-        write(&output, &picture, &resolved.shown(&scene), stats)?;
+        eprintln!("backend: {} ({}),{volumes} {} slots", stats.adapter, stats.compositor, session.slots());
+        let mut frame_ms = Vec::new();
+        for (scene, output) in views.iter() {
+            let resolved = session.resolve(&scene, arguments.size).map_err(session_failure)?;
+            let picture = render_settled(&mut session, &resolved, arguments.max_wait(), *started, stats, &mut frame_ms);
+            let picture = picture.map_err(offline_failure)?;
+            write(&output, &picture, &resolved.shown(&scene), stats)?;
+        }
+        stats.frame_ms = Percentiles::of(&frame_ms);
+        stats.level_cells = level_cells(&session, &self.volumes);
+        report(stats);
+        Ok(())
     }
-    stats.frame_ms = Percentiles::of(&frame_ms);
-    report(stats);
-    Ok(())
+
+    fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
+        let first = self.views.first();
+        let options = self.arguments.session_options(compositor, first.needs());
+        let first = self.resolve(&first)?;
+        if !first.is_alone() {
+            return Err(exact_failure(ExactPictureError::Mixed));
+        }
+        let source = self.volumes[first.layers[0].volume].source.clone();
+        let mut exact = ExactRenderer::new(source, &options).map_err(exact_failure)?;
+        let stats = &mut self.stats;
+        (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
+        stats.compositor = exact.renderer().compositor().name();
+        stats.gpu_bytes_asked = exact.renderer().asked_bytes();
+        eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots());
+        let mut frame_ms = Vec::new();
+        for (scene, output) in self.views.iter() {
+            let resolved = self.resolve(&scene)?;
+            let (begun, max_wait, stats) = (Instant::now(), self.arguments.max_wait(), &mut self.stats);
+            let picture = exact.render(&resolved, max_wait, self.started, stats).map_err(exact_failure)?;
+            frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+            let passes = match stats.passes.unwrap_or(0) {
+                1 => "1 pass".to_string(),
+                n => format!("{n} passes"),
+            };
+            eprintln!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
+            write(&output, &picture, &resolved.shown(&scene), stats)?;
+        }
+        self.stats.frame_ms = Percentiles::of(&frame_ms);
+        report(&self.stats);
+        Ok(())
+    }
+
+    fn reference(&mut self) -> Result<(), Failure> {
+        let stats = &mut self.stats;
+        (stats.adapter, stats.backend, stats.compositor) = ("cpu, f64".into(), "cpu", "reference");
+        stats.completeness = 1.0;
+        let stores: Vec<&Store> = self.stores.iter().map(|store| &**store).collect();
+        let mut frame_ms = Vec::new();
+        for (scene, output) in self.views.iter() {
+            let resolved = self.resolve(&scene)?;
+            let drawing = Instant::now();
+            let picture = render_reference(&stores, &resolved, self.arguments.host_memory).map_err(oracle_failure)?;
+            frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
+            self.stats.frames += 1;
+            write(&output, &picture, &resolved.shown(&scene), &self.stats)?;
+        }
+        self.stats.settled_ms = self.started.elapsed().as_secs_f64() * 1e3;
+        self.stats.first_image_ms = self.stats.settled_ms;
+        self.stats.frame_ms = Percentiles::of(&frame_ms);
+        Ok(())
+    }
 }
 
-fn level_cells(session: &Session, store: &Store) -> Vec<usize> {
-    let mut counts = vec![0; store.pyramid().levels().len()];
-    for cell in &session.draw_list().cells {
+/// How many cells are drawn at each level, of all layers.
+fn level_cells(session: &Session, volumes: &[VolumeSource]) -> Vec<usize> {
+    let levels = volumes.iter().map(|volume| volume.source.pyramid().levels().len()).max();
+    let mut counts = vec![0; levels.unwrap_or(0)];
+    for cell in session.draw_lists().flat_map(|list| &list.cells) {
         counts[cell.brick.level.index()] += 1;
     }
     counts
-}
-
-fn run_reference(
-    arguments: &RenderArguments,
-    store: &Arc<Store>,
-    views: &Views,
-    started: Instant,
-    stats: &mut RenderStats,
-) -> Result<(), Failure> {
-    (stats.adapter, stats.backend, stats.compositor) = ("cpu, f64".into(), "cpu", "reference");
-    stats.completeness = 1.0;
-    let mut frame_ms = Vec::new();
-    for (scene, output) in views.iter() {
-        let window = store.default_window(scene.channel);
-        let resolved = resolve(&**store, window, &scene, arguments.size).map_err(session_failure)?;
-        let drawing = Instant::now();
-        let picture = render_reference(store, &resolved, arguments.host_memory).map_err(oracle_failure)?;
-        frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
-        stats.frames += 1;
-        write(&output, &picture, &resolved.shown(&scene), stats)?;
-    }
-    stats.settled_ms = started.elapsed().as_secs_f64() * 1e3;
-    stats.first_image_ms = stats.settled_ms;
-    stats.frame_ms = Percentiles::of(&frame_ms);
-    Ok(())
 }
 
 fn exact_failure(error: ExactPictureError) -> Failure {
     match error {
         ExactPictureError::Backend(error) => session_failure(error.into()),
         ExactPictureError::Passes(ExactError::Budget(error)) => session_failure(error.into()),
-        ExactPictureError::Way | ExactPictureError::Passes(ExactError::TooManyCells { .. }) => Failure::usage(error),
+        ExactPictureError::Way
+        | ExactPictureError::Mixed
+        | ExactPictureError::Passes(ExactError::TooManyCells { .. }) => Failure::usage(error),
         ExactPictureError::Passes(ExactError::Unreadable(_)) => Failure::bad_input(error),
         ExactPictureError::TooLong { .. } => Failure::failed(error),
     }

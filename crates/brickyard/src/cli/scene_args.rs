@@ -4,10 +4,9 @@ use super::failure::Failure;
 use super::text_file::read_text;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
-use brickyard::ensemble::expression_window;
 use brickyard::import::read_mesh;
 use brickyard::pager::BrickSource;
-use brickyard::session::subject;
+use brickyard::session::{expression_window, subject};
 use brickyard::store::Store;
 use brickyard::volume::transfer::file;
 use brickyard::volume::{
@@ -200,21 +199,26 @@ impl SceneArguments {
         Ok(scene)
     }
 
-    /// Whether it says how stores look beside each other.
+    /// The scene of one store or several.
     ///
     /// # Errors
-    /// If the scene file cannot be read.
-    pub(crate) fn is_of_several(&self) -> Result<bool, Failure> {
+    /// As [`SceneArguments::scene`]; and for more volumes than stores, or a volume that cannot look so.
+    pub(crate) fn scene_of(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
+        match stores {
+            [store] if !self.is_of_several()? => self.scene(store, size_px),
+            _ => self.scene_of_several(stores, size_px),
+        }
+    }
+
+    /// Whether it says how stores look beside each other.
+    fn is_of_several(&self) -> Result<bool, Failure> {
         let file = self.scene.as_deref().map(scene_file).transpose()?;
         let says_file = file.is_some_and(|scene| !scene.volumes.is_empty() || scene.expression.is_some());
         Ok(!self.volume.is_empty() || self.expr.is_some() || says_file)
     }
 
     /// The scene of several stores, or of one that is placed among none.
-    ///
-    /// # Errors
-    /// As [`SceneArguments::scene`]; and for more volumes than stores, or a volume that cannot look so.
-    pub(crate) fn scene_of_several(&self, stores: &[Arc<Store>], size_px: (u32, u32)) -> Result<Scene, Failure> {
+    fn scene_of_several(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = self.without_stores()?;
         if self.gradient_opacity.is_some() {
             return Err(Failure::usage("--gradient-opacity is for one store: several are classified by value alone"));
@@ -262,7 +266,7 @@ impl SceneArguments {
             let expression = Expression::parse(text, stores.len());
             let expression = expression.map_err(|error| Failure::usage(format!("--expr: {error}")))?;
             let window =
-                |(store, look): (&Arc<Store>, &VolumeLook)| store.default_window(look.channel.unwrap_or(scene.channel));
+                |(store, look): (&Store, &VolumeLook)| store.default_window(look.channel.unwrap_or(scene.channel));
             let windows = stores.iter().zip(&scene.volumes).map(window);
             let window = expression_window(&expression, windows);
             let first = &stores[expression.volumes().first().copied().unwrap_or(0)];
