@@ -2,11 +2,16 @@
 
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
+use brickyard::offline::OfflineError;
 use brickyard::render::GpuError;
-use brickyard::session::SessionOptions;
+use brickyard::session::{Session, SessionError, SessionOptions};
+use brickyard::software::SoftwareError;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
-use brickyard::volume::{Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, TransferFunction};
+use brickyard::tiles::render_exact;
+use brickyard::volume::{
+    Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, Stereo, StereoLayout, TransferFunction,
+};
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, leave_out, oracle, read_png, resolved,
 };
@@ -106,15 +111,76 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
     }
 }
 
+/// What is drawn by rays is exact in tiles: in every mode, with two eyes, by every renderer, within a budget of a quarter of the bricks;
+/// and where a pixel's bricks do not fit, that is said.
+#[test]
+fn tiles_are_exact_however_the_picture_is_drawn() {
+    const HOST_BYTES: u64 = 16 << 20;
+    let test = waves();
+    let ways = [
+        (BackendChoice::Cpu, CompositorChoice::Auto),
+        (BackendChoice::Gpu, CompositorChoice::Raycast),
+        (BackendChoice::Gpu, CompositorChoice::Compute),
+    ];
+    for way in ways {
+        let open = |bytes: u64| {
+            let (backend, compositor) = way;
+            let options = SessionOptions { backend, compositor, ..options(bytes, HOST_BYTES) };
+            Session::new(test.store.clone(), (0.0, 255.0), &options)
+        };
+        let least = match open(1000).err() {
+            Some(SessionError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. }))) => least_bytes,
+            Some(SessionError::Backend(BackendError::Cpu(SoftwareError::Budget { least_bytes, .. }))) => least_bytes,
+            Some(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
+                leave_out("gpu", error);
+                continue;
+            }
+            other => panic!("{other:?}"),
+        };
+        let bytes = (0..40).map(|i| least + (i << 16)).find(|&bytes| open(bytes).is_ok_and(|s| s.slots() >= 54));
+        let bytes = bytes.expect("some budget is enough");
+        let mut session = open(bytes).expect("opened before");
+        assert!(session.slots() < 80, "{way:?}: {} slots", session.slots());
+        let surfaces = vec![Isosurface::at(140.0)];
+        let stereo = Some(Stereo::new(StereoLayout::Anaglyph));
+        let scenes = [
+            scene(Mode::Dvr, LevelPolicy::Locked(0)),
+            scene(Mode::Mip, LevelPolicy::Locked(0)),
+            scene(Mode::Average, LevelPolicy::Locked(0)),
+            Scene { stereo, ..scene(Mode::Dvr, LevelPolicy::Locked(0)) },
+            Scene { isosurfaces: surfaces, ..scene(Mode::Isosurface, LevelPolicy::Locked(0)) },
+        ];
+        for scene in scenes {
+            let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");
+            let mut stats = RenderStats::default();
+            let wait = Duration::from_secs(60);
+            let picture = render_exact(&mut session, &resolved, wait, Instant::now(), &mut stats).expect("a picture");
+            let what = format!("{way:?} {:?} in {:?} tiles", scene.mode, stats.tiles);
+            let expected = oracle(&test.store, &scene, SIZE);
+            match scene.mode {
+                Mode::Isosurface => assert_same_surface(&picture, &expected, &what),
+                _ => assert_same(&picture, &expected, &what),
+            }
+            assert!(stats.tiles > Some(2) && stats.completeness == 1.0 && !stats.memory_bound, "{what}: {stats:?}");
+            assert!(stats.gpu_bytes_peak <= bytes && stats.host_bytes_peak <= HOST_BYTES, "{what}: {stats:?}");
+        }
+        let mut few = open(least).expect("the least is enough");
+        let resolved = few.resolve(&scene(Mode::Dvr, LevelPolicy::Locked(0)), SIZE).expect("the scene is possible");
+        let (wait, mut stats) = (Duration::from_secs(60), RenderStats::default());
+        let error = render_exact(&mut few, &resolved, wait, Instant::now(), &mut stats).expect_err("too few slots");
+        assert!(matches!(error, OfflineError::Pixel { .. }), "{way:?}: {error}");
+    }
+}
+
 #[test]
 fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     let sandbox = Sandbox::default();
     sandbox.run_ok("synth turbulence t.zarr --shape 64,64,64 --brick 16 --shard 64 --progress none");
     let view = "--size 97x75 --level 0 --transfer viridis --overwrite";
     for (flags, words) in [
-        ("--backend cpu", "--backend gpu"),
-        ("--compositor raycast", "--compositor sorted"),
-        ("--compositor reference", "--compositor sorted"),
+        ("--backend cpu --compositor sorted", "--compositor raycast"),
+        ("--compositor reference", "leave --exact out"),
+        ("--backend cpu --gpu-memory 1200KiB --host-memory 16MiB", "the pixel in column"),
         ("--host-memory 20KiB", "--host-memory"),
     ] {
         let (code, _, stderr) = sandbox.run(&format!("render t.zarr -o no.png {view} --exact {flags}"));
@@ -132,6 +198,14 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
     assert!(stats["passes"].as_u64() > Some(2), "{stats}");
     assert_eq!((&stats["memory_bound"], &stats["compositor"]), (&Value::from(false), &Value::from("sorted")));
+
+    // Where there are no passes, tiles.
+    let (code, _, stderr) =
+        sandbox.run(&line.replace("740KiB --host-memory 1MiB", "1400KiB --host-memory 16MiB --backend cpu"));
+    assert!(code == 0 && stderr.contains("drawn in ") && stderr.contains(" tiles"), "exit {code}: {stderr}");
+    assert_same(&read_png(&sandbox.path("o.png")), &read_png(&sandbox.path("reference.png")), "in tiles");
+    let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
+    assert!(stats["tiles"].as_u64() > Some(2) && stats["gpu_bytes_peak"].as_u64() <= Some(1400 << 10), "{stats}");
 
     // A damaged brick is counted, and an ancestor stands in for it.
     let mut shard = sandbox.read("t.zarr/0/c/0/0/0");

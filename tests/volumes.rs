@@ -12,7 +12,7 @@ use brickyard::volume::{
     Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
     Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, resolved};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, read_png, resolved};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -323,6 +323,14 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "render a.zarr b.zarr -o surfaces.png --size 32x32 --backend cpu --volume 0:isovalue=0.5,opacity=0.4,color=1:0:0 \
          --volume 1:isovalue=-300 --volume 1:isovalue=300,opacity=0.5 --light 9,-80,40",
     );
+    sandbox.run_ok("synth flow c.zarr --shape 40,36,50 --brick 8 --shard 32 --progress none");
+    sandbox.run_ok("synth ct d.zarr --shape 30,30,30 --brick 8 --shard 32 --progress none");
+    let two = "render c.zarr d.zarr --size 32x32 --backend cpu --level 0 --volume 1:matrix=shift.txt";
+    sandbox.run_ok(&format!("{two} -o whole.png"));
+    sandbox.run_ok(&format!("{two} -o tiles.png --exact --gpu-memory 2450KiB --stats tiles.json"));
+    assert_eq!(read_png(&sandbox.path("whole.png")), read_png(&sandbox.path("tiles.png")));
+    let stats: serde_json::Value = serde_json::from_slice(&sandbox.read("tiles.json")).expect("JSON");
+    assert!(stats["tiles"].as_u64() > Some(2), "{stats}");
     let many = "a.zarr ".repeat(33);
     let nine = format!("render a.zarr b.zarr -o no.png {}", "--volume 1:isovalue=7 ".repeat(9));
     let too_many = format!("render {many} -o no.png --size 32x32");
@@ -342,7 +350,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --volume 1:isovalue=7,opacity=2", 2, "0 to 1"),
         (&nine, 2, "at most 8"),
         ("render a.zarr b.zarr -o no.png --isovalue 7", 2, "isovalue=300"),
-        ("render a.zarr b.zarr -o no.png --exact", 2, "one volume"),
+        ("render a.zarr b.zarr -o no.png --exact --compositor reference", 2, "leave --exact out"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor compute", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),

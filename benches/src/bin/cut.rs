@@ -106,6 +106,7 @@ fn main() {
             clip: None,
             placement: Placement::default(),
             appearance: 0,
+            window: None,
         }
     };
     let orbit = |i: u32| view(first.orbited(360.0 * i as f64 / views as f64));

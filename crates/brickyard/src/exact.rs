@@ -1,4 +1,4 @@
-//! Exact pictures: every brick that a view wants at its own level, however few slots there are, in passes from back to front
+//! Exact pictures in passes: every brick that a view wants at its own level, however few slots there are, in passes from back to front
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
 use crate::backend::{BackendChoice, BackendError, CompositorChoice, gpu_alone, layer_needs};
@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 pub enum ExactPictureError {
     /// The CPU backend keeps nothing of a picture between passes, nor does `raycast`, which goes from front to back.
     #[error(
-        "an exact picture is drawn in passes from back to front, which takes a GPU (a software one will do) and the sorted \
-         compositor: use --backend gpu or auto, --compositor sorted or auto"
+        "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor: use --backend \
+         gpu or auto, --compositor sorted or auto"
     )]
     Way,
     /// Passes are of one layer in its own world.

@@ -25,6 +25,7 @@ mod session_error;
 pub mod stats;
 pub mod survey;
 mod tables;
+pub mod tiles;
 mod volume_source;
 
 pub use brickyard_import as import;

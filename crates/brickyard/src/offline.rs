@@ -12,6 +12,19 @@ pub enum OfflineError {
     /// The session failed.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// Not even the bricks behind one pixel fit at once.
+    #[error(
+        "the bricks that the pixel in column {x} of row {y} wants do not fit at once, {slots} in all: allow more --gpu-memory, or draw \
+         one volume in passes: --backend gpu --compositor sorted"
+    )]
+    Pixel {
+        /// Its column.
+        x: u32,
+        /// Its row.
+        y: u32,
+        /// How many fit.
+        slots: u64,
+    },
     /// The time allowed was not enough.
     #[error(
         "the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there; give it more time with --max-wait"
@@ -27,7 +40,7 @@ pub enum OfflineError {
 }
 
 /// How long to wait for a brick before looking again whether time is up.
-const POLL: Duration = Duration::from_millis(50);
+pub(crate) const POLL: Duration = Duration::from_millis(50);
 
 /// Streams until the view has settled, then draws it. Adds to `stats`; `started` is when the whole run began.
 ///
@@ -71,7 +84,7 @@ pub fn render_settled(
     Ok(picture)
 }
 
-fn give_up_after(begun: Instant, max_wait: Duration, status: &Status) -> Result<(), OfflineError> {
+pub(crate) fn give_up_after(begun: Instant, max_wait: Duration, status: &Status) -> Result<(), OfflineError> {
     let waited = begun.elapsed();
     if waited <= max_wait {
         return Ok(());

@@ -63,6 +63,17 @@ impl ResolvedScene {
         Ok(layout.compose([&first, &second]))
     }
 
+    /// The scene as one of its eyes sees it, by itself.
+    pub(crate) fn of_eye(&self, eye: usize) -> Self {
+        let mut scene = Self { stereo: None, ..self.clone() };
+        for layer in &mut scene.layers {
+            let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
+            layer.view = View { other_eye: None, ..view };
+            layer.frames = vec![layer.frames.swap_remove(eye)];
+        }
+        scene
+    }
+
     /// Whether it is a single layer in its own world, which is mixed with nothing: for those there are renderers of their own.
     pub fn is_alone(&self) -> bool {
         let in_its_own_world = |layer: &ResolvedLayer| layer.view.placement.is_identity();
@@ -235,6 +246,7 @@ fn layer(
         clip: clip.clone(),
         placement,
         appearance: appearance(&table, &transfer, scene, &meshes),
+        window: None,
     };
     let settings = FrameSettings {
         rays,

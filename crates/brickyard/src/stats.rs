@@ -43,8 +43,10 @@ pub struct RenderStats {
     pub effective_pixel_error: Option<f64>,
     /// What was asked for, pixels.
     pub pixel_error: f64,
-    /// Passes of the last picture, if it was asked to be exact.
+    /// Passes of the last picture, if it was asked to be exact and drawn in passes.
     pub passes: Option<usize>,
+    /// Tiles of the last picture, if it was asked to be exact and drawn in tiles.
+    pub tiles: Option<usize>,
     /// How many times the GPU was lost and started anew.
     pub device_losses: u32,
     /// Whether the budget, not the view, ended the refinement.

@@ -10,7 +10,7 @@
 
 use crate::source::BrickSource;
 use brickyard_volume::{
-    BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, Placement, ViewRays,
+    BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
 };
 use glam::DVec3;
 
@@ -27,6 +27,8 @@ pub struct View {
     pub filter: Filter,
     /// Level choice.
     pub level: LevelPolicy,
+    /// The only pixels that are wanted, of either eye; `None` is all.
+    pub window: Option<PixelRect>,
     /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
     pub pixel_error: f64,
     /// Time step.
@@ -57,7 +59,7 @@ impl View {
 
     /// In the volume's own world.
     pub(crate) fn frusta(&self) -> Frusta {
-        let frustum = |rays: &ViewRays| rays.frustum().in_volume(&self.placement);
+        let frustum = |rays: &ViewRays| rays.frustum_of(self.window.unwrap_or(rays.whole())).in_volume(&self.placement);
         Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))
     }
 

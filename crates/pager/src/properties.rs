@@ -163,6 +163,7 @@ impl Shot {
             clip: Some(self.clip(place)),
             placement: self.placement,
             appearance: 0,
+            window: None,
         }
     }
 }

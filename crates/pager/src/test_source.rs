@@ -114,6 +114,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
         clip: None,
         placement: Placement::default(),
         appearance: 0,
+        window: None,
     }
 }
 

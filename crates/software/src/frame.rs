@@ -11,8 +11,8 @@ use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, Placement, Pyramid, TransferGrid,
-    ViewRays, VoxelBox, surface,
+    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
+    TransferGrid, ViewRays, VoxelBox, surface,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -110,15 +110,6 @@ impl Resident {
     pub(crate) fn gradients(&self) -> &[u8] {
         &self.codes[self.voxel_bytes..]
     }
-}
-
-/// Pixels `x0 <= x < x1`, `y0 <= y < y1`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct PixelRect {
-    pub(crate) x0: u32,
-    pub(crate) x1: u32,
-    pub(crate) y0: u32,
-    pub(crate) y1: u32,
 }
 
 impl<'a> Frame<'a> {
@@ -361,7 +352,7 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, regio
     for corner in corners {
         let Some(px) = rays.pixel(corner) else {
             // Partly behind the eye: its outline has no bounds.
-            return Some(PixelRect { x0: 0, x1: rays.width, y0: 0, y1: rays.height });
+            return Some(rays.whole());
         };
         for k in 0..2 {
             low[k] = low[k].min(px[k]);

@@ -1,7 +1,7 @@
 //! One tile of the picture, from its rays to its pixels: the hot loop, compiled for every code width, mode and vector unit.
 
 use crate::blend::{Average, Blend, Dvr, MinIp, Mip, Sum, over_background};
-use crate::frame::{Cell, Frame, PixelRect};
+use crate::frame::{Cell, Frame};
 use crate::layers::NO_RANK;
 use crate::macrocells::{Blocks, Coverage, Reach, block_length};
 use crate::medium::Medium;
@@ -28,7 +28,7 @@ pub(crate) const BYTES_PER_THREAD: u64 =
     (size_of::<[Ray; PIXELS]>() + size_of::<TilePixels>() + size_of::<Chunk>() + size_of::<Queue>()) as u64;
 
 /// A tile's place on the picture.
-pub(crate) type Tile = PixelRect;
+pub(crate) type Tile = brickyard_volume::PixelRect;
 
 /// A tile's pixels in rows of [`TILE_PX`], also where the picture ends earlier.
 pub(crate) type TilePixels = [[u8; 3]; PIXELS];

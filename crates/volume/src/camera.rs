@@ -182,29 +182,54 @@ impl ViewRays {
         if self.orthographic { height } else { height * t }
     }
 
+    /// All pixels of the picture.
+    pub fn whole(&self) -> PixelRect {
+        PixelRect { x0: 0, x1: self.width, y0: 0, y1: self.height }
+    }
+
     /// The planes that bound what the picture shows.
     pub fn frustum(&self) -> Frustum {
+        self.frustum_of(self.whole())
+    }
+
+    /// The planes that bound what some pixels of the picture show.
+    pub fn frustum_of(&self, PixelRect { x0, x1, y0, y1 }: PixelRect) -> Frustum {
         let middle = self.middle();
-        let side = |edge: DVec3, along: DVec3| {
-            // A plane through the edge of the picture; its normal points inward.
+        let [left, right] = [x0, x1].map(|x| self.right * (2.0 * x as f64 / self.width as f64 - 1.0));
+        let [top, bottom] = [y0, y1].map(|y| self.up * (1.0 - 2.0 * y as f64 / self.height as f64));
+        let side = |edge: DVec3, along: DVec3, outward: DVec3| {
+            // A plane through the edge; its normal points inward.
             let (through, outermost) = if self.orthographic {
                 (self.eye + edge, middle)
             } else {
                 (self.eye, self.forward + self.right * self.shift + edge)
             };
             let normal = along.cross(outermost).normalize();
-            let normal = if normal.dot(edge) > 0.0 { -normal } else { normal };
+            let normal = if normal.dot(outward) > 0.0 { -normal } else { normal };
             (normal, -normal.dot(through))
         };
         let planes = [
-            side(self.right, self.up),
-            side(-self.right, self.up),
-            side(self.up, self.right),
-            side(-self.up, self.right),
+            side(right, self.up, self.right),
+            side(left, self.up, -self.right),
+            side(top, self.right, self.up),
+            side(bottom, self.right, -self.up),
             (self.forward, -self.forward.dot(self.eye)),
         ];
         Frustum { planes }
     }
+}
+
+/// The pixels in columns `x0..x1` of rows `y0..y1`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRect {
+    /// The first column.
+    pub x0: u32,
+    /// One past the last column.
+    pub x1: u32,
+    /// The first row.
+    pub y0: u32,
+    /// One past the last row.
+    pub y1: u32,
 }
 
 /// Five inward planes `(normal, offset)`: left, right, top, bottom and the eye's. A point is inside where
@@ -250,6 +275,27 @@ mod tests {
         let ortho = camera(Projection::Orthographic { height: 4.0 }).rays(200, 100).unwrap();
         assert_eq!(ortho.ray(100.0, 0.0).origin, DVec3::new(0.0, 2.0, -10.0));
         assert_eq!(ortho.pixel_size(123.0), 0.04);
+    }
+
+    /// What a frustum of some pixels keeps is what their rays hit; and boxes that only other pixels see are outside.
+    #[test]
+    fn the_frustum_of_some_pixels_is_theirs() {
+        let projections = [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }];
+        for (projection, by) in projections.into_iter().flat_map(|p| [0.0, 1.5, -1.5].map(|by| (p, by))) {
+            let rays = camera(projection).rays(64, 48).unwrap().from_aside(by, 10.0);
+            for window in [(0, 64, 0, 48), (10, 20, 30, 31), (63, 64, 0, 1), (0, 5, 40, 48)] {
+                let (x0, x1, y0, y1) = window;
+                let frustum = rays.frustum_of(PixelRect { x0, x1, y0, y1 });
+                for (x, y) in (0..64).flat_map(|x| (0..48).map(move |y| (x, y))) {
+                    let ray = rays.ray(x as f64 + 0.5, y as f64 + 0.5);
+                    let is_in = (x0..x1).contains(&x) && (y0..y1).contains(&y);
+                    for t in [0.1, 3.0, 20.0] {
+                        let at = ray.origin + ray.direction * t;
+                        assert_eq!(frustum.meets_box(at, at), is_in, "{window:?} {x} {y} {t}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]

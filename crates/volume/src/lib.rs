@@ -41,7 +41,7 @@ pub mod transfer;
 pub mod voxel_type;
 
 pub use apron::{Apron, MAX_APRON};
-pub use camera::{Camera, Frustum, Projection, ViewRays};
+pub use camera::{Camera, Frustum, PixelRect, Projection, ViewRays};
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use code::{SlotEncoding, SlotFormat};
 pub use combination::Combination;

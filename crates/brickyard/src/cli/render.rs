@@ -7,15 +7,17 @@ use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use super::store_errors;
 use super::values::counted;
 use super::views::Views;
-use brickyard::backend::CompositorChoice;
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::pager::ExactError;
 use brickyard::projection::for_mode;
-use brickyard::session::{ResolvedScene, Session, VolumeSource, resolve};
+use brickyard::render::GpuError;
+use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::{Percentiles, RenderStats};
 use brickyard::store::Store;
+use brickyard::tiles::render_exact;
 use brickyard::volume::Scene;
 use std::sync::Arc;
 use std::time::Instant;
@@ -41,7 +43,9 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let mut pictures =
         Pictures { arguments: &arguments, stores, volumes, views, started, stats: RenderStats::default() };
     match arguments.compositor() {
-        None if arguments.exact => return Err(exact_failure(ExactPictureError::Way)),
+        None if arguments.exact => {
+            return Err(Failure::usage("the reference compositor leaves nothing out: leave --exact out"));
+        }
         Some(compositor) if arguments.exact => pictures.exact(compositor)?,
         None => pictures.reference()?,
         Some(compositor) => pictures.stream(compositor)?,
@@ -69,15 +73,8 @@ impl Pictures<'_> {
         let options = self.arguments.session_options(compositor, first.needs());
         let first = self.resolve(&first)?;
         let mut session = Session::of_scene(self.volumes.clone(), &first, &options).map_err(session_failure)?;
+        self.note_backend(&session, &first);
         let Self { arguments, views, started, stats, .. } = self;
-        let backend = session.backend();
-        (stats.adapter, stats.backend) = (session.backend_line().into(), backend.name());
-        (stats.compositor, stats.gpu_bytes_asked) = (backend.compositor(), backend.asked_bytes());
-        let volumes = match first.layers.len() {
-            1 => String::new(),
-            count => format!(" {count} volumes,"),
-        };
-        eprintln!("backend: {} ({}),{volumes} {} slots", stats.adapter, stats.compositor, session.slots());
         let mut frame_ms = Vec::new();
         for (scene, output) in views.iter() {
             let resolved = session.resolve(&scene, arguments.size).map_err(session_failure)?;
@@ -91,15 +88,58 @@ impl Pictures<'_> {
         Ok(())
     }
 
+    /// Says what draws.
+    fn note_backend(&mut self, session: &Session, scene: &ResolvedScene) {
+        let (backend, stats) = (session.backend(), &mut self.stats);
+        (stats.adapter, stats.backend) = (session.backend_line().into(), backend.name());
+        (stats.compositor, stats.gpu_bytes_asked) = (backend.compositor(), backend.asked_bytes());
+        let volumes = match scene.layers.len() {
+            1 => String::new(),
+            count => format!(" {count} volumes,"),
+        };
+        eprintln!("backend: {} ({}),{volumes} {} slots", stats.adapter, stats.compositor, session.slots());
+    }
+
+    /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
         let first = self.views.first();
         let options = self.arguments.session_options(compositor, first.needs());
         let first = self.resolve(&first)?;
-        if !first.is_alone() {
-            return Err(exact_failure(ExactPictureError::Mixed));
+        let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);
+        if !first.is_alone() || options.backend == BackendChoice::Cpu || !takes_passes {
+            return self.in_tiles(&first, &options);
         }
         let source = self.volumes[first.layers[0].volume].source.clone();
-        let mut exact = ExactRenderer::new(source, &options).map_err(exact_failure)?;
+        match ExactRenderer::new(source, &options) {
+            Ok(exact) => self.in_passes(exact),
+            Err(ExactPictureError::Backend(BackendError::Gpu(GpuError::NoAdapter { .. })))
+                if options.backend == BackendChoice::Auto && compositor == CompositorChoice::Auto =>
+            {
+                self.in_tiles(&first, &options)
+            }
+            Err(error) => Err(exact_failure(error)),
+        }
+    }
+
+    fn in_tiles(&mut self, first: &ResolvedScene, options: &SessionOptions) -> Result<(), Failure> {
+        let mut session = Session::of_scene(self.volumes.clone(), first, options).map_err(session_failure)?;
+        self.note_backend(&session, first);
+        let mut frame_ms = Vec::new();
+        for (scene, output) in self.views.iter() {
+            let resolved = session.resolve(&scene, self.arguments.size).map_err(session_failure)?;
+            let (begun, max_wait) = (Instant::now(), self.arguments.max_wait());
+            let picture = render_exact(&mut session, &resolved, max_wait, self.started, &mut self.stats);
+            let picture = picture.map_err(offline_failure)?;
+            frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+            eprintln!("drawn in {}", counted(self.stats.tiles.unwrap_or(0) as u64, "tile"));
+            write(&output, &picture, &resolved.shown(&scene), &self.stats)?;
+        }
+        self.stats.frame_ms = Percentiles::of(&frame_ms);
+        report(&self.stats);
+        Ok(())
+    }
+
+    fn in_passes(&mut self, mut exact: ExactRenderer) -> Result<(), Failure> {
         let stats = &mut self.stats;
         (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
         stats.compositor = exact.renderer().compositor().name();

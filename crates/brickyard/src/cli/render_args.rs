@@ -43,7 +43,8 @@ pub(crate) struct RenderArguments {
     /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
     #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
     pub(super) compositor: CompositorArgument,
-    /// Draw every brick that the view wants, however few fit at once: in passes, on a GPU (a software one will do)
+    /// Draw every brick that the view wants, however few fit at once: one volume in passes on a GPU (a software one will do), where
+    /// the compositor is sorted or auto; else in tiles
     #[arg(long)]
     pub(super) exact: bool,
     /// Hard limit of brick slots, tables, targets and staging

@@ -13,6 +13,7 @@ use brickyard::software::SoftwareError;
 pub(crate) fn offline_failure(error: OfflineError) -> Failure {
     match error {
         OfflineError::Session(error) => session_failure(error),
+        OfflineError::Pixel { .. } => Failure::usage(error),
         other => Failure::failed(other),
     }
 }
