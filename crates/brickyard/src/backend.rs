@@ -204,7 +204,7 @@ impl Renderer for SoftwareEnsemble {
     }
 }
 
-/// What a layer needs of a renderer under these options.
+/// A layer's needs of a renderer under these options.
 pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) -> VolumeNeeds {
     let pyramid = source.pyramid();
     // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.

@@ -1,5 +1,5 @@
-//! What a scene means to volumes and a picture size: of each layer that is shown the view that bricks are streamed for, and the frames
-//! that are drawn. Costs a transfer table for each function of which none is kept.
+//! Scenes resolved for volumes and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
+//! frames that are drawn. Costs a transfer table for each function of which none is kept.
 
 use crate::expression::{combination, expression};
 use crate::scene_check::{check_layer, check_mixed, check_volumes};
@@ -25,7 +25,7 @@ pub struct ResolvedScene {
     pub stereo: Option<StereoLayout>,
     /// The camera in use.
     pub camera: Camera,
-    /// What is shown of the layers together, if that is an expression's value.
+    /// The expression over the layers whose values are shown, and how they look; `None` shows the layers themselves.
     pub combination: Option<Combination>,
 }
 
@@ -36,7 +36,7 @@ pub struct ResolvedLayer {
     pub volume: usize,
     /// What its pager streams for. In stereo that is what both eyes see, the left one first.
     pub view: View,
-    /// What is drawn of it: a frame for each eye, the left one's first.
+    /// The layer's frames, which renderers draw: one for each eye, the left one's first.
     pub frames: Vec<VolumeFrame>,
     /// The transfer function in use.
     pub transfer: TransferFunction,
@@ -55,7 +55,7 @@ impl ResolvedScene {
     /// The picture of the scene, whoever draws an eye's, given its number.
     ///
     /// # Errors
-    /// Those of `draw`.
+    /// If `draw` fails, its error.
     pub fn picture<E>(&self, mut draw: impl FnMut(usize) -> Result<Picture, E>) -> Result<Picture, E> {
         let first = draw(0)?;
         let Some(layout) = self.stereo else { return Ok(first) };
@@ -143,8 +143,7 @@ pub(crate) fn resolve_with(
     let lattice = lattice(volumes, &looks, &shown, scene, &eyes.rays[0]);
     let layer = |(&i, own): (&usize, &Scene)| {
         let table = |transfer: &_, encoding: &_| table(i, transfer, encoding);
-        let layer = layer(&volumes[i], &looks[i], own, &eyes, lattice, table);
-        layer.map(|layer| ResolvedLayer { volume: i, ..layer }).map_err(|error| named(i, error))
+        layer(i, &volumes[i], &looks[i], own, &eyes, lattice, table).map_err(|error| named(i, error))
     };
     let layers = shown.iter().zip(&scenes).map(layer).collect::<Result<_, _>>()?;
     Ok(ResolvedScene { layers, stereo: eyes.layout, camera, combination })
@@ -213,8 +212,9 @@ fn lattice(volumes: &[VolumeSource], looks: &[VolumeLook], shown: &[usize], scen
     }
 }
 
-/// A volume shown by the scene that it would have alone, but for its place, its crop and the lattice of all.
+/// The volume at a place among all, shown by the scene that it would have alone, but for its place, its crop and the lattice of all.
 fn layer(
+    place: usize,
     volume: &VolumeSource,
     look: &VolumeLook,
     scene: &Scene,
@@ -266,7 +266,7 @@ fn layer(
     // Pixels are as large for one eye as for the other, so both have the same lattice.
     let frame =
         |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend: look.blend };
-    Ok(ResolvedLayer { volume: 0, view, frames: eyes.rays.iter().map(frame).collect(), transfer })
+    Ok(ResolvedLayer { volume: place, view, frames: eyes.rays.iter().map(frame).collect(), transfer })
 }
 
 /// The bins of values of which a brick must have one to show anything; `None` where all may.
@@ -290,7 +290,7 @@ fn opaque_bins(
     fog.map(|fog| passed.fold(fog, Occupancy::union))
 }
 
-/// What of a picture decides which bricks hide others.
+/// A number of all in a picture that decides which bricks hide others.
 fn appearance(table: &TransferTable, transfer: &TransferFunction, scene: &Scene, meshes: &[ShownMesh]) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);

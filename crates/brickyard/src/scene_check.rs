@@ -1,4 +1,4 @@
-//! What a scene may ask for: the one place where scenes are refused.
+//! The checks of scenes: the one place where a scene is refused.
 
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;

@@ -53,7 +53,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     arguments.write_stats(&pictures.stats)
 }
 
-/// What is to be rendered, where it goes, and how it went.
+/// The pictures of one run: their volumes and views, where they go, and how it went.
 struct Pictures<'a> {
     arguments: &'a RenderArguments,
     stores: Vec<Arc<Store>>,
