@@ -264,8 +264,8 @@ fn layer(
         meshes,
     };
     // Pixels are as large for one eye as for the other, so both have the same lattice.
-    let frame =
-        |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend: look.blend };
+    let VolumeLook { blend, opacity, .. } = *look;
+    let frame = |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend, opacity };
     Ok(ResolvedLayer { volume: place, view, frames: eyes.rays.iter().map(frame).collect(), transfer })
 }
 

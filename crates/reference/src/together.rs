@@ -207,7 +207,7 @@ mod tests {
                 let settings = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
                 let placement = Placement::from_text(["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 5 0 1 0 0 0 0 1 0"][i]);
                 let settings = FrameSettings { placement: placement.unwrap(), ..settings };
-                VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix } }
+                VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix }, opacity: 1.0 }
             };
             let volume = |i: usize| ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfers[i] };
             let frames = [frame(0), frame(1)];
@@ -258,7 +258,8 @@ mod tests {
             );
             let clip = Clip::in_volume(None, &placement, clip).unwrap();
             let (low, high) = clip.as_ref().map_or((low, high), |clip| (clip.corners()[0], clip.corners()[1]));
-            let frame = [VolumeFrame { settings: FrameSettings { placement, clip, ..plain }, blend: Blend::Mix }];
+            let frame =
+                [VolumeFrame { settings: FrameSettings { placement, clip, ..plain }, blend: Blend::Mix, opacity: 1.0 }];
             for i in 0..33 * 33 {
                 let ray = frame[0].settings.rays.ray((i % 33) as f64 + 0.5, (i / 33) as f64 + 0.5);
                 let length = chord(&placement.volume_ray(&ray), low, high).map_or(0.0, |(from, to)| to - from);
@@ -310,7 +311,7 @@ mod tests {
                     let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
                     let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
                     let settings = FrameSettings { placement, lighting, clip, ..plain };
-                    VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix } }
+                    VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix }, opacity: 1.0 }
                 };
                 let frames = [frame(0), frame(1)];
                 let found = pixel_together(&frames, &volumes, None, 16, 16);
@@ -364,7 +365,7 @@ mod tests {
                 let plain = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
                 let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
                 let settings = FrameSettings { placement, clip, surfaces: surfaces[i].clone(), ..plain };
-                VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix } }
+                VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix }, opacity: 1.0 }
             };
             let frames = [frame(0), frame(1)];
             let found = pixel_together(&frames, &volumes, None, 16, 16);
@@ -435,7 +436,7 @@ mod tests {
             &transfer,
             0.7,
         );
-        let frame = [VolumeFrame { settings, blend: Blend::Mix }];
+        let frame = [VolumeFrame { settings, blend: Blend::Mix, opacity: 1.0 }];
         let mut lit = frame.clone();
         lit[0].settings.lighting =
             Lighting { model: LightingModel::Phong, lights: vec![DVec3::ZERO], ..Lighting::default() };
@@ -482,7 +483,7 @@ mod tests {
                     let settings = settings(Mode::Dvr, Geometry::default(), view, &transfer, step);
                     let placement = Placement::from_text(["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 5 0 1 0 0 0 0 1 0"][i]);
                     let settings = FrameSettings { placement: placement.unwrap(), ..settings };
-                    VolumeFrame { settings, blend: Blend::Mix }
+                    VolumeFrame { settings, blend: Blend::Mix, opacity: 1.0 }
                 };
                 let volume =
                     |i: usize| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer };

@@ -114,7 +114,7 @@ fn frames(
             background: [0.1, 0.2, 0.35],
             clip: Clip::in_volume(clip, placement, *crop).expect("a crop"),
         };
-        VolumeFrame { settings, blend: *blend }
+        VolumeFrame { settings, blend: *blend, opacity: 1.0 }
     };
     members.iter().map(frame).collect()
 }

@@ -1,21 +1,22 @@
-//! Several volumes in one picture: how each of them looks, and what they are together in one place.
+//! The layers of a picture: how each of them looks, and what they are together in one place.
 //!
-//! In each segment of a ray every volume contributes the part of the segment that is inside of it, of its crop and of what is shown,
-//! sampled in the middle of that part. Of the volumes that *mix*, extinctions add and colours mix by extinction, as of media that fill
-//! the same place; so nothing depends on their order. A volume that *adds* glows: it gives its colour, times its opacity, for every unit
-//! distance, and hides nothing. Along a segment all of them are spread evenly, so what glows is dimmed by what mixes in the
-//! same segment: the picture of media that do not change is the same for every step.
+//! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
+//! segment a layer has the part that is inside of its volume, of its crop and of what is shown. It takes that part as if it were alone, by the
+//! scene's method: its surfaces cut the part, and each *piece* between them shows a colour and takes some light ([`Alone`]). Together, all
+//! layers' surfaces cut the segment, in the order of their distances; in each interval between two cuts every layer has the share of its
+//! pieces that lies there, as a medium of the piece's colour spread evenly over it ([`Together`]). So a list of one layer is that layer's own
+//! picture, nothing depends on the order of layers, and media that do not change are exact at any step.
 //!
-//! Where the scene is lit, the colour of a volume that mixes is lit before it is mixed, by the gradient of its own field at its sample,
-//! in the scene's world: its placement is affine, so gradients go by the inverse transpose. What adds glows, and is not lit.
+//! Of layers that *mix*, extinctions add and colours mix by extinction, as of media that fill the same place. A layer that *adds* glows: it
+//! gives its colour, times its opacity, for every unit distance, and hides nothing; what glows is dimmed by what mixes in the same
+//! interval. The colour of a layer that mixes is lit before it is mixed, by the gradient of its own field in the scene's world: its
+//! placement is affine, so gradients go by the inverse transpose. What adds is not lit. Surfaces are lit, whatever their layer's fog does.
 //!
-//! Volumes may have surfaces, too, each its own. A volume's are found in its part of a segment as those of one volume are (see
-//! [`surface`](crate::surface)); those of all volumes cut the segment, in the order of their distances. Between two cuts media
-//! mix as they do in a whole segment. A volume's sample stands for all its part, and each piece has of that part what lies in
-//! it: so nothing is sampled anew, and media that do not change are exact.
+//! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Those that mix are joined as media of
+//! the layers' opacities ([`Together::put`] over length 1: of opaque ones the mean colour, which hides what is behind). Those that add give their
+//! colour times their opacity on top ([`Together::flat`]).
 
 use crate::every::every;
-use crate::integrals;
 use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
 use crate::placement::Placement;
@@ -87,11 +88,12 @@ impl TransferFunction {
 /// A volume's part of a frame of several.
 #[derive(Clone, Debug)]
 pub struct VolumeFrame {
-    /// As if it were alone. Rays, lattice and background are the same for all volumes of a frame; so is the mode,
-    /// [`Mode::Dvr`](crate::Mode::Dvr).
+    /// As if it were alone. Rays, lattice, mode, sampling, meshes and background are the same for all volumes of a frame.
     pub settings: FrameSettings,
     /// What it does to others.
     pub blend: Blend,
+    /// The opacity of its projection, 0 to 1; the transfer function's own is not of projections.
+    pub opacity: f64,
 }
 
 impl VolumeFrame {
@@ -101,10 +103,39 @@ impl VolumeFrame {
     }
 }
 
-/// What several media are together in one segment.
+/// What one layer shows of a piece of a segment by itself, part by part from front to back.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Alone {
+    /// Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through.
+    color: DVec3,
+    depth: f64,
+    /// What a layer that adds gives.
+    glow: DVec3,
+}
+
+/// The depth of what lets no light through: finite, so that sums and shares of it are numbers, and more than any picture can tell from
+/// opaque after a billionth of a unit distance.
+const OPAQUE: f64 = 1e30;
+
+impl Alone {
+    /// Adds the next part behind those so far: a straight colour, halvings of the light over a unit distance, and unit distances.
+    pub fn add(&mut self, blend: Blend, rgb: DVec3, depth: f64, length: f64) {
+        let depth = depth.min(OPAQUE);
+        match blend {
+            Blend::Mix => {
+                let left = (-depth * length).exp2();
+                self.color += rgb * ((-self.depth).exp2() * (1.0 - left));
+                self.depth += depth * length;
+            }
+            Blend::Add => self.glow += rgb * ((1.0 - (-depth).exp2()) * length),
+        }
+    }
+}
+
+/// What several media are together in one interval of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Together {
-    /// Of those that mix: colour times depth, and depth, in halvings of the light over the segment.
+    /// Of those that mix: colour times depth, and depth, in halvings of the light over the interval.
     color: DVec3,
     depth: f64,
     /// Of those that add.
@@ -112,33 +143,44 @@ pub struct Together {
 }
 
 impl Together {
-    /// Puts a medium in, of so many unit distances.
+    /// Adds a uniform medium of this straight colour and opacity, of so many unit distances.
     pub fn put(&mut self, blend: Blend, rgb: [f64; 3], alpha: f64, length: f64) {
-        let rgb = DVec3::from_array(rgb);
-        match blend {
-            Blend::Mix => {
-                let depth = integrals::depth(alpha) * length;
-                self.color += rgb * depth;
-                self.depth += depth;
-            }
-            Blend::Add => self.glow += rgb * (alpha * length),
-        }
+        let mut alone = Alone::default();
+        alone.add(blend, DVec3::from_array(rgb), -(1.0 - alpha).log2(), length);
+        self.put_share(&alone, 1.0);
     }
 
-    /// What the segment shows, and what passes it.
+    /// Adds a share, 0 to 1, of what a layer shows of a piece.
+    pub fn put_share(&mut self, alone: &Alone, share: f64) {
+        let hidden = 1.0 - (-alone.depth).exp2();
+        if hidden > 0.0 {
+            self.color += alone.color * (alone.depth / hidden * share);
+            self.depth += alone.depth * share;
+        }
+        self.glow += alone.glow * share;
+    }
+
+    /// The premultiplied colour that the interval shows, and the share of the light that passes it.
     pub fn seen(&self) -> (DVec3, f64) {
-        let left = (-self.depth).exp2();
-        let (mixed, dimmed) = if self.depth > 0.0 {
-            let hidden = 1.0 - left;
-            // The mean, from the segment's front to its back, of the light that passes from there.
-            (self.color * (hidden / self.depth), (hidden / (self.depth * std::f64::consts::LN_2)).min(1.0))
-        } else {
-            (DVec3::ZERO, 1.0)
-        };
+        let (mixed, left) = self.mixed();
+        // The mean, from the interval's front to its back, of the light that passes from there.
+        let nats = self.depth * std::f64::consts::LN_2;
+        let dimmed = if self.depth > 0.0 { ((1.0 - left) / nats).min(1.0) } else { 1.0 };
         (mixed + self.glow * dimmed, left)
     }
-}
 
+    /// What projections show together, and the share of the light that passes: what adds is not dimmed.
+    pub fn flat(&self) -> (DVec3, f64) {
+        let (mixed, left) = self.mixed();
+        (mixed + self.glow, left)
+    }
+
+    /// What those that mix show.
+    fn mixed(&self) -> (DVec3, f64) {
+        let left = (-self.depth).exp2();
+        (if self.depth > 0.0 { self.color * ((1.0 - left) / self.depth) } else { DVec3::ZERO }, left)
+    }
+}
 #[cfg(test)]
 mod tests {
     use super::*;
