@@ -48,11 +48,8 @@ pub fn render_reference(
         volumes.push(ReferenceVolume { levels: &levels.arrays, level_at, transfer: &layer.transfer });
     }
     scene.picture(|eye| {
-        if scene.is_alone() {
-            return Ok(brickyard_reference::render(&scene.layers[0].frames[eye].settings, &volumes[0]));
-        }
         let frames: Vec<VolumeFrame> = scene.layers.iter().map(|layer| layer.frames[eye].clone()).collect();
-        Ok(brickyard_reference::render_together(&frames, &volumes, scene.combination.as_ref()))
+        Ok(brickyard_reference::render(&frames, &volumes, scene.combination.as_ref()))
     })
 }
 

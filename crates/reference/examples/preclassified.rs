@@ -13,7 +13,7 @@
 use brickyard_reference::{Array, ReferenceVolume, one_level, render};
 use brickyard_volume::{
     Camera, Clip, Extent, Filter, FrameSettings, Geometry, Lattice, Lighting, Mode, Picture, Placement, Projection,
-    Pyramid, Sampling, SlotEncoding, TransferFunction, TransferTable, VoxelType,
+    Pyramid, Sampling, SlotEncoding, TransferFunction, TransferTable, VolumeFrame, VoxelType,
 };
 use glam::DVec3;
 use std::path::Path;
@@ -45,7 +45,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let exact = |at: DVec3| classify(&transfer, distance(at));
     let [before, after, exact] = [picture(&frame, &before), picture(&frame, &after), picture(&frame, &exact)];
 
-    let oracle = render(&frame, &ReferenceVolume { levels: &values, level_at: &one_level(0), transfer: &transfer });
+    let volume = ReferenceVolume { levels: &values, level_at: &one_level(0), transfer: &transfer };
+    let oracle = render(&[VolumeFrame::alone(frame.clone())], &[volume], None);
     let difference = after.difference(&oracle);
     if difference.max > 1 {
         return Err(format!("this program's pictures are not the reference renderer's: {difference:?}").into());

@@ -1,51 +1,15 @@
-//! Direct volume rendering by every method of [`brickyard_volume::sampling`], lit or not, with isosurfaces in it or them alone.
+//! The fog of a piece of a segment, by every method of [`brickyard_volume::sampling`], lit or not.
 
-use crate::surface::Crossings;
-use crate::{Array, Path, ReferenceVolume};
+use crate::Array;
+use crate::path::Path;
 use brickyard_volume::lighting::SMOOTH;
+use brickyard_volume::look::Alone;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
 use brickyard_volume::{
-    FrameSettings, Gradient, Integrals, Lighting, LightingModel, Medium, Mode, Ray, Segment, surface,
+    Blend, FrameSettings, Gradient, Lighting, LightingModel, Medium, Ray, Segment, TransferFunction,
 };
 use glam::DVec3;
-
-/// The colour of a part of a ray, over what is behind: of fog and surfaces, or of surfaces alone.
-pub(crate) fn color(frame: &FrameSettings, volume: &ReferenceVolume<'_>, path: &Path, behind: DVec3) -> DVec3 {
-    let integrals = frame.sampling.method.is_pre_integrated().then(|| frame.table.integrals());
-    let mut light = Light { color: DVec3::ZERO, transmittance: 1.0 };
-    let mut crossings = Crossings::new(frame);
-    let of_surfaces = surface::lighting(&frame.lighting);
-    for segment in path.segments(frame, volume) {
-        let level = &volume.levels[(volume.level_at)(path.at(segment.middle()))];
-        let field = Field { frame, level, path, lighting: &frame.lighting };
-        let mut start = segment.start;
-        for (t, surface) in crossings.within(segment, |t| field.value(t)) {
-            let fog = Segment { start, end: t };
-            field.add_fog(&mut light, fog, volume, integrals);
-            let field = Field { lighting: &of_surfaces, ..field };
-            let color = DVec3::from_array(surface.color.map(f64::from));
-            light.add(field.shade(color, field.differences(t, surface.threshold), t), 1.0 - surface.opacity as f64);
-            start = t;
-        }
-        field.add_fog(&mut light, Segment { start, ..segment }, volume, integrals);
-    }
-    light.color + light.transmittance * behind
-}
-
-/// What comes to the eye, and how much of what is behind does.
-struct Light {
-    color: DVec3,
-    transmittance: f64,
-}
-
-impl Light {
-    /// Adds what is behind all so far, and lets `left` of the light through.
-    fn add(&mut self, color: DVec3, left: f64) {
-        self.color += self.transmittance * (1.0 - left) * color;
-        self.transmittance *= left;
-    }
-}
 
 /// A part of a segment.
 struct Part {
@@ -73,28 +37,22 @@ impl Field<'_> {
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
 
-    /// Adds a segment's medium, if there is fog.
-    fn add_fog(
-        &self,
-        light: &mut Light,
-        segment: Segment,
-        volume: &ReferenceVolume<'_>,
-        integrals: Option<&Integrals>,
-    ) {
-        if self.frame.mode != Mode::Dvr {
-            return;
-        }
-        for part in self.parts(segment) {
+    /// What a layer shows of a piece of a segment by itself.
+    pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> Alone {
+        let integrals = self.frame.sampling.method.is_pre_integrated().then(|| self.frame.table.integrals());
+        let mut alone = Alone::default();
+        for part in self.parts(piece) {
             let medium = match (integrals, part.ends) {
                 (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),
                 _ => {
-                    let [r, g, b, alpha] = volume.transfer.at(part.value, self.gradient(part.differences).length());
+                    let [r, g, b, alpha] = transfer.at(part.value, self.gradient(part.differences).length());
                     Medium { rgb: [r, g, b], depth: -(1.0 - alpha).log2() }
                 }
             };
             let color = self.shade(DVec3::from_array(medium.rgb), part.differences, part.middle);
-            light.add(color, (-medium.depth * part.length / volume.transfer.unit_distance).exp2());
+            alone.add(blend, color, medium.depth, part.length / transfer.unit_distance);
         }
+        alone
     }
 
     /// A colour lit at a place.
@@ -202,10 +160,12 @@ impl Field<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::{camera, cube, settings};
-    use crate::{one_level, pixel};
+    use crate::layer::Way;
+    use crate::tests::{alone, camera, cube, settings};
+    use crate::{ReferenceVolume, join, one_level};
     use brickyard_volume::{
-        Clip, Extent, Filter, Geometry, LevelGrid, Method, Pyramid, Region, Sampling, Shape, TransferFunction,
+        Clip, Extent, Filter, Geometry, LevelGrid, Method, Mode, Pyramid, Region, Sampling, Shape, TransferFunction,
+        VolumeFrame,
     };
 
     fn transfer(opacity: Vec<[f64; 2]>) -> TransferFunction {
@@ -223,7 +183,7 @@ mod tests {
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::splat(7.5));
         let frame = settings(Mode::Dvr, Geometry::default(), view, transfer, step);
         let frame = FrameSettings { sampling, background: [0.0; 3], ..frame };
-        pixel(&frame, &volume, 16, 16)
+        alone(&frame, &volume, 16, 16)
     }
 
     #[test]
@@ -266,7 +226,7 @@ mod tests {
             let sampling = Sampling { method, filter: Filter::Tricubic, ..Sampling::default() };
             let frame = FrameSettings { sampling, lighting: lighting.clone(), background: [0.0; 3], ..frame };
             [(13, 14), (15, 17), (16, 16), (17, 13), (18, 18)]
-                .map(|(x, y)| DVec3::from_array(pixel(&frame, &volume, x, y)))
+                .map(|(x, y)| DVec3::from_array(alone(&frame, &volume, x, y)))
         };
         let lit = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
         for (lighting, least) in [(Lighting::default(), 3.0), (lit, 2.5)] {
@@ -339,7 +299,7 @@ mod tests {
                         background: [0.0; 3],
                         ..frame
                     };
-                    let found = pixel(&frame, &volume, 16, 16);
+                    let found = alone(&frame, &volume, 16, 16);
                     for (found, color) in found.into_iter().zip([1.0, 0.5, 0.25]) {
                         let what = format!("{method:?} {filter:?} {step} level {number}");
                         assert!((found - alpha * color).abs() < 1e-9, "{what}: {found} {}", alpha * color);
@@ -374,8 +334,9 @@ mod tests {
             let frame = settings(Mode::Dvr, Geometry::default(), camera(eye, centre), transfer, 0.25);
             let frame = FrameSettings { background: [0.0; 3], ..frame };
             let light = |limits: [f64; 2]| {
-                let path = Path { limits, ..Path::new(&frame, 16, 16) };
-                color(&frame, &volume, &path, DVec3::ZERO).max_element()
+                let frame = VolumeFrame::alone(frame.clone());
+                let ways: Vec<Way> = Way::new(0, &frame, &volume, 16, 16).into_iter().collect();
+                join::slab(&ways, None, limits, DVec3::ZERO).max_element()
             };
             // Places along the ray through the centre, whose voxels begin at 0.
             let at = |from_centre: f64| 76.0 + from_centre;
@@ -440,14 +401,7 @@ mod tests {
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path = Path {
-                origin: place + 0.5,
-                direction: DVec3::X,
-                world,
-                own: world,
-                jitter: 0.0,
-                limits: [0.0, f64::INFINITY],
-            };
+            let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world };
             let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);

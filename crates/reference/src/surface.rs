@@ -56,18 +56,24 @@ fn locate(mut a: f64, mut b: f64, is_inside: bool, isovalue: f64, field: impl Fn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::{camera, cube, settings};
-    use crate::{Path, ReferenceVolume, one_level, pixel};
+    use crate::layer::{Way, segments};
+    use crate::tests::{alone, camera, cube, settings};
+    use crate::{ReferenceVolume, one_level};
     use brickyard_volume::lighting::{AMBIENT, DIFFUSE, SPECULAR};
-    use brickyard_volume::{Clip, ClipPlane, Geometry, Lighting, Method, Mode, Sampling, TransferFunction};
+    use brickyard_volume::{
+        Clip, ClipPlane, Geometry, Lighting, Method, Mode, Sampling, TransferFunction, VolumeFrame,
+    };
     use glam::DVec3;
 
     /// The distance of a pixel's first surface.
     fn hit(frame: &FrameSettings, volume: &ReferenceVolume<'_>, x: u32, y: u32) -> Option<f64> {
-        let path = Path::new(frame, x, y);
-        let mut crossings = Crossings::new(frame);
-        let field = |t: f64| volume.levels[0].sample(path.at(t), frame.sampling.filter);
-        path.segments(frame, volume).find_map(|segment| crossings.within(segment, field).first().map(|hit| hit.0))
+        let frame = VolumeFrame::alone(frame.clone());
+        let (way, mut crossings) = (Way::new(0, &frame, volume, x, y)?, Crossings::new(&frame.settings));
+        let (mut pieces, mut surfaces) = (Vec::new(), Vec::new());
+        segments(std::slice::from_ref(&way), [0.0, f64::INFINITY]).find_map(|segment| {
+            way.take(segment, &mut crossings, &mut pieces, &mut surfaces);
+            surfaces.first().map(|met| met.t)
+        })
     }
 
     fn transfer() -> TransferFunction {
@@ -138,7 +144,7 @@ mod tests {
             assert!((3.0 * (point.x + point.z) - 100.0).abs() < 1e-9, "{point}");
             let cosine = (ray.direction.x + ray.direction.z).abs() / 2f64.sqrt();
             let (own, white) = (AMBIENT + DIFFUSE * cosine, SPECULAR * cosine.powi(10));
-            let found = pixel(&frame, &volume, 16, 16);
+            let found = alone(&frame, &volume, 16, 16);
             for (k, c) in [0.5, 0.5, 0.5].into_iter().enumerate() {
                 // Colours of surfaces are in f32.
                 assert!((found[k] - (own * c + white)).abs() < 1e-7, "{away}: {found:?}");
@@ -165,7 +171,7 @@ mod tests {
             frame.clip = Some(clip.expect("a clip"));
             assert_eq!(central(&frame), None);
         }
-        assert_eq!(pixel(&frame, &volume, 16, 16), [0.25, 0.0, 1.0], "the background");
+        assert_eq!(alone(&frame, &volume, 16, 16), [0.25, 0.0, 1.0], "the background");
     }
 
     #[test]
@@ -224,7 +230,7 @@ mod tests {
                     let frame = settings(Mode::Dvr, Geometry::default(), view, &fog, step);
                     let sampling = Sampling { method, ..Sampling::default() };
                     let frame = FrameSettings { surfaces: surfaces.clone(), sampling, ..frame };
-                    let found = DVec3::from_array(pixel(&frame, &volume, 16, 16));
+                    let found = DVec3::from_array(alone(&frame, &volume, 16, 16));
                     // Opacities and running integrals are of f32.
                     assert!((found - color).abs().max_element() < 1e-6, "{method:?} {step}: {found} {color}");
                 }
@@ -243,7 +249,7 @@ mod tests {
         // A light that the surface faces.
         let lights = vec![middle - DVec3::new(1.0, 1.0, 0.0) * 1e6];
         frame.lighting = Lighting { model, lights, ..Lighting::default() };
-        let found = pixel(&frame, &volume, 16, 16);
+        let found = alone(&frame, &volume, 16, 16);
         // It reflects past the eye, at 45 degrees.
         let own = AMBIENT + DIFFUSE;
         let expected = frame.surfaces[0].color.map(|c| own * c as f64 + SPECULAR * 0.5f64.sqrt().powi(10));

@@ -11,7 +11,7 @@ mod looks;
 use bricks::missing::leave_out;
 use bricks::{Bricks, MEMORY_BYTES};
 use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
-use brickyard_reference::{ReferenceVolume, render_together};
+use brickyard_reference::{ReferenceVolume, render};
 use brickyard_render::{GpuEnsemble, GpuError, GpuPreference};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -203,7 +203,7 @@ fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combi
     for (Member { bricks, transfer, .. }, level_at) in members.iter().zip(&level_at) {
         volumes.push(ReferenceVolume { levels: &bricks.levels, level_at, transfer });
     }
-    render_together(frames, &volumes, combination)
+    render(frames, &volumes, combination)
 }
 
 #[test]

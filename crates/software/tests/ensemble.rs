@@ -9,7 +9,7 @@ mod looks;
 
 use bricks::{CutCell, Volume};
 use brickyard_pager::{DrawList, Layer, Slot, VolumeNeeds};
-use brickyard_reference::{ReferenceVolume, one_level, render_together};
+use brickyard_reference::{ReferenceVolume, one_level, render};
 use brickyard_software::{EnsembleOptions, SoftwareEnsemble, SoftwareError};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -168,7 +168,7 @@ fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combi
             transfer: &member.transfer,
         });
     }
-    render_together(frames, &volumes, combination)
+    render(frames, &volumes, combination)
 }
 
 #[test]

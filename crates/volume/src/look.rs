@@ -97,6 +97,11 @@ pub struct VolumeFrame {
 }
 
 impl VolumeFrame {
+    /// A layer that stands alone.
+    pub fn alone(settings: FrameSettings) -> Self {
+        Self { settings, blend: Blend::Mix, opacity: 1.0 }
+    }
+
     /// Whether its colours are lit.
     pub fn is_lit(&self) -> bool {
         self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None

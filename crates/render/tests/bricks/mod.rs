@@ -209,6 +209,7 @@ impl Bricks {
             };
             list.cells.iter().find(holds).expect("cells cover the volume").brick.level.index()
         };
-        brickyard_reference::render(frame, &ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer })
+        let volume = ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer };
+        brickyard_reference::render(&[VolumeFrame::alone(frame.clone())], &[volume], None)
     }
 }

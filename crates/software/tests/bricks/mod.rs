@@ -187,7 +187,8 @@ impl Volume {
             };
             boxes.iter().find(|(b, _)| holds(b)).expect("a cut covers the volume").1
         };
-        brickyard_reference::render(frame, &ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer })
+        let volume = ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer };
+        brickyard_reference::render(&[VolumeFrame::alone(frame.clone())], &[volume], None)
     }
 }
 

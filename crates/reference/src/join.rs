@@ -1,180 +1,112 @@
-//! Several volumes in one picture, as [`brickyard_volume::look`] says.
+//! What all layers show together of a slab of a ray, as [`brickyard_volume::look`] says.
 
-use crate::medium::Field;
+use crate::layer::{Piece, Way, segments};
 use crate::surface::Crossings;
-use crate::{Path, ReferenceVolume};
 use brickyard_volume::look::Together;
-use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Picture, Segment, Surface, VolumeFrame, surface};
+use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
 use glam::DVec3;
 
-/// Renders the whole picture of volumes, each with its frame; plainly sampled, with surfaces or without; or that of an
-/// expression over them.
-///
-/// # Panics
-/// If there is no frame, or not one for each volume.
-pub fn render_together(
-    frames: &[VolumeFrame],
-    volumes: &[ReferenceVolume<'_>],
-    combination: Option<&Combination>,
-) -> Picture {
-    let rays = &frames[0].settings.rays;
-    let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
-    for y in 0..rays.height {
-        for x in 0..rays.width {
-            let color = pixel_together(frames, volumes, combination, x, y);
-            rgb.push(Picture::quantise(color.map(|c| c as f32)));
-        }
-    }
-    Picture { width: rays.width, height: rays.height, rgb }
+/// What the layers show between two distances, over what is behind.
+pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: [f64; 2], behind: DVec3) -> DVec3 {
+    let Some(way) = ways.first() else { return behind };
+    let (seen, left) = match (way.frame.settings.mode, combination) {
+        (Mode::Mip | Mode::MinIp | Mode::Average, _) => projections(ways, limits),
+        (Mode::Dvr | Mode::Isosurface, None) => media(ways, limits),
+        (Mode::Dvr | Mode::Isosurface, Some(combination)) => combined(combination, ways, limits),
+    };
+    seen + behind * left
 }
 
-/// The display-referred colour of one pixel.
-///
-/// # Panics
-/// As [`render_together`].
-pub fn pixel_together(
-    frames: &[VolumeFrame],
-    volumes: &[ReferenceVolume<'_>],
-    combination: Option<&Combination>,
-    x: u32,
-    y: u32,
-) -> [f64; 3] {
-    assert_eq!(frames.len(), volumes.len(), "a frame for each volume");
-    let ways = frames.iter().zip(volumes).enumerate();
-    let ways: Vec<_> = ways.filter_map(|(i, (frame, volume))| Way::new(i, frame, volume, x, y)).collect();
-    let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
-    let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
-    let mut crossings: Vec<_> = ways.iter().map(|way| Crossings::new(&way.frame.settings)).collect();
-    let (mut color, mut light) = (DVec3::ZERO, 1.0);
-    let mut see = |(seen, left): (DVec3, f64)| {
-        color += seen * light;
-        light *= left;
-    };
-    for segment in frames[0].settings.lattice.segments(t_in, t_out) {
-        let read: Vec<_> = ways.iter().filter_map(|way| Some((way, way.read(segment)?))).collect();
-        if let Some(combination) = combination {
-            see(combined(combination, &read).seen());
-            continue;
+/// Every layer projected by itself.
+fn projections(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
+    let mut together = Together::default();
+    for way in ways {
+        if let Some(value) = way.projection(limits) {
+            together.put(way.frame.blend, way.volume.transfer.rgb(value), way.frame.opacity, 1.0);
         }
-        let between = |start: f64, end: f64| {
-            let mut together = Together::default();
-            read.iter().for_each(|(way, read)| way.put(read, [start, end], &mut together));
-            together.seen()
-        };
-        let of_way = |(way, crossings)| Way::surfaces(way, segment, crossings);
-        let mut surfaces: Vec<Met> = ways.iter().zip(&mut crossings).flat_map(of_way).collect();
+    }
+    together.flat()
+}
+
+/// A ray's light on its way from the eye: premultiplied colour, and what is left of it.
+struct Light {
+    color: DVec3,
+    left: f64,
+}
+
+impl Light {
+    const WHOLE: Self = Self { color: DVec3::ZERO, left: 1.0 };
+
+    /// Passes an interval or a surface that shows a premultiplied colour.
+    fn see(&mut self, (seen, left): (DVec3, f64)) {
+        self.color += seen * self.left;
+        self.left *= left;
+    }
+}
+
+/// The media and surfaces of all layers, segment by segment.
+fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
+    let mut crossings: Vec<_> = ways.iter().map(|way| Crossings::new(&way.frame.settings)).collect();
+    let mut light = Light::WHOLE;
+    for segment in segments(ways, limits) {
+        let (mut pieces, mut surfaces) = (Vec::new(), Vec::new());
+        for (way, crossings) in ways.iter().zip(&mut crossings) {
+            way.take(segment, crossings, &mut pieces, &mut surfaces);
+        }
         surfaces.sort_by(|a, b| a.t.total_cmp(&b.t));
         let mut start = segment.start;
-        for Met { t, color, opacity } in surfaces {
-            see(between(start, t));
-            see((color * opacity, 1.0 - opacity));
-            start = t;
+        for surface in surfaces {
+            light.see(between(&pieces, start, surface.t));
+            light.see((surface.color * surface.opacity, 1.0 - surface.opacity));
+            start = surface.t;
         }
-        see(between(start, segment.end));
+        light.see(between(&pieces, start, segment.end));
     }
-    let background = DVec3::from_array(frames[0].settings.background.map(f64::from));
-    (color + background * light).to_array()
+    (light.color, light.left)
 }
 
-/// The medium of an expression's value, given what is read of volumes.
-fn combined(combination: &Combination, read: &[(&Way<'_>, Read<'_>)]) -> Together {
-    let (mut together, mut longest) = (Together::default(), 0.0f64);
-    let mut values = [f64::NAN; MAX_VOLUMES];
-    for (way, Read { value, part, .. }) in read {
-        values[way.index] = *value;
-        longest = longest.max(part.length());
-    }
-    let (value, transfer) = (combination.expression.value(&values), &combination.transfer);
-    if !value.is_nan() {
-        let length = longest / transfer.unit_distance;
-        together.put(Blend::Mix, transfer.rgb(value), transfer.alpha(value), length);
-    }
-    together
-}
-
-/// A ray's way through one volume.
-struct Way<'a> {
-    index: usize,
-    frame: &'a VolumeFrame,
-    volume: &'a ReferenceVolume<'a>,
-    path: Path,
-    stretch: (f64, f64),
-}
-
-/// A surface that a ray meets: where, and what it shows.
-struct Met {
-    t: f64,
-    color: DVec3,
-    opacity: f64,
-}
-
-/// A volume's part of a segment, and the value in the middle of it.
-struct Read<'a> {
-    field: Field<'a>,
-    part: Segment,
-    value: f64,
-}
-
-impl<'a> Way<'a> {
-    /// `None` if it misses what is shown.
-    fn new(index: usize, frame: &'a VolumeFrame, volume: &'a ReferenceVolume<'a>, x: u32, y: u32) -> Option<Self> {
-        let path = Path::new(&frame.settings, x, y);
-        let stretch = path.stretch(&frame.settings, volume)?;
-        Some(Self { index, frame, volume, path, stretch })
-    }
-
-    /// Its part of a segment, and the field there.
-    fn part(&self, segment: Segment) -> Option<(Segment, Field<'_>)> {
-        let part = Segment { start: segment.start.max(self.stretch.0), end: segment.end.min(self.stretch.1) };
-        let frame = &self.frame.settings;
-        (part.length() > 0.0).then(|| {
-            let level = &self.volume.levels[(self.volume.level_at)(self.path.at(part.middle()))];
-            (part, Field { frame, level, path: &self.path, lighting: &frame.lighting })
-        })
-    }
-
-    /// What is read of a segment.
-    fn read(&self, segment: Segment) -> Option<Read<'_>> {
-        let (part, field) = self.part(segment)?;
-        Some(Read { field, part, value: field.value(part.middle())? })
-    }
-
-    /// The surfaces in a segment, lit.
-    fn surfaces(&self, segment: Segment, crossings: &mut Crossings<'_>) -> Vec<Met> {
-        let Some((part, field)) = self.part(segment) else { return Vec::new() };
-        let lighting = surface::lighting(field.lighting);
-        let field = Field { lighting: &lighting, ..field };
-        let met = |(t, surface): (f64, &Surface)| {
-            let color = DVec3::from_array(surface.color.map(f64::from));
-            let color = field.shade(color, field.differences(t, surface.threshold), t);
-            Met { t, color, opacity: surface.opacity as f64 }
-        };
-        crossings.within(part, |t| field.value(t)).into_iter().map(met).collect()
-    }
-
-    /// Puts in the medium of what was read, as much of it as is in a piece of the segment.
-    fn put(&self, &Read { field, part, value }: &Read<'_>, [start, end]: [f64; 2], together: &mut Together) {
-        let length = part.end.min(end) - part.start.max(start);
-        if length <= 0.0 {
-            return;
+/// What pieces show between two distances.
+fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
+    let mut together = Together::default();
+    for Piece { ends, alone } in pieces {
+        let length = ends.end.min(end) - ends.start.max(start);
+        if length > 0.0 {
+            together.put_share(alone, length / ends.length());
         }
-        let (transfer, middle) = (self.volume.transfer, part.middle());
-        let mut rgb = transfer.rgb(value);
-        if self.frame.is_lit() {
-            rgb = field.shade(DVec3::from_array(rgb), field.differences(middle, value), middle).to_array();
-        }
-        together.put(self.frame.blend, rgb, transfer.alpha(value), length / transfer.unit_distance);
     }
+    together.seen()
+}
+
+/// The media of an expression's values, segment by segment.
+fn combined(combination: &Combination, ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
+    let transfer = &combination.transfer;
+    let mut light = Light::WHOLE;
+    for segment in segments(ways, limits) {
+        let (mut together, mut longest) = (Together::default(), 0.0f64);
+        let mut values = [f64::NAN; MAX_VOLUMES];
+        for way in ways {
+            let Some((Segment { start, end }, value)) = way.middle(segment) else { continue };
+            values[way.index] = value;
+            longest = longest.max(end - start);
+        }
+        let value = combination.expression.value(&values);
+        if !value.is_nan() {
+            let length = longest / transfer.unit_distance;
+            together.put(Blend::Mix, transfer.rgb(value), transfer.alpha(value), length);
+        }
+        light.see(together.seen());
+    }
+    (light.color, light.left)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::tests::{camera, cube, settings};
-    use crate::{Array, one_level, pixel};
+    use crate::{ReferenceVolume, one_level, pixel};
     use brickyard_volume::{
-        Blend, Camera, Clip, FrameSettings, Geometry, Lighting, LightingModel, Mode, Placement, Projection, Ray,
-        TransferFunction,
+        Camera, Clip, FrameSettings, Geometry, Jitter, Lighting, LightingModel, Method, Placement, Projection, Ray,
+        Sampling, Surface, TransferFunction, VolumeFrame, surface,
     };
 
     fn fog(rgb: [f64; 3], alpha: f64, unit_distance: f64) -> TransferFunction {
@@ -211,7 +143,7 @@ mod tests {
             };
             let volume = |i: usize| ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfers[i] };
             let frames = [frame(0), frame(1)];
-            let found = pixel_together(&frames, &[volume(0), volume(1)], None, 16, 16);
+            let found = pixel(&frames, &[volume(0), volume(1)], None, 16, 16);
             // Halvings of the light per world unit.
             let depths = [-0.9f64.log2(), -0.7f64.log2() / 2.0];
             let colors = transfers.each_ref().map(|t| DVec3::from_array(t.rgb(0.0)));
@@ -264,7 +196,7 @@ mod tests {
                 let ray = frame[0].settings.rays.ray((i % 33) as f64 + 0.5, (i / 33) as f64 + 0.5);
                 let length = chord(&placement.volume_ray(&ray), low, high).map_or(0.0, |(from, to)| to - from);
                 let alpha = 1.0 - 0.8f64.powf(length / 3.0);
-                let found = pixel_together(&frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
+                let found = pixel(&frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
                 let expected = [alpha + (1.0 - alpha) * 0.25, alpha * 0.5, alpha * 0.25 + (1.0 - alpha)];
                 for k in 0..3 {
                     assert!((found[k] - expected[k]).abs() < 1e-9, "{i}: {found:?} {expected:?}");
@@ -314,7 +246,7 @@ mod tests {
                     VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix }, opacity: 1.0 }
                 };
                 let frames = [frame(0), frame(1)];
-                let found = pixel_together(&frames, &volumes, None, 16, 16);
+                let found = pixel(&frames, &volumes, None, 16, 16);
                 let ray = frames[0].settings.rays.ray(16.5, 16.5);
                 let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
                 let mut together = Together::default();
@@ -368,7 +300,7 @@ mod tests {
                 VolumeFrame { settings, blend: if i == 1 { blend } else { Blend::Mix }, opacity: 1.0 }
             };
             let frames = [frame(0), frame(1)];
-            let found = pixel_together(&frames, &volumes, None, 16, 16);
+            let found = pixel(&frames, &volumes, None, 16, 16);
             let ray = frames[0].settings.rays.ray(16.5, 16.5);
             let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
             // Voxel centres of the default geometry are at whole numbers of the world.
@@ -416,11 +348,13 @@ mod tests {
         }
     }
 
+    /// A wave, by every method, jittered, with surfaces in it or alone, projected, with a mesh before and behind: a layer beside it that shows
+    /// nothing changes nothing. That is not so of the segments that the other layer's stretch makes longer, so both are of one size.
     #[test]
-    fn one_volume_is_the_picture_of_one_volume() {
+    fn a_layer_that_shows_nothing_changes_nothing() {
         let wave =
             |[x, y, z]: [u32; 3]| 127.0 + 80.0 * ((x + 2 * y) as f64 * 0.4).sin() + 40.0 * (z as f64 * 0.7).cos();
-        let level: [Array; 1] = [cube(12, wave)];
+        let levels = [[cube(12, wave)], [cube(12, |_| f64::NAN)]];
         let level_at = one_level(0);
         let transfer = TransferFunction {
             color: vec![[0.0, 1.0, 0.0, 0.2], [255.0, 0.1, 1.0, 0.6]],
@@ -428,24 +362,100 @@ mod tests {
             unit_distance: 2.0,
             ..TransferFunction::default()
         };
-        let volume = ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfer };
-        let settings = settings(
-            Mode::Dvr,
-            Geometry::default(),
-            camera(DVec3::new(-30.0, 20.0, 9.0), DVec3::splat(5.5)),
-            &transfer,
-            0.7,
-        );
-        let frame = [VolumeFrame { settings, blend: Blend::Mix, opacity: 1.0 }];
-        let mut lit = frame.clone();
-        lit[0].settings.lighting =
-            Lighting { model: LightingModel::Phong, lights: vec![DVec3::ZERO], ..Lighting::default() };
-        for i in 0..33 * 33 {
-            for frame in [&frame, &lit] {
-                let together = pixel_together(frame, std::slice::from_ref(&volume), None, i % 33, i / 33);
-                let alone = pixel(&frame[0].settings, &volume, i % 33, i / 33);
-                // Rounding.
-                (0..3).for_each(|k| assert!((together[k] - alone[k]).abs() < 1e-12, "{i}: {together:?} {alone:?}"));
+        let volumes = [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer });
+        let eye = camera(DVec3::new(-30.0, 20.0, 9.0), DVec3::splat(5.5));
+        let surfaces = vec![Surface { threshold: 140.0, color: [1.0, 0.5, 0.0], opacity: 0.4 }];
+        let lit = Lighting { model: LightingModel::Phong, lights: vec![DVec3::ZERO], ..Lighting::default() };
+        let mut pictures = Vec::new();
+        let sampled = |method, jitter| Sampling { method, jitter, ..Sampling::default() };
+        let methods = Method::ALL.map(|method| (Mode::Dvr, sampled(method, Jitter::White(3)), vec![]));
+        let layered = Method::ALL.map(|method| (Mode::Dvr, sampled(method, Jitter::None), surfaces.clone()));
+        let modes = [Mode::Mip, Mode::MinIp, Mode::Average, Mode::Isosurface];
+        let modes = modes.map(|mode| (mode, sampled(Method::Udvr, Jitter::Blue), surfaces.clone()));
+        for (mode, sampling, surfaces) in methods.into_iter().chain(layered).chain(modes) {
+            let plain = settings(mode, Geometry::default(), eye, &transfer, 0.7);
+            let lighting = if surfaces.is_empty() { lit.clone() } else { Lighting::default() };
+            let frame = VolumeFrame::alone(FrameSettings { sampling, surfaces, lighting, ..plain });
+            let pixels: Vec<_> = (0..33 * 33).step_by(4).map(|i| [i % 33, i / 33]).collect();
+            let drawn = |count: usize| -> Vec<[f64; 3]> {
+                let frames = vec![frame.clone(); count];
+                pixels.iter().map(|&[x, y]| pixel(&frames, &volumes[..count], None, x, y)).collect()
+            };
+            let alone = drawn(1);
+            assert_eq!(drawn(2), alone, "{mode:?} {sampling:?}");
+            pictures.push(alone);
+        }
+        let differs = |i: usize| pictures[..i].iter().all(|other| *other != pictures[i]);
+        assert!((0..pictures.len()).all(differs), "pictures that are alike prove nothing");
+    }
+
+    /// Two constant media of one box by every method, at steps longer and shorter than a voxel: one medium of both depths.
+    #[test]
+    fn media_of_one_place_are_one_medium_by_every_method() {
+        let levels = [[cube(16, |_| 100.0)], [cube(16, |_| 50.0)]];
+        let level_at = one_level(0);
+        let transfers = [fog([1.0, 0.5, 0.0], 0.1, 1.0), fog([0.0, 0.25, 1.0], 0.3, 2.0)];
+        let volumes =
+            [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfers[i] });
+        let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::splat(7.5));
+        let depths = [-0.9f64.log2(), -0.7f64.log2() / 2.0];
+        for (method, step) in Method::ALL.into_iter().flat_map(|method| [(method, 0.3), (method, 3.0)]) {
+            for blend in Blend::ALL {
+                let frame = |i: usize| {
+                    let plain = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
+                    let sampling = Sampling { method, ..Sampling::default() };
+                    let blend = if i == 1 { blend } else { Blend::Mix };
+                    let settings = FrameSettings { sampling, background: [0.0; 3], ..plain };
+                    VolumeFrame { settings, blend, opacity: 1.0 }
+                };
+                let found = DVec3::from_array(pixel(&[frame(0), frame(1)], &volumes, None, 16, 16));
+                let colors = transfers.each_ref().map(|t| DVec3::from_array(t.rgb(0.0)));
+                let expected = match blend {
+                    Blend::Mix => {
+                        let depth = depths[0] + depths[1];
+                        (colors[0] * depths[0] + colors[1] * depths[1]) / depth * (1.0 - (-depth * 16.0).exp2())
+                    }
+                    Blend::Add => {
+                        let hidden = 1.0 - 0.9f64.powi(16);
+                        colors[0] * hidden + colors[1] * (0.15 * hidden / (depths[0] * 2f64.ln()))
+                    }
+                };
+                // Running integrals are of the table, which has opacities in f32.
+                assert!(
+                    (found - expected).abs().max_element() < 1e-6,
+                    "{method:?} {step} {blend:?}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    /// Boxes beside and behind one another, each of one value, projected: where both are, the mean of their colours, or their sum.
+    #[test]
+    fn projections_are_joined_by_their_opacities() {
+        let level = [cube(8, |_| 1.0)];
+        let level_at = one_level(0);
+        let transfers = [fog([1.0, 0.5, 0.0], 0.1, 1.0), fog([0.0, 0.25, 0.5], 0.3, 2.0)];
+        let volumes = [0, 1].map(|i| ReferenceVolume { levels: &level, level_at: &level_at, transfer: &transfers[i] });
+        let view = camera(DVec3::new(-30.0, 3.5, 3.5), DVec3::new(8.0, 3.5, 3.5));
+        let [a, b] = transfers.each_ref().map(|t| DVec3::from_array(t.rgb(0.0)));
+        let background = DVec3::new(0.25, 0.0, 1.0);
+        let half = |both: DVec3, left: f64| both * (1.0 - left) + background * left;
+        let (mix, add) = (Blend::Mix, Blend::Add);
+        for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
+            for (looks, expected) in [
+                ([(mix, 1.0), (mix, 1.0)], (a + b) * 0.5),
+                ([(mix, 1.0), (add, 0.5)], a + b * 0.5),
+                ([(add, 1.0), (add, 0.25)], a + b * 0.25 + background),
+                ([(mix, 0.5), (mix, 0.5)], half((a + b) * 0.5, 0.25)),
+                ([(mix, 0.75), (mix, 0.5)], half((a * 2.0 + b) / 3.0, 0.125)),
+                ([(mix, 0.5), (mix, 0.0)], half(a, 0.5)),
+            ] {
+                let frame = |i: usize| {
+                    let settings = settings(mode, Geometry::default(), view, &transfers[i], 1.0);
+                    VolumeFrame { settings, blend: looks[i].0, opacity: looks[i].1 }
+                };
+                let found = DVec3::from_array(pixel(&[frame(0), frame(1)], &volumes, None, 16, 16));
+                assert!((found - expected).abs().max_element() < 1e-12, "{mode:?} {looks:?}: {found} {expected}");
             }
         }
     }
@@ -487,7 +497,7 @@ mod tests {
                 };
                 let volume =
                     |i: usize| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer };
-                let found = pixel_together(&[frame(0), frame(1)], &[volume(0), volume(1)], Some(&combination), 16, 16);
+                let found = pixel(&[frame(0), frame(1)], &[volume(0), volume(1)], Some(&combination), 16, 16);
                 let off = (DVec3::from_array(found) - expected).abs().max_element();
                 assert!(off < 1e-9, "{text} {step}: {found:?} {expected}");
             }

@@ -1,0 +1,143 @@
+//! Levels as whole arrays: what is read at a point, and coarser levels as means of finer ones.
+
+use brickyard_volume::{Extent, Filter, LevelGrid, Pyramid, Voxel, VoxelType, sampling, with_voxel_type};
+use glam::DVec3;
+
+/// One level as a whole array of data values; NaN marks invalid voxels.
+#[derive(Clone, Debug)]
+pub struct Array {
+    /// Voxels along each axis.
+    pub extent: Extent,
+    /// Level-0 voxels per voxel.
+    pub factor: [u32; 3],
+    /// `extent.volume()` values, x fastest.
+    pub values: Vec<f64>,
+}
+
+impl Array {
+    /// A level whose voxels come from a function of its integer voxel coordinates.
+    pub fn from_fn(grid: &LevelGrid, value: impl Fn([u32; 3]) -> f64) -> Self {
+        let e = grid.extent;
+        let mut values = Vec::with_capacity(e.volume() as usize);
+        for z in 0..e.z {
+            for y in 0..e.y {
+                values.extend((0..e.x).map(|x| value([x, y, z])));
+            }
+        }
+        Self { extent: e, factor: grid.factor, values }
+    }
+
+    /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too.
+    ///
+    /// # Panics
+    /// If `bytes` is not exactly the level.
+    pub fn from_bytes(grid: &LevelGrid, voxel_type: VoxelType, bytes: &[u8]) -> Self {
+        fn decode<T: Voxel>(bytes: &[u8]) -> Vec<f64> {
+            let value = |v: T| if v.is_valid() { v.to_f64() } else { f64::NAN };
+            bytes.chunks_exact(size_of::<T>()).map(|b| value(bytemuck::pod_read_unaligned(b))).collect()
+        }
+        let values = with_voxel_type!(voxel_type, T => decode::<T>(bytes));
+        assert_eq!(values.len() as u64, grid.extent.volume(), "bytes do not fill the level");
+        Self { extent: grid.extent, factor: grid.factor, values }
+    }
+
+    /// The voxel, with indices past a face replicated.
+    fn voxel(&self, index: [i64; 3]) -> f64 {
+        let n = self.extent.to_array();
+        let inside = std::array::from_fn(|a| index[a].clamp(0, n[a] as i64 - 1) as u32);
+        self.values[self.extent.linear(inside) as usize]
+    }
+
+    /// Differences across two voxels along each axis between nodes in the middle of eight voxels: see
+    /// [`gradients`](brickyard_volume::gradients).
+    pub(crate) fn stored_differences(&self, point: DVec3) -> DVec3 {
+        let p = DVec3::from_array(std::array::from_fn(|a| (point[a] / self.factor[a] as f64 - 1.0) / 2.0));
+        let (base, t) = (p.floor(), p - p.floor());
+        let mut sum = DVec3::ZERO;
+        for corner in (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(f64::from)) {
+            let weight: f64 = (0..3).map(|a| if corner[a] > 0.0 { t[a] } else { 1.0 - t[a] }).product();
+            let node = base + DVec3::from_array(corner);
+            sum += weight * self.node_differences(node.as_i64vec3().to_array());
+        }
+        sum
+    }
+
+    /// Those at a node: the mean of what its eight voxels have of them, and 0 where they have none.
+    fn node_differences(&self, node: [i64; 3]) -> DVec3 {
+        let last = self.extent.to_array().map(|n| n as i64 - 1);
+        let low: [i64; 3] = std::array::from_fn(|a| (2 * node[a]).min(last[a] - 1).max(0));
+        let along = |a: usize| {
+            let pairs = (0..8i64).map(|i| [i & 1, i >> 1 & 1, i >> 2]).filter(|corner| corner[a] == 0);
+            let difference = |corner: [i64; 3]| {
+                let near: [i64; 3] = std::array::from_fn(|k| low[k] + corner[k]);
+                let mut far = near;
+                far[a] += 1;
+                self.voxel(far) - self.voxel(near)
+            };
+            let known: Vec<f64> = pairs.map(difference).filter(|d| d.is_finite()).collect();
+            2.0 * known.iter().sum::<f64>() / known.len().max(1) as f64
+        };
+        DVec3::new(along(0), along(1), along(2))
+    }
+
+    /// Filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; where they hold more than
+    /// half the weight there is no value.
+    pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {
+        let p: [f64; 3] = std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5);
+        let base = p.map(|v| v.floor());
+        // From one voxel below the place to two above it.
+        let weights: [[f64; 4]; 3] = std::array::from_fn(|a| match p[a] - base[a] {
+            t if filter == Filter::Tricubic => sampling::b_spline(t),
+            t => [0.0, 1.0 - t, t, 0.0],
+        });
+        let (mut sum, mut weight) = (0.0, 0.0);
+        // Of those, the two or four with a weight.
+        let (first, count) = match filter {
+            Filter::Trilinear => (1, 2),
+            Filter::Tricubic => (0, 4),
+        };
+        for voxel in 0..count * count * count {
+            let at = [voxel % count, voxel / count % count, voxel / (count * count)].map(|i| i + first);
+            let w: f64 = (0..3).map(|a| weights[a][at[a]]).product();
+            let value = self.voxel(std::array::from_fn(|a| base[a] as i64 + at[a] as i64 - 1));
+            if value.is_finite() {
+                sum += w * value;
+                weight += w;
+            }
+        }
+        (weight >= 0.5).then(|| sum / weight)
+    }
+}
+
+/// The level function of a view that shows one level everywhere.
+pub fn one_level(level: usize) -> impl Fn(DVec3) -> usize {
+    move |_| level
+}
+
+/// All levels of a volume given by level 0, each the mean of the finer one (f64, unrounded; invalid voxels left out).
+pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
+    let mut levels = vec![finest];
+    for grid in &pyramid.levels()[1..] {
+        let fine = &levels[levels.len() - 1];
+        let step: [u32; 3] = std::array::from_fn(|a| grid.factor[a] / fine.factor[a]);
+        let n = fine.extent.to_array();
+        let coarse = Array::from_fn(grid, |index| {
+            let (mut sum, mut count) = (0.0, 0);
+            for corner in 0..8u32 {
+                let bit: [u32; 3] = std::array::from_fn(|a| corner >> a & 1);
+                let at: [u32; 3] = std::array::from_fn(|a| index[a] * step[a] + bit[a]);
+                if (0..3).any(|a| bit[a] >= step[a] || at[a] >= n[a]) {
+                    continue;
+                }
+                let value = fine.values[fine.extent.linear(at) as usize];
+                if value.is_finite() {
+                    sum += value;
+                    count += 1;
+                }
+            }
+            if count > 0 { sum / count as f64 } else { f64::NAN }
+        });
+        levels.push(coarse);
+    }
+    levels
+}

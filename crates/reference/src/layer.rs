@@ -1,0 +1,132 @@
+//! One layer along a ray: the part of each segment that is its own, what it shows of that by itself, and its projection.
+
+use crate::ReferenceVolume;
+use crate::medium::Field;
+use crate::path::Path;
+use crate::surface::Crossings;
+use brickyard_volume::look::Alone;
+use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Segment, VolumeFrame, surface};
+use glam::DVec3;
+
+/// A ray's way through one layer.
+pub(crate) struct Way<'a> {
+    /// The layer's place among all.
+    pub(crate) index: usize,
+    pub(crate) frame: &'a VolumeFrame,
+    pub(crate) volume: &'a ReferenceVolume<'a>,
+    path: Path,
+    /// From where to where the ray is inside of what is shown.
+    stretch: (f64, f64),
+    /// How far the lattice of this pixel is moved, in segments.
+    jitter: f64,
+    /// How its fog is lit, and its surfaces.
+    fog_lighting: Lighting,
+    surface_lighting: Lighting,
+}
+
+/// What a layer shows by itself between two of its own surfaces.
+pub(crate) struct Piece {
+    pub(crate) ends: Segment,
+    pub(crate) alone: Alone,
+}
+
+/// A surface that a ray meets: where, and what it shows.
+pub(crate) struct Met {
+    pub(crate) t: f64,
+    pub(crate) color: DVec3,
+    pub(crate) opacity: f64,
+}
+
+/// The segments of a slab of a ray that goes these ways, near to far.
+pub(crate) fn segments(ways: &[Way<'_>], [near, far]: [f64; 2]) -> impl Iterator<Item = Segment> {
+    let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
+    let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
+    ways.first().into_iter().flat_map(move |way| {
+        let lattice = &way.frame.settings.lattice;
+        let shift = lattice.shift(way.jitter, t_in);
+        let segments = lattice.segments(t_in.max(near) + shift, t_out.min(far) + shift);
+        segments.map(move |s| Segment { start: s.start - shift, end: s.end - shift })
+    })
+}
+
+impl<'a> Way<'a> {
+    /// The way of a pixel's ray; `None` if it misses what is shown.
+    pub(crate) fn new(
+        index: usize,
+        frame: &'a VolumeFrame,
+        volume: &'a ReferenceVolume<'a>,
+        x: u32,
+        y: u32,
+    ) -> Option<Self> {
+        let settings = &frame.settings;
+        let path = Path::new(settings, x, y);
+        let stretch = path.stretch(settings, &volume.levels[0])?;
+        let jitter = settings.sampling.jitter.share(x, y);
+        let mut fog_lighting = settings.lighting.clone();
+        if frame.blend == Blend::Add {
+            fog_lighting.model = LightingModel::None;
+        }
+        let surface_lighting = surface::lighting(&settings.lighting);
+        Some(Self { index, frame, volume, path, stretch, jitter, fog_lighting, surface_lighting })
+    }
+
+    /// The layer's part of a segment, and the field there, if any.
+    fn part(&self, segment: Segment) -> Option<(Segment, Field<'_>)> {
+        let part = Segment { start: segment.start.max(self.stretch.0), end: segment.end.min(self.stretch.1) };
+        (part.length() > 0.0).then(|| {
+            let level = &self.volume.levels[(self.volume.level_at)(self.path.at(part.middle()))];
+            let frame = &self.frame.settings;
+            (part, Field { frame, level, path: &self.path, lighting: &self.fog_lighting })
+        })
+    }
+
+    /// The layer's part of a segment, and the value in its middle, if any.
+    pub(crate) fn middle(&self, segment: Segment) -> Option<(Segment, f64)> {
+        let (part, field) = self.part(segment)?;
+        Some((part, field.value(part.middle())?))
+    }
+
+    /// Takes the layer's part of a segment: the pieces of its fog, and its surfaces between them, lit.
+    pub(crate) fn take(
+        &self,
+        segment: Segment,
+        crossings: &mut Crossings<'_>,
+        pieces: &mut Vec<Piece>,
+        surfaces: &mut Vec<Met>,
+    ) {
+        let Some((part, field)) = self.part(segment) else { return };
+        let of_surfaces = Field { lighting: &self.surface_lighting, ..field };
+        let mut start = part.start;
+        for (t, surface) in crossings.within(part, |t| field.value(t)) {
+            pieces.extend(self.piece(field, Segment { start, end: t }));
+            let color = DVec3::from_array(surface.color.map(f64::from));
+            let color = of_surfaces.shade(color, of_surfaces.differences(t, surface.threshold), t);
+            surfaces.push(Met { t, color, opacity: surface.opacity as f64 });
+            start = t;
+        }
+        pieces.extend(self.piece(field, Segment { start, ..part }));
+    }
+
+    /// The fog of a piece, if the mode shows fog and the piece has a length.
+    fn piece(&self, field: Field<'_>, ends: Segment) -> Option<Piece> {
+        let has_fog = self.frame.settings.mode == Mode::Dvr && ends.length() > 0.0;
+        has_fog.then(|| Piece { ends, alone: field.alone(ends, self.frame.blend, self.volume.transfer) })
+    }
+
+    /// The greatest, the least or the mean value between two distances, as the mode says; `None` where there is no value.
+    pub(crate) fn projection(&self, limits: [f64; 2]) -> Option<f64> {
+        let samples = segments(std::slice::from_ref(self), limits).filter_map(|segment| self.middle(segment));
+        let samples: Vec<(Segment, f64)> = samples.collect();
+        let values = || samples.iter().map(|(_, value)| *value);
+        match self.frame.settings.mode {
+            Mode::Mip => values().reduce(f64::max),
+            Mode::MinIp => values().reduce(f64::min),
+            Mode::Average => {
+                let length: f64 = samples.iter().map(|(part, _)| part.length()).sum();
+                let sum: f64 = samples.iter().map(|(part, value)| value * part.length()).sum();
+                (length > 0.0).then(|| sum / length)
+            }
+            Mode::Dvr | Mode::Isosurface => None,
+        }
+    }
+}
