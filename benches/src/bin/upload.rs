@@ -9,7 +9,7 @@
 //! them, so a rate over many batches is what gets through. Prints a Markdown table, medians over repetitions.
 
 use brickyard_benches::{Timing, markdown, median, time};
-use brickyard_pager::Slot;
+use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Needs, SlotEncoding, VoxelType};
@@ -39,15 +39,11 @@ enum Slots {
 impl Slots {
     /// Every backend and compositor there is.
     fn all(encoding: SlotEncoding) -> Result<Vec<(String, Self)>, String> {
-        let cpu = SoftwareRenderer::new(SoftwareOptions {
-            encoding,
-            edge: EDGE,
-            needs: Needs::PLAIN,
-            memory_bytes: MEMORY_BYTES,
-            max_picture_px: PICTURE_PX.into(),
-            threads: 1,
-            leaps: true,
-        });
+        let needs =
+            VolumeNeeds { encoding, edge: EDGE, levels: 1, bricks: Needs::PLAIN, least_slots: 1, most_slots: u32::MAX };
+        let max_picture_px = PICTURE_PX.into();
+        let options = SoftwareOptions { memory_bytes: MEMORY_BYTES, max_picture_px, threads: 1, leaps: true };
+        let cpu = SoftwareRenderer::new(&[needs], &options);
         let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
@@ -62,14 +58,14 @@ impl Slots {
 
     fn count(&self) -> u32 {
         match self {
-            Self::Cpu(renderer) => renderer.slots(),
+            Self::Cpu(renderer) => renderer.slots(0),
             Self::Gpu(renderer) => renderer.slots(),
         }
     }
 
     fn upload(&mut self, slot: Slot, codes: &Arc<[u8]>) -> Result<(), String> {
         match self {
-            Self::Cpu(renderer) => renderer.upload(slot, codes.clone()),
+            Self::Cpu(renderer) => renderer.upload(0, slot, codes.clone()),
             Self::Gpu(renderer) => renderer.upload(slot, codes).map_err(|error| error.to_string())?,
         }
         Ok(())

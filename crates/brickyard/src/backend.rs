@@ -4,7 +4,7 @@ use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compositor, GpuEnsemble, GpuError, GpuOptions, GpuPreference, GpuRenderer};
-use brickyard_software::{EnsembleOptions, SoftwareEnsemble, SoftwareError, SoftwareOptions, SoftwareRenderer};
+use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Picture, SlotEncoding};
 
 /// A backend that could not be made or has failed.
@@ -158,34 +158,6 @@ impl Renderer for SoftwareRenderer {
         "cpu"
     }
 
-    fn slots(&self, _layer: usize) -> u32 {
-        self.slots()
-    }
-
-    fn bytes(&self) -> u64 {
-        self.bytes()
-    }
-
-    fn upload(&mut self, _layer: usize, upload: &Upload) -> Result<(), BackendError> {
-        self.upload(upload.slot, upload.codes.clone());
-        Ok(())
-    }
-
-    fn render(&mut self, layers: &[Layer<'_>], _combination: Option<&Combination>) -> Result<Picture, BackendError> {
-        let Layer { frame, pyramid, draw } = layers[0];
-        Ok(self.render(&frame.settings, pyramid, draw))
-    }
-
-    fn visibility(&self, _layer: usize) -> Option<&[f32]> {
-        self.visibility()
-    }
-}
-
-impl Renderer for SoftwareEnsemble {
-    fn name(&self) -> &'static str {
-        "cpu"
-    }
-
     fn slots(&self, layer: usize) -> u32 {
         self.slots(layer)
     }
@@ -200,7 +172,11 @@ impl Renderer for SoftwareEnsemble {
     }
 
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
-        Ok(SoftwareEnsemble::render(self, layers, combination))
+        Ok(self.render(layers, combination))
+    }
+
+    fn visibility(&self, layer: usize) -> Option<&[f32]> {
+        self.visibility(layer)
     }
 }
 
@@ -234,8 +210,7 @@ pub(crate) fn open(
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
     let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        let renderer = if is_alone { software(&layers[0], options)? } else { software_of_several(layers, options)? };
-        Ok((renderer, format!("cpu, {} threads{why}", options.threads)))
+        Ok((Box::new(software(layers, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
     let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
         if is_alone {
@@ -280,30 +255,19 @@ pub(crate) fn gpu_alone(
     Ok((renderer, line))
 }
 
-fn software(needs: &VolumeNeeds, options: &SessionOptions) -> Result<Box<dyn Renderer>, BackendError> {
+fn software(layers: &[VolumeNeeds], options: &SessionOptions) -> Result<SoftwareRenderer, BackendError> {
     match options.compositor {
         CompositorChoice::Auto | CompositorChoice::Raycast => {}
         CompositorChoice::Sorted => return Err(BackendError::CpuCompositor("sorted")),
         CompositorChoice::Compute => return Err(BackendError::CpuCompositor("compute")),
     }
-    Ok(Box::new(SoftwareRenderer::new(SoftwareOptions {
-        encoding: needs.encoding,
-        edge: needs.edge,
-        needs: needs.bricks,
+    let options = SoftwareOptions {
         memory_bytes: options.gpu_memory_bytes,
         max_picture_px: options.max_size_px.into(),
         threads: options.threads,
         leaps: options.leaps,
-    })?))
-}
-
-fn software_of_several(layers: &[VolumeNeeds], options: &SessionOptions) -> Result<Box<dyn Renderer>, BackendError> {
-    let options = EnsembleOptions {
-        memory_bytes: options.gpu_memory_bytes,
-        max_picture_px: options.max_size_px.into(),
-        threads: options.threads,
     };
-    Ok(Box::new(SoftwareEnsemble::new(layers, &options)?))
+    Ok(SoftwareRenderer::new(layers, &options)?)
 }
 
 /// What is to be said where the device gave less than it was asked for.

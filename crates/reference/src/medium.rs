@@ -45,7 +45,7 @@ impl Field<'_> {
             let medium = match (integrals, part.ends) {
                 (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),
                 _ => {
-                    let [r, g, b, alpha] = transfer.at(part.value, self.gradient(part.differences).length());
+                    let [r, g, b, alpha] = transfer.at(part.value, self.own_gradient(part.differences).length());
                     Medium { rgb: [r, g, b], depth: -(1.0 - alpha).log2() }
                 }
             };
@@ -143,17 +143,18 @@ impl Field<'_> {
         }
     }
 
-    /// The unit vector along the gradient in the world; `None` where the field is flat.
+    /// The unit vector along the gradient in the scene's world; `None` where the field is flat.
     fn normal(&self, differences: DVec3) -> Option<DVec3> {
         let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
-        (!is_flat).then(|| self.gradient(differences).normalize())
+        let gradient = || self.frame.placement.world_gradient(self.own_gradient(differences));
+        (!is_flat).then(|| gradient().normalize())
     }
 
-    /// The gradient in the world, data units per world unit.
-    fn gradient(&self, differences: DVec3) -> DVec3 {
+    /// The gradient in the volume's own world, data units per world unit: transfer functions know nothing of where a volume is placed.
+    fn own_gradient(&self, differences: DVec3) -> DVec3 {
         let across =
             DVec3::from_array(self.level.factor.map(|factor| 2.0 * factor as f64)) * self.frame.geometry.spacing;
-        self.frame.placement.world_gradient(differences / across)
+        differences / across
     }
 }
 

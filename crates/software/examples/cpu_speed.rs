@@ -1,5 +1,6 @@
 //! CPU milliseconds and samples a CPU-second of a 512x512 picture of 256^3 voxels in bricks of 64^3, for several modes, and
-//! the best wall time of a frame with one and with two threads; the pictures go into a folder (Linux):
+//! the best wall time of a frame with one and with two threads; and of three channels, beside the sum of their single pictures. The
+//! pictures go into a folder (Linux):
 //! `cargo run --release -p brickyard-software --example cpu_speed -- FOLDER
 //! [ONLY]`, `ONLY` being part of a case's name.
 
@@ -8,6 +9,7 @@
 mod bricks;
 
 use bricks::Volume;
+use brickyard_pager::{Layer, Slot};
 use brickyard_volume::*;
 use glam::DVec3;
 use std::time::Instant;
@@ -19,7 +21,11 @@ fn main() -> std::io::Result<()> {
     let folder = std::path::PathBuf::from(std::env::args().nth(1).unwrap_or(".".to_string()));
     for voxel_type in [VoxelType::U8, VoxelType::U16] {
         let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
-        let volume = Volume::new(Extent::new(256, 256, 256), DVec3::ONE, 64, encoding, |p| encoding.value(shells(p)));
+        let channel = |i: usize| {
+            let moved = DVec3::new(7.0, -5.0, 3.0) * i as f64;
+            Volume::new(Extent::new(256, 256, 256), DVec3::ONE, 64, encoding, |p| encoding.value(shells(p + moved)))
+        };
+        let channels = [0, 1, 2].map(channel);
         for (name, mode, opacity) in [
             ("opaque", Mode::Dvr, vec![[0.35, 0.0], [0.45, 0.7], [1.0, 0.9]]),
             ("fog", Mode::Dvr, vec![[0.0, 0.0005], [1.0, 0.01]]),
@@ -30,10 +36,10 @@ fn main() -> std::io::Result<()> {
             if !std::env::args().nth(2).is_none_or(|only| format!("{voxel_type} {name}").contains(&only)) {
                 continue;
             }
-            let frame = frame(&volume, mode, opacity);
-            let samples = samples(&volume, &frame);
+            let frames = channels.each_ref().map(|volume| frame(volume, mode, opacity.clone()));
+            let samples = samples(&channels[0], &frames[0]);
             for threads in [1, 2] {
-                let (wall_ms, cpu_ms, picture) = measure(&volume, &frame, threads);
+                let (wall_ms, cpu_ms, picture) = measure(&[(&channels[0], &frames[0])], threads);
                 println!(
                     "{voxel_type} {name}, {threads} threads: {:.1} M samples, wall {wall_ms:.0} ms, CPU {cpu_ms:.0} ms: {:.0} M/s",
                     samples as f64 / 1e6,
@@ -41,6 +47,14 @@ fn main() -> std::io::Result<()> {
                 );
                 write_png(&folder.join(format!("{voxel_type}-{name}.png")), &picture)?;
             }
+            let layers: Vec<_> = channels.iter().zip(&frames).collect();
+            let singly_ms: f64 = layers.iter().map(|layer| measure(&[*layer], 1).1).sum();
+            let (_, together_ms, picture) = measure(&layers, 1);
+            let ratio = together_ms / singly_ms;
+            println!(
+                "{voxel_type} {name}, three channels: CPU {together_ms:.0} ms, {ratio:.2} times the sum of their single pictures"
+            );
+            write_png(&folder.join(format!("{voxel_type}-{name}-three.png")), &picture)?;
         }
     }
     Ok(())
@@ -86,15 +100,29 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
     }
 }
 
-/// The best wall and the best CPU time of some frames, and the picture.
-fn measure(volume: &Volume, frame: &FrameSettings, threads: usize) -> (f64, f64, Picture) {
-    let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-    let (mut renderer, list) = volume.load(&cut, frame, threads);
-    let mut picture = renderer.render(frame, &volume.pyramid, &list);
+/// The best wall and the best CPU time of some frames, and the picture, of layers together.
+fn measure(layers: &[(&Volume, &FrameSettings)], threads: usize) -> (f64, f64, Picture) {
+    let needs: Vec<_> = layers.iter().map(|(volume, frame)| volume.needs(&frame.needs())).collect();
+    let mut renderer = bricks::renderer(&needs, &layers[0].1.rays, threads);
+    let mut drawn = Vec::new();
+    for (layer, (volume, frame)) in layers.iter().enumerate() {
+        let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
+        let (bricks, list) = volume.bricks(&cut, &frame.needs());
+        for (slot, codes) in bricks.into_iter().enumerate() {
+            renderer.upload(layer, Slot(slot as u32), codes);
+        }
+        drawn.push((VolumeFrame::alone((*frame).clone()), list));
+    }
+    let layers: Vec<Layer<'_>> = layers
+        .iter()
+        .zip(&drawn)
+        .map(|((volume, _), (frame, draw))| Layer { frame, pyramid: &volume.pyramid, draw })
+        .collect();
+    let mut picture = renderer.render(&layers, None);
     let (mut wall, mut cpu) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..FRAMES {
         let (start, cpu_start) = (Instant::now(), cpu_ms());
-        picture = renderer.render(frame, &volume.pyramid, &list);
+        picture = renderer.render(&layers, None);
         wall = wall.min(start.elapsed().as_secs_f64() * 1e3);
         cpu = cpu.min(cpu_ms() - cpu_start);
     }

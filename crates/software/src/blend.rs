@@ -3,13 +3,14 @@
 //! A sample's weight is its segment's length in unit distances; samples that do not exist have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
+use crate::entries::Entries;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
-use crate::packet::{LANES, PACKETS, Packet};
-use crate::ray::Ray;
+use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
+use crate::ray::{FAINTEST, Ray};
 use crate::sample::{Chunk, Code, Unit};
 use crate::steps::StepTable;
-use crate::tile::{March, Stretch};
+use crate::stretch::{March, Stretch};
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 
@@ -65,12 +66,32 @@ pub(crate) trait Sum: Blend {
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
 }
 
+/// Adds the samples of some segments of a stretch, or fewer if nothing behind those can be seen.
+#[inline(always)]
+fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
+    March { frame, brick, .. }: &March<'_>,
+    stretch: &Stretch,
+    ray: &mut Ray,
+    chunk: &mut Chunk,
+    Range { start: from, end: to }: Range<i32>,
+) {
+    let mut sum = ray.sum;
+    let mut done = from;
+    while done < to {
+        stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
+        let filter = frame.settings.sampling.filter;
+        brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+        sum = B::add::<C>(frame, sum, chunk);
+        if B::is_final::<C>(sum) {
+            break;
+        }
+        done += CHUNK as i32;
+    }
+    ray.sum = sum;
+}
+
 /// Emission and absorption: the sum is premultiplied colour and transmittance.
 pub(crate) struct Dvr;
-
-/// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
-/// step of an 8-bit picture.
-pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
 impl Dvr {
     #[inline(always)]
@@ -116,7 +137,7 @@ impl Blend for Dvr {
         chunk: &mut Chunk,
         segments: Range<i32>,
     ) {
-        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -172,47 +193,6 @@ impl Sum for Dvr {
     }
 }
 
-/// The transfer table, for quick look-up.
-pub(crate) struct Entries<'a> {
-    entries: &'a [[f32; 4]],
-    /// The greatest position: short of the last entry, so that there is one to its right.
-    limit: f32,
-}
-
-impl<'a> Entries<'a> {
-    #[inline(always)]
-    pub(crate) fn of(frame: &Frame<'a>) -> Self {
-        let entries = &frame.settings.table.entries[..];
-        assert!(entries.len() >= 2 && entries.len() <= 1 << 24);
-        Self { entries, limit: ((entries.len() - 1) as i32 as f32).next_down() }
-    }
-
-    /// Where the codes are in the table.
-    #[inline(always)]
-    fn positions(&self, frame: &Frame<'_>, code: &Packet) -> Packet {
-        let mut position = [0.0f32; LANES];
-        for i in 0..LANES {
-            position[i] = code[i] * frame.positions_per_code;
-        }
-        position
-    }
-
-    /// [`brickyard_volume::TransferTable::lookup`] at a position in entries.
-    #[inline(always)]
-    pub(crate) fn lookup(&self, position: f32) -> Vec4 {
-        // Written so that NaN, too, ends up inside.
-        let position = if position > 0.0 { position } else { 0.0 };
-        let position = if position < self.limit { position } else { self.limit };
-        // SAFETY: 0 <= position <= limit < 2^24.
-        let index = unsafe { position.to_int_unchecked::<i32>() };
-        // SAFETY: limit is less than the last index, so its whole part is at most the last but one.
-        let [a, b] =
-            unsafe { [self.entries.get_unchecked(index as usize), self.entries.get_unchecked(index as usize + 1)] };
-        let (a, b) = (Vec4::from_array(*a), Vec4::from_array(*b));
-        a + (b - a) * (position - index as f32)
-    }
-}
-
 /// The greatest code; negative before the first sample.
 pub(crate) struct Mip;
 
@@ -245,7 +225,7 @@ impl Blend for Mip {
         chunk: &mut Chunk,
         segments: Range<i32>,
     ) {
-        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -305,7 +285,7 @@ impl Blend for MinIp {
         chunk: &mut Chunk,
         segments: Range<i32>,
     ) {
-        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -348,7 +328,7 @@ impl Blend for Average {
         chunk: &mut Chunk,
         segments: Range<i32>,
     ) {
-        stretch.add::<C, Self, U, INVALID>(march, ray, chunk, segments);
+        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
     }
 
     #[inline(always)]
@@ -388,12 +368,6 @@ fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
     out
 }
 
-/// What of the background passes premultiplied colour.
-pub(crate) fn over_background(frame: &Frame<'_>, sum: Vec4) -> [f32; 3] {
-    let background = frame.settings.background;
-    std::array::from_fn(|k| sum[k] + sum.w * background[k])
-}
-
 /// The table's colour at a code, opaque; nothing where there is none.
 fn opaque<C: Code>(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
     match code {
@@ -406,36 +380,19 @@ fn opaque<C: Code>(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
 /// everything exactly, alpha 1 nothing. Two packets at a time: one alone would mostly wait for its own last result.
 #[inline(always)]
 fn transmitted(alpha: [&Packet; 2], weight: [&Packet; 2]) -> [Packet; 2] {
-    use std::f32::consts::{LN_2, LOG2_E, SQRT_2};
-    /// Adding and subtracting it rounds to a whole number, which is then also in its low bits.
-    const ROUND: f32 = 12_582_912.0;
-    const HALF_ROOT: i32 = (SQRT_2 * 0.5).to_bits() as i32;
     const TWO: usize = 2 * LANES;
     let (mut x, mut w, mut passed) = ([0.0f32; TWO], [0.0f32; TWO], [0.0f32; TWO]);
     for i in 0..LANES {
         (x[i], x[i + LANES]) = (1.0 - alpha[0][i], 1.0 - alpha[1][i]);
         (w[i], w[i + LANES]) = (weight[0][i], weight[1][i]);
     }
+    let mut depth = log2(&x);
     for i in 0..TWO {
-        // x = 2^e * m with m in [sqrt(1/2), sqrt(2)); log2 m = 2 / ln 2 * atanh(s), |s| < 0.172: the next term is 2e-8.
-        let bits = x[i].to_bits() as i32;
-        let e = (bits - HALF_ROOT) >> 23;
-        let m = f32::from_bits((bits - (e << 23)) as u32);
-        let s = (m - 1.0) / (m + 1.0);
-        let s2 = s * s;
-        let series = (1.0 + s2 * (1.0 / 3.0)) + (s2 * s2) * (0.2 + s2 * (1.0 / 7.0));
-        let log2 = e as f32 + (2.0 * LOG2_E * s) * series;
-        // 2^y = 2^n * e^f with |f| < 0.347: the next term is 1e-7.
-        let y = w[i] * log2;
-        let y = if y > -126.0 { y } else { -126.0 };
-        let n = y + ROUND;
-        let f = (y - (n - ROUND)) * LN_2;
-        let f2 = f * f;
-        let power =
-            (1.0 + f) + f2 * ((0.5 + f * (1.0 / 6.0)) + f2 * ((1.0 / 24.0 + f * (1.0 / 120.0)) + f2 * (1.0 / 720.0)));
-        let n = (n.to_bits() as i32) - (ROUND.to_bits() as i32);
-        let value = f32::from_bits((power.to_bits() as i32 + (n << 23)) as u32);
-        passed[i] = if (x[i] <= 0.0) & (w[i] > 0.0) { 0.0 } else { value };
+        depth[i] *= w[i];
+    }
+    let powers = exp2(&depth);
+    for i in 0..TWO {
+        passed[i] = if (x[i] <= 0.0) & (w[i] > 0.0) { 0.0 } else { powers[i] };
     }
     let mut out = [[0.0; LANES]; 2];
     for i in 0..LANES {

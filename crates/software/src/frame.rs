@@ -1,18 +1,16 @@
-//! What all tiles of one frame share: the cells front to back with their place on the picture and in slot space, the
+//! What all tiles of one layer's frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
 use crate::macrocells::{Mask, over_boxes};
-use crate::meshes::MeshTree;
 use crate::packet::{LANES, Packet};
-use crate::ray::Ticks;
 use crate::steps::StepTables;
-use crate::surface::{INSIDE, OUTSIDE};
+use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
-    TransferGrid, ViewRays, VoxelBox, surface,
+    Blend, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
+    TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,7 +18,11 @@ use std::cmp::Reverse;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A frame in the making.
+/// Sides of a surface; 0 is not known.
+pub(crate) const INSIDE: f32 = 1.0;
+pub(crate) const OUTSIDE: f32 = -1.0;
+
+/// A layer's frame in the making.
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
@@ -55,8 +57,13 @@ pub(crate) struct Frame<'a> {
     pub(crate) thresholds: [f32; MAX_SURFACES],
     /// How surfaces are lit that stand in fog.
     pub(crate) surface_lighting: Lighting,
-    /// The meshes' triangles, if there are any.
-    pub(crate) meshes: Option<&'a MeshTree>,
+    /// What the layer does to others, and the opacity of its projection.
+    pub(crate) blend: Blend,
+    pub(crate) opacity: f32,
+    /// Whether its fog is lit.
+    pub(crate) is_lit: bool,
+    /// Whether all there is to see is one surface that hides what is behind it: what has loops of its own.
+    pub(crate) is_one_opaque_surface: bool,
 }
 
 /// One entry of the draw list.
@@ -113,18 +120,22 @@ impl Resident {
 }
 
 impl<'a> Frame<'a> {
+    /// The frame of a layer, which is drawn by itself or together with others.
     pub(crate) fn new(
-        settings: &'a FrameSettings,
+        layer: &'a VolumeFrame,
         pyramid: &Pyramid,
         list: &DrawList,
         needs: &Needs,
+        by_itself: bool,
         brick: impl Fn(Slot) -> &'a Resident + Sync,
     ) -> Self {
+        let settings = &layer.settings;
         let (edge, apron) = (pyramid.edge(), needs.apron);
         let entries = &settings.table.entries;
         assert!(entries.len() >= 2, "a transfer table has at least two entries");
         let (shown_low, shown_high) = settings.shown_box(pyramid.levels()[0].extent);
-        let shows = Shows::new(settings);
+        let is_one_opaque_surface = by_itself && settings.is_one_opaque_surface() && settings.placement.is_identity();
+        let shows = Shows::new(settings, is_one_opaque_surface);
         let near_first = list.cells.par_iter().enumerate().rev();
         let cell = |(i, c): (usize, &DrawCell)| Cell::new(settings, pyramid, i, c, apron, &shows, brick(c.slot));
         let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
@@ -140,7 +151,7 @@ impl<'a> Frame<'a> {
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
-        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
+        let zones = if settings.mode == Mode::Dvr && by_itself { ticks.zones } else { 0 };
         let lit = if occludes(settings.mode) { list.cells.len() } else { 0 };
         Self {
             settings,
@@ -161,7 +172,10 @@ impl<'a> Frame<'a> {
             visible,
             thresholds: thresholds(settings),
             surface_lighting: surface::lighting(&settings.lighting),
-            meshes: None,
+            blend: layer.blend,
+            opacity: layer.opacity as f32,
+            is_lit: layer.is_lit(),
+            is_one_opaque_surface,
         }
     }
 }
@@ -194,6 +208,11 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
 }
 
 impl Frame<'_> {
+    /// How far the lattice of a pixel's ray is moved that enters what is shown at `t_in`.
+    pub(crate) fn shift(&self, x: u32, y: u32, t_in: f64) -> f64 {
+        self.settings.lattice.shift(self.settings.sampling.jitter.share(x, y), t_in)
+    }
+
     /// The most light with which a ray has entered the cell so far.
     #[inline(always)]
     pub(crate) fn entered(&self, cell: &Cell<'_>) -> f32 {
@@ -236,11 +255,11 @@ enum Shows {
 }
 
 impl Shows {
-    fn new(settings: &FrameSettings) -> Self {
+    fn new(settings: &FrameSettings, is_one_opaque_surface: bool) -> Self {
         match settings.mode {
             Mode::Dvr if settings.surfaces.is_empty() => Self::Opaque(OpaqueCodes::new(&settings.table)),
             Mode::Dvr => Self::Layers(thresholds(settings), Some(OpaqueCodes::new(&settings.table))),
-            Mode::Isosurface if settings.is_one_opaque_surface() => Self::Surface(thresholds(settings)[0]),
+            Mode::Isosurface if is_one_opaque_surface => Self::Surface(thresholds(settings)[0]),
             Mode::Isosurface => Self::Layers(thresholds(settings), None),
             Mode::Mip | Mode::MinIp | Mode::Average => Self::All,
         }

@@ -4,8 +4,8 @@
 //! behind the layer before, the nearest is the next one: so a tile keeps one layer per ray, however many there are, and asks the tree
 //! once for each. The tree is built when the meshes change, by all threads, in n log n.
 
-use crate::blend::FAINTEST;
-use crate::tile::{PIXELS, TILE_PX, Tile};
+use crate::ray::FAINTEST;
+use crate::tiles::{PIXELS, TILE_PX, Tile};
 use brickyard_volume::{FrameSettings, Mesh, MeshRoom, Ray, ShownMesh, ViewRays, mesh};
 use glam::{DVec3, Vec4};
 use std::sync::Arc;

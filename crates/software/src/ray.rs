@@ -5,74 +5,17 @@
 //! follow one another without gap or overlap, and cells have every segment exactly once between them, whatever is rounded.
 
 use crate::frame::{Cell, Frame};
-use crate::layers::NO_RANK;
 use crate::macrocells::Reach;
+use crate::ticks::Ticks;
 use brickyard_volume::Lattice;
-use brickyard_volume::lattice::MAX_ZONES;
 use glam::Vec4;
 
-/// The lattice with what per-ray work needs at hand.
-pub(crate) struct Ticks {
-    /// World length of a tick.
-    pub(crate) step: f64,
-    per_world: f64,
-    /// One past the last zone is [`Lattice::NEVER`].
-    starts: [u32; MAX_ZONES + 1],
-    /// Zones that rays can reach.
-    pub(crate) zones: usize,
-}
+/// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
+/// step of an 8-bit picture.
+pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
-impl Ticks {
-    pub(crate) fn new(lattice: &Lattice) -> Self {
-        let mut starts = [Lattice::NEVER; MAX_ZONES + 1];
-        starts[..MAX_ZONES].copy_from_slice(&lattice.zone_starts);
-        let zones = (1..MAX_ZONES).take_while(|&z| starts[z] < Lattice::NEVER).count() + 1;
-        Self { step: lattice.step, per_world: 1.0 / lattice.step, starts, zones }
-    }
-
-    #[inline(always)]
-    pub(crate) fn zone(&self, tick: u32) -> usize {
-        if self.zones == 1 { 0 } else { self.search_zone(tick) }
-    }
-
-    /// Not inlined: the compiler would compare all zones ahead of every loop that asks.
-    #[inline(never)]
-    fn search_zone(&self, tick: u32) -> usize {
-        let mut zone = 0;
-        while zone + 1 < self.zones && self.starts[zone + 1] <= tick {
-            zone += 1;
-        }
-        zone
-    }
-
-    /// The first tick past the zone.
-    #[inline(always)]
-    pub(crate) fn zone_end(&self, zone: usize) -> u32 {
-        self.starts[zone + 1]
-    }
-
-    #[inline(always)]
-    fn next(&self, tick: u32) -> u32 {
-        tick + (1 << self.zone(tick))
-    }
-
-    #[inline(always)]
-    fn aligned(&self, tick: u32) -> u32 {
-        let zone = self.zone(tick);
-        tick >> zone << zone
-    }
-
-    /// The segment about `t`, give or take rounding.
-    #[inline(always)]
-    fn about(&self, t: f64) -> u32 {
-        let tick = t * self.per_world;
-        let tick = if tick < Lattice::NEVER as f64 { tick } else { Lattice::NEVER as f64 };
-        let tick = if tick > 0.0 { tick } else { 0.0 };
-        // SAFETY: 0 <= tick <= 2^30, even if t is NaN.
-        let tick = unsafe { tick.to_int_unchecked::<i32>() as u32 };
-        self.aligned(tick)
-    }
-}
+/// The rank of a place without a value.
+pub(crate) const NO_RANK: i32 = -1;
 
 /// A ray on its way through the cells.
 #[derive(Clone, Copy)]
@@ -117,11 +60,18 @@ impl Ray {
 
     /// The ray through a pixel's centre, between these distances; one without segments if it misses the volume.
     pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
+        let mut ray = Self { sum, ..Self::aim(frame, x, y) };
+        ray.set_out(&frame.ticks, frame.shift(x, y, ray.t_in), limits);
+        ray
+    }
+
+    /// The ray through a pixel's centre, before it sets out.
+    pub(crate) fn aim(frame: &Frame<'_>, x: u32, y: u32) -> Self {
         let settings = frame.settings;
         let own = settings.placement.volume_ray(&settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5));
         let origin = settings.geometry.voxel_from_world(own.origin).to_array();
         let direction = (own.direction / settings.geometry.spacing).to_array();
-        let mut ray = Self { origin, direction, sum, ..Self::EMPTY };
+        let mut ray = Self { origin, direction, ..Self::EMPTY };
         let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
             ray.inverse[a] = inverse_or_huge(direction[a]);
@@ -133,25 +83,33 @@ impl Ray {
                 t_out = 0.0;
             }
         }
-        if let Some(clip) = &settings.clip {
-            (t_in, t_out) = clip.shorten(&own, (t_in, t_out));
-        }
-        // Jitter: the lattice starts as far behind the eye as it is moved, and so does the ray.
-        let shift = settings.lattice.shift(settings.sampling.jitter.share(x, y), t_in);
-        (t_in, t_out) = (t_in.max(limits[0]), t_out.min(limits[1]));
-        if t_in < t_out {
-            let ticks = &frame.ticks;
-            (ray.t_in, ray.t_out) = (t_in + shift, t_out + shift);
-            (0..3).for_each(|a| ray.origin[a] -= direction[a] * shift);
-            let (t_in, t_out) = (ray.t_in, ray.t_out);
-            ray.first = ticks.about(t_in);
-            ray.end = ticks.about(t_out);
-            while ray.end < Lattice::NEVER && ray.end as f64 * ticks.step < t_out {
-                ray.end = ticks.next(ray.end);
-            }
-            ray.cursor = ray.first;
-        }
+        (ray.t_in, ray.t_out) = match &settings.clip {
+            Some(clip) => clip.shorten(&own, (t_in, t_out)),
+            None => (t_in, t_out),
+        };
         ray
+    }
+
+    /// Where the ray enters what is shown, if it does.
+    pub(crate) fn entry(&self) -> Option<f64> {
+        (self.t_in < self.t_out).then_some(self.t_in)
+    }
+
+    /// Sets out between these distances, along a lattice that is moved towards the eye by `shift`: the lattice starts as far behind the
+    /// eye as it is moved, and so does the ray.
+    #[inline(always)]
+    pub(crate) fn set_out(&mut self, ticks: &Ticks, shift: f64, limits: [f64; 2]) {
+        let (t_in, t_out) = (self.t_in.max(limits[0]), self.t_out.min(limits[1]));
+        if t_in < t_out {
+            (self.t_in, self.t_out) = (t_in + shift, t_out + shift);
+            (0..3).for_each(|a| self.origin[a] -= self.direction[a] * shift);
+            self.first = ticks.about(self.t_in);
+            self.end = ticks.about(self.t_out);
+            while self.end < Lattice::NEVER && self.end as f64 * ticks.step < self.t_out {
+                self.end = ticks.next(self.end);
+            }
+            self.cursor = self.first;
+        }
     }
 
     /// The segment's start and end; the first and last are cut where the ray enters and leaves the volume.

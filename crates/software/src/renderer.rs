@@ -1,27 +1,19 @@
-//! The renderer itself: slots in RAM inside a byte budget, and the picture of a draw list over them.
+//! The renderer itself: slots in RAM inside a byte budget, and the picture of layers' draw lists over them.
 
-use crate::frame::{Cell, Frame, Resident, occludes};
-use crate::macrocells::boxes;
-use crate::meshes::{self, MeshTree};
-use crate::steps;
-use crate::tile::{self, TILE_PX, Tile, TilePixels};
-use brickyard_pager::{DrawList, Slot};
-use brickyard_volume::lattice::MAX_ZONES;
-use brickyard_volume::macrocells::{self, MacroCells};
-use brickyard_volume::{FrameSettings, Needs, Picture, Pyramid, SlotEncoding, TransferGrid};
+use crate::frame::{Frame, occludes};
+use crate::meshes::MeshTree;
+use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
+use crate::tile::{Scene, is_projection};
+use crate::tiles::{self, Tile, TilePixels};
+use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
+use brickyard_volume::{Blend, Combination, Jitter, Method, Mode, Picture};
 use rayon::prelude::*;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::Ordering;
 
-/// What a renderer is made for; fixed for its life.
+/// What a renderer may use, and how it draws; fixed for its life.
 #[derive(Clone, Copy, Debug)]
 pub struct SoftwareOptions {
-    /// What slot codes mean.
-    pub encoding: SlotEncoding,
-    /// Voxels along a brick's core edge, as in the pyramid.
-    pub edge: u32,
-    /// What the pictures need of bricks: an apron of at least 1 among it.
-    pub needs: Needs,
     /// The most that slots and everything else of the renderer may take.
     pub memory_bytes: u64,
     /// Width and height of the largest picture.
@@ -35,14 +27,14 @@ pub struct SoftwareOptions {
 /// Why a renderer cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum SoftwareError {
-    /// Not one slot fits.
+    /// Not one slot fits, or not the least that layers need.
     #[error(
         "{given_bytes} bytes of --gpu-memory hold no brick: the CPU renderer needs at least {least_bytes} bytes here"
     )]
     Budget {
         /// What was given.
         given_bytes: u64,
-        /// The least that works: one slot.
+        /// The least that works.
         least_bytes: u64,
     },
     /// Bricks whose voxels cannot be indexed.
@@ -61,13 +53,14 @@ pub enum SoftwareError {
     },
 }
 
-/// Slots in RAM and threads that draw from them.
+/// Slots in RAM, layer by layer, and threads that draw from them.
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
-    slots: Slots,
-    fixed_bytes: u64,
-    visibility: Option<Vec<f32>>,
+    layers: Vec<Slots>,
+    bytes: u64,
+    /// Layer by layer; none of projections.
+    visibility: Vec<Vec<f32>>,
     /// Over the last frame's meshes.
     meshes: MeshTree,
     pool: rayon::ThreadPool,
@@ -77,194 +70,181 @@ impl SoftwareRenderer {
     /// The longest core edge: padded bricks then stay below 2^31 voxels.
     pub const MAX_EDGE: u32 = 1024;
 
-    /// Makes as many slots as the budget allows; a slot takes memory once it holds a brick.
+    /// Shares the budget out among layers; a slot takes memory once it holds a brick.
     ///
     /// # Errors
-    /// If the budget holds not one slot, the bricks are too large, or the threads do not start.
+    /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), bricks are too large, or the
+    /// threads do not start.
     ///
     /// # Panics
-    /// If there is no apron: bricks would show their seams.
-    pub fn new(options: SoftwareOptions) -> Result<Self, SoftwareError> {
-        let SoftwareOptions { edge, needs, memory_bytes, threads, .. } = options;
-        assert!(needs.apron >= needs.filter.taps(), "samples need an apron");
-        if !(1..=Self::MAX_EDGE).contains(&edge) {
-            return Err(SoftwareError::Edge { edge });
+    /// If there is no layer, or bricks have no apron: they would show their seams.
+    pub fn new(layers: &[VolumeNeeds], options: &SoftwareOptions) -> Result<Self, SoftwareError> {
+        for VolumeNeeds { edge, bricks, .. } in layers {
+            assert!(bricks.apron >= bricks.filter.taps(), "samples need an apron");
+            if !(1..=Self::MAX_EDGE).contains(edge) {
+                return Err(SoftwareError::Edge { edge: *edge });
+            }
         }
-        let fixed_bytes = fixed_bytes(&options);
-        let each = bytes_per_slot(&options);
-        let count = memory_bytes.saturating_sub(fixed_bytes) / each;
-        if count == 0 {
-            return Err(SoftwareError::Budget { given_bytes: memory_bytes, least_bytes: fixed_bytes + each });
+        let (fixed_bytes, are_several) = (fixed_bytes(layers, options), layers.len() > 1);
+        let wish = |needs: &VolumeNeeds| Wish {
+            bytes: bytes_per_slot(needs, options, are_several),
+            least: if are_several { needs.least_slots as u64 } else { 1 },
+            most: needs.most_slots as u64,
+        };
+        let wishes: Vec<Wish> = layers.iter().map(wish).collect();
+        let too_little = |least: u64| SoftwareError::Budget {
+            given_bytes: options.memory_bytes,
+            least_bytes: fixed_bytes.saturating_add(least),
+        };
+        let shares = share(options.memory_bytes.saturating_sub(fixed_bytes), &wishes).map_err(too_little)?;
+        let used: u64 = shares.iter().zip(&wishes).map(|(count, wish)| count * wish.bytes).sum();
+        if fixed_bytes + used > options.memory_bytes {
+            return Err(too_little(used));
         }
-        let pool = pool(threads)?;
-        let slots = Slots::new(count.min(u32::MAX as u64) as u32);
-        Ok(Self { options, slots, fixed_bytes, visibility: None, meshes: MeshTree::default(), pool })
+        let slots = layers.iter().zip(shares);
+        let slots = slots.map(|(needs, count)| Slots::new(needs, options.leaps, count.min(u32::MAX as u64) as u32));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1));
+        let pool = pool.thread_name(|i| format!("draw-{i}")).build();
+        Ok(Self {
+            options: *options,
+            layers: slots.collect(),
+            bytes: fixed_bytes + used,
+            visibility: Vec::new(),
+            meshes: MeshTree::default(),
+            pool: pool.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
+        })
     }
 
-    /// How many bricks it holds at once.
-    pub fn slots(&self) -> u32 {
-        self.slots.len()
+    /// How many bricks of a layer it holds at once.
+    pub fn slots(&self, layer: usize) -> u32 {
+        self.layers[layer].len()
     }
 
     /// What it takes when every slot is full, drawing included; at most the budget.
     pub fn bytes(&self) -> u64 {
-        self.fixed_bytes + self.slots() as u64 * bytes_per_slot(&self.options)
+        self.bytes
     }
 
-    /// Puts a padded brick into a slot: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients behind them if
-    /// pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
+    /// Puts a layer's padded brick into one of its slots: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
+    /// behind them if pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
     ///
     /// # Panics
     /// If there is no such slot or the length is not a padded brick's.
-    pub fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
-        self.slots.upload(&self.options, slot, codes);
+    pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) {
+        self.layers[layer].upload(slot, codes);
     }
 
-    /// Draws the list. Costs time in proportion to the samples taken; the draw list may not be longer than
-    /// [`SoftwareRenderer::slots`] for the byte account to hold.
+    /// Draws the layers, which come in the order that the renderer was made for; or an expression over them. Costs time in proportion to
+    /// the samples taken; a draw list may not be longer than [`SoftwareRenderer::slots`] for the byte account to hold.
     ///
     /// # Panics
-    /// If the list names a slot that was never uploaded, or settings, pyramid and options do not belong together.
-    pub fn render(&mut self, settings: &FrameSettings, pyramid: &Pyramid, list: &DrawList) -> Picture {
-        let SoftwareOptions { encoding, edge, needs, max_picture_px, .. } = self.options;
-        let (width, height) = (settings.rays.width, settings.rays.height);
-        assert!(width <= max_picture_px[0] && height <= max_picture_px[1], "the picture is larger than was agreed");
-        assert_eq!(edge, pyramid.edge(), "other bricks");
-        assert_eq!(encoding, settings.encoding, "other codes");
-        assert!(needs.satisfy(&settings.needs()), "{:?} of bricks for {needs:?}", settings.needs());
-        assert!(settings.placement.is_identity(), "one volume is drawn in its own world");
+    /// If there are other layers, a list names a slot that was never uploaded, frames, pyramids and needs do not belong together, or an
+    /// expression is lit, has surfaces, or is shown by another mode or method than the plain one.
+    pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
+        assert_eq!(layers.len(), self.layers.len(), "a layer for each that the renderer was made for");
+        layers.iter().zip(&self.layers).for_each(|(layer, slots)| check(layer, slots, combination.is_some()));
+        let settings = &layers[0].frame.settings;
+        let (size, most) = ((settings.rays.width, settings.rays.height), self.options.max_picture_px);
+        assert!(size.0 <= most[0] && size.1 <= most[1], "the picture is larger than was agreed");
         if !self.meshes.is_of(&settings.meshes) {
             // The old one goes first: both together would pass the budget.
             self.meshes = MeshTree::default();
             self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
         }
-        let tiles: Vec<Tile> = tile::tiles(width, height).collect();
-        let (drawn, light): (Vec<TilePixels>, _) = self.pool.install(|| {
-            let mut frame = Frame::new(settings, pyramid, list, &needs, |slot| self.slots.brick(slot));
-            frame.meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
-            let draw = tile::for_frame(&frame);
-            (tiles.par_iter().map(|t| draw(&frame, t)).collect(), frame.light)
+        let tiles: Vec<Tile> = tiles::tiles(size.0, size.1).collect();
+        let is_mixed = is_mixed(layers, combination);
+        let meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
+        let (drawn, visibility) = self.pool.install(|| {
+            let by_itself = !is_mixed || is_projection(settings.mode);
+            let frames = layers.iter().zip(&self.layers).map(|(layer, slots)| frame(layer, slots, by_itself)).collect();
+            let scene = Scene::new(frames, meshes, is_mixed, combination);
+            let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
+            let light = |frame: &Frame<'_>| -> Vec<f32> {
+                frame.light.iter().map(|light| f32::from_bits(light.load(Ordering::Relaxed))).collect()
+            };
+            (drawn, scene.frames().iter().map(light).collect::<Vec<_>>())
         });
-        let occludes = occludes(settings.mode);
-        self.visibility = occludes.then(|| light.iter().map(|l| f32::from_bits(l.load(Ordering::Relaxed))).collect());
-        tile::picture((width, height), &tiles, &drawn)
+        self.visibility = if occludes(settings.mode) { visibility } else { Vec::new() };
+        tiles::picture(size, &tiles, &drawn)
     }
 
-    /// For each entry of the list drawn last, in its order, the greatest transmittance with which a ray entered its cell: 1
-    /// where nothing is in front, 0 where no ray came because the light had been used up, or the cell is out of view. `None`
+    /// For each entry of the list of a layer that was drawn last, in its order, the greatest transmittance with which a ray entered its
+    /// cell: 1 where nothing is in front, 0 where no ray came because the light had been used up, or the cell is out of view. `None`
     /// after projections, in which nothing hides anything, and before the first picture.
-    pub fn visibility(&self) -> Option<&[f32]> {
-        self.visibility.as_deref()
+    pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
+        self.visibility.get(layer).map(Vec::as_slice)
     }
 }
 
-/// Places for bricks; one takes memory once it holds a brick.
-#[derive(Debug)]
-pub(crate) struct Slots(Vec<Option<Resident>>);
-
-impl Slots {
-    pub(crate) fn new(count: u32) -> Self {
-        let mut slots = Vec::new();
-        slots.resize_with(count as usize, || None);
-        Self(slots)
-    }
-
-    pub(crate) fn len(&self) -> u32 {
-        self.0.len() as u32
-    }
-
-    /// See [`SoftwareRenderer::upload`].
-    pub(crate) fn upload(&mut self, options: &SoftwareOptions, slot: Slot, codes: Arc<[u8]>) {
-        assert_eq!(codes.len() as u64, slot_bytes(options), "not a padded brick");
-        let SoftwareOptions { encoding, edge, needs, leaps, .. } = *options;
-        let voxels = &codes[..voxel_bytes(options) as usize];
-        let cells = match leaps {
-            true => MacroCells::new(voxels, encoding.format, encoding.has_invalid, edge as usize, needs),
-            false => MacroCells::of_anything(encoding.format, edge as usize),
-        };
-        self.0[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes(options) as usize, cells));
-    }
-
-    pub(crate) fn brick(&self, slot: Slot) -> &Resident {
-        self.0[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
-    }
+fn frame<'a>(layer: &Layer<'a>, slots: &'a Slots, by_itself: bool) -> Frame<'a> {
+    let brick = |slot| slots.brick(slot);
+    Frame::new(layer.frame, layer.pyramid, layer.draw, &slots.needs.bricks, by_itself, brick)
 }
 
-/// The threads that draw.
-pub(crate) fn pool(threads: usize) -> Result<rayon::ThreadPool, SoftwareError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).thread_name(|i| format!("draw-{i}"));
-    pool.build().map_err(|source| SoftwareError::Threads { threads, source })
+/// Whether the layers need more than the loops of one.
+fn is_mixed(layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
+    let [Layer { frame, .. }] = layers else { return true };
+    let is_opaque = frame.opacity >= 1.0 || !is_projection(frame.settings.mode);
+    combination.is_some() || frame.blend != Blend::Mix || !is_opaque
 }
 
-fn voxel_bytes(options: &SoftwareOptions) -> u64 {
-    (options.edge as u64 + 2 * options.needs.apron as u64).pow(3) * options.encoding.format.bytes() as u64
-}
-
-fn slot_bytes(options: &SoftwareOptions) -> u64 {
-    voxel_bytes(options) + options.needs.gradients(options.edge).bytes() as u64
-}
-
-/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or
-/// extremes and its light.
-pub(crate) fn bytes_per_slot(options: &SoftwareOptions) -> u64 {
-    let edge = options.edge as usize;
-    let cells = macrocells::bytes(edge);
-    let mask = boxes(edge) * size_of::<u16>();
-    let light = size_of::<AtomicU32>() + size_of::<f32>();
-    slot_bytes(options) + (cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>()) as u64
-}
-
-/// The picture as tiles and as rows, what steps do, the table of values and gradients, the meshes' tree, and every thread's rays.
-pub(crate) fn fixed_bytes(options: &SoftwareOptions) -> u64 {
-    let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
-    let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
-    let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
-    let steps = steps::bytes(options.encoding.format, MAX_ZONES) as u64;
-    let rows = TransferGrid::most_rows(options.encoding.format.max_code() + 1);
-    let entries = if options.needs.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
-    let grid = (entries * size_of::<[f32; 4]>()) as u64;
-    let room = options.needs.meshes;
-    let layers = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
-    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + layers);
-    tiles * tile + picture + steps + grid + meshes::bytes(room) + of_threads
+fn check(layer: &Layer<'_>, slots: &Slots, is_read: bool) {
+    let (settings, needs) = (&layer.frame.settings, &slots.needs);
+    assert_eq!(needs.edge, layer.pyramid.edge(), "other bricks");
+    assert_eq!(needs.encoding, settings.encoding, "other codes");
+    assert!(needs.bricks.satisfy(&settings.needs()), "{:?} of bricks for {:?}", settings.needs(), needs.bricks);
+    let sampling = &settings.sampling;
+    let is_plain = settings.mode == Mode::Dvr && sampling.method == Method::Udvr && sampling.jitter == Jitter::None;
+    let is_bare = !layer.frame.is_lit() && settings.surfaces.is_empty();
+    assert!(
+        !is_read || (is_plain && is_bare),
+        "an expression has its volumes' values, sampled plainly, and no gradient"
+    );
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::VoxelType;
+    use brickyard_volume::{Needs, SlotEncoding, VoxelType};
+
+    fn needs(edge: u32) -> VolumeNeeds {
+        VolumeNeeds {
+            encoding: SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false),
+            edge,
+            levels: 1,
+            bricks: Needs::PLAIN,
+            least_slots: 2,
+            most_slots: u32::MAX,
+        }
+    }
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
-        let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
-        SoftwareOptions {
-            encoding,
-            edge: 32,
-            needs: Needs::PLAIN,
-            memory_bytes,
-            max_picture_px: [640, 481],
-            threads: 2,
-            leaps: true,
-        }
+        SoftwareOptions { memory_bytes, max_picture_px: [640, 481], threads: 2, leaps: true }
     }
 
     #[test]
     fn the_budget_holds_and_its_least_is_enough() {
-        let Err(SoftwareError::Budget { given_bytes: 1000, least_bytes }) = SoftwareRenderer::new(options(1000)) else {
-            panic!("1000 bytes cannot be enough");
-        };
-        assert!(SoftwareRenderer::new(options(least_bytes - 1)).is_err());
-        assert_eq!(SoftwareRenderer::new(options(least_bytes)).unwrap().slots(), 1);
-        for budget in [least_bytes, 10 << 20, 64 << 20] {
-            let renderer = SoftwareRenderer::new(options(budget)).unwrap();
-            assert!(renderer.bytes() <= budget);
-            assert!(renderer.bytes() + bytes_per_slot(&renderer.options) > budget, "a slot was left unused");
+        for layers in [vec![needs(32)], vec![needs(32), needs(16)]] {
+            let least_slots = layers.len() as u32;
+            let with = |memory_bytes| SoftwareRenderer::new(&layers, &options(memory_bytes));
+            let Err(SoftwareError::Budget { given_bytes: 1000, least_bytes }) = with(1000) else {
+                panic!("1000 bytes cannot be enough");
+            };
+            assert!(with(least_bytes - 1).is_err());
+            assert_eq!(with(least_bytes).unwrap().slots(0), least_slots);
+            let largest = bytes_per_slot(&layers[0], &options(0), layers.len() > 1);
+            for budget in [least_bytes, 10 << 20, 64 << 20] {
+                let renderer = with(budget).unwrap();
+                assert!(renderer.bytes() <= budget);
+                assert!(renderer.bytes() + layers.len() as u64 * largest > budget, "a slot was left unused");
+            }
         }
     }
 
     #[test]
     fn impossible_bricks_are_refused() {
         for edge in [0, 1025] {
-            let refused = SoftwareRenderer::new(SoftwareOptions { edge, ..options(1 << 40) });
+            let refused = SoftwareRenderer::new(&[needs(edge)], &options(1 << 40));
             assert!(matches!(refused, Err(SoftwareError::Edge { edge: e }) if e == edge));
         }
     }

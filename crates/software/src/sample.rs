@@ -12,6 +12,7 @@
 //! that it ends up in.
 
 use crate::packet::{LANES, PACKETS, Packet};
+use crate::row::Row;
 use crate::steps::Places;
 use glam::Vec4;
 
@@ -39,6 +40,8 @@ pub(crate) struct Chunk {
     pub(crate) alpha: [Packet; PACKETS],
     /// The share of light that passes each sample.
     pub(crate) passed: [Packet; PACKETS],
+    /// The media of a row of segments.
+    pub(crate) media: Row,
 }
 
 impl Chunk {
@@ -55,6 +58,7 @@ impl Chunk {
         entry: [[Vec4::ZERO; LANES]; PACKETS],
         alpha: [[0.0; LANES]; PACKETS],
         passed: [[0.0; LANES]; PACKETS],
+        media: Vec::new(),
     };
 }
 

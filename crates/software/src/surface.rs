@@ -7,19 +7,15 @@
 //! behind them. (Where voxels may have no value it is not: then the ray finds its side anew.)
 
 use crate::blend::Blend;
-use crate::frame::{Cell, Frame};
+use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, Unit};
-use crate::tile::{March, Stretch};
+use crate::stretch::{March, Stretch};
 use brickyard_volume::surface::{FLAT_CODES, PARTS, ROUNDS, headlight};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
-
-/// Sides of the surface; 0 is not known.
-pub(crate) const INSIDE: f32 = 1.0;
-pub(crate) const OUTSIDE: f32 = -1.0;
 
 /// Packets of ends that are sampled together: more wait less for one another, but more of them lie behind the surface.
 const TOGETHER: usize = 2;

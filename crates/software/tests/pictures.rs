@@ -166,10 +166,10 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
             };
             let after = Pixels { to: share, ..Pixels::ALL };
             let [fine, coarse, found] = [Pixels::ALL, Pixels { to: 0, ..Pixels::ALL }, after]
-                .map(|own| renderer.render(&frame, &volume.pyramid, &fading(own)));
+                .map(|own| volume.draw(&mut renderer, &frame, &fading(own)));
             assert!(fine != coarse, "{mode:?}: this proves nothing");
             let occludes = matches!(mode, Mode::Dvr | Mode::Isosurface);
-            assert_eq!(renderer.visibility().map(<[f32]>::len), occludes.then_some(cells.len()));
+            assert_eq!(renderer.visibility(0).map(<[f32]>::len), occludes.then_some(cells.len()));
             for (i, found) in found.rgb.iter().enumerate() {
                 let (x, y) = (i as u32 % fine.width, i as u32 / fine.width);
                 // The same sums in the same order.

@@ -48,9 +48,9 @@ fn visibility(codes: [f64; 4], mode: Mode, aside: f64) -> Option<Vec<f32>> {
     };
     let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
     let (mut renderer, list) = volume.load(&cut, &frame, 2);
-    assert_eq!(renderer.visibility(), None, "nothing has been drawn yet");
-    renderer.render(&frame, &volume.pyramid, &list);
-    let found = renderer.visibility()?;
+    assert_eq!(renderer.visibility(0), None, "nothing has been drawn yet");
+    volume.draw(&mut renderer, &frame, &list);
+    let found = renderer.visibility(0)?;
     assert_eq!(found.len(), list.cells.len());
     let mut by_z: Vec<(u32, f32)> = list.cells.iter().zip(found).map(|(c, &v)| (c.region.min.z, v)).collect();
     by_z.sort_by_key(|&(z, _)| z);

@@ -1,7 +1,7 @@
 //! A volume given by a function, cut into padded bricks on every level, and draw lists over it: what store and pager do,
 //! in memory.
 
-use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
 use brickyard_reference::{Array, ReferenceVolume};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
@@ -125,20 +125,10 @@ impl Volume {
 
     /// A renderer that holds the bricks of the cut for a frame, and its draw list.
     pub(crate) fn load(&self, cut: &[CutCell], frame: &FrameSettings, threads: usize) -> (SoftwareRenderer, DrawList) {
-        let rays = &frame.rays;
-        let mut renderer = SoftwareRenderer::new(SoftwareOptions {
-            encoding: self.encoding,
-            edge: self.pyramid.edge(),
-            needs: frame.needs(),
-            memory_bytes: 1 << 30,
-            max_picture_px: [rays.width, rays.height],
-            threads,
-            leaps: true,
-        })
-        .unwrap();
+        let mut renderer = renderer(&[self.needs(&frame.needs())], &frame.rays, threads);
         let (bricks, list) = self.bricks(cut, &frame.needs());
         for (slot, codes) in bricks.into_iter().enumerate() {
-            renderer.upload(Slot(slot as u32), codes);
+            renderer.upload(0, Slot(slot as u32), codes);
         }
         (renderer, list)
     }
@@ -170,7 +160,25 @@ impl Volume {
     /// The picture of the cut.
     pub(crate) fn render(&self, frame: &FrameSettings, cut: &[CutCell], threads: usize) -> Picture {
         let (mut renderer, list) = self.load(cut, frame, threads);
-        renderer.render(frame, &self.pyramid, &list)
+        self.draw(&mut renderer, frame, &list)
+    }
+
+    /// The picture of a list over the bricks that a renderer holds.
+    pub(crate) fn draw(&self, renderer: &mut SoftwareRenderer, frame: &FrameSettings, draw: &DrawList) -> Picture {
+        let frame = &VolumeFrame::alone(frame.clone());
+        renderer.render(&[Layer { frame, pyramid: &self.pyramid, draw }], None)
+    }
+
+    /// What the volume needs of a renderer, whose bricks need so much.
+    pub(crate) fn needs(&self, bricks: &Needs) -> VolumeNeeds {
+        VolumeNeeds {
+            encoding: self.encoding,
+            edge: self.pyramid.edge(),
+            levels: self.pyramid.levels().len() as u32,
+            bricks: *bricks,
+            least_slots: 1,
+            most_slots: self.pyramid.brick_count() as u32,
+        }
     }
 
     /// The oracle's picture of the cut.
@@ -190,6 +198,13 @@ impl Volume {
         let volume = ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer };
         brickyard_reference::render(&[VolumeFrame::alone(frame.clone())], &[volume], None)
     }
+}
+
+/// A renderer of layers with room for all that they have.
+pub(crate) fn renderer(layers: &[VolumeNeeds], rays: &ViewRays, threads: usize) -> SoftwareRenderer {
+    let max_picture_px = [rays.width, rays.height];
+    let options = SoftwareOptions { memory_bytes: 1 << 30, max_picture_px, threads, leaps: true };
+    SoftwareRenderer::new(layers, &options).expect("a gibibyte is enough")
 }
 
 struct View<'a> {

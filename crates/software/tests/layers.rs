@@ -7,10 +7,10 @@ mod bricks;
 #[path = "../../../tests/support/looks.rs"]
 mod looks;
 
-use bricks::{CutCell, Volume};
+use bricks::{CutCell, Volume, renderer};
 use brickyard_pager::{DrawList, Layer, Slot, VolumeNeeds};
 use brickyard_reference::{ReferenceVolume, one_level, render};
-use brickyard_software::{EnsembleOptions, SoftwareEnsemble, SoftwareError};
+use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
 use looks::{Look, PLAIN, camera, looks, surface};
@@ -95,10 +95,11 @@ fn frames(
     clip: Option<&Clip>,
     look: &Look,
 ) -> Vec<VolumeFrame> {
-    let rays = camera.rays(40, 33).expect("a camera");
+    let rays = camera.rays(30, 25).expect("a camera");
     let frame = |member: &Member| {
         let Member { volume, geometry, placement, transfer, blend, crop, surfaces } = member;
         let shown = if look.has_surfaces { &surfaces[..] } else { &[] };
+        let transfer = &look.transfer(transfer, &volume.encoding);
         let settings = FrameSettings {
             rays,
             lattice: Lattice::for_view(step, 1.0, &rays, 0.01, 3),
@@ -106,10 +107,10 @@ fn frames(
             placement: *placement,
             encoding: volume.encoding,
             table: TransferTable::new(transfer, &volume.encoding).into(),
-            mode: Mode::Dvr,
+            mode: look.mode,
             surfaces: Surface::all(shown, transfer, &volume.encoding),
-            meshes: Vec::new(),
-            sampling: Sampling { filter, ..Sampling::default() },
+            meshes: look.meshes(),
+            sampling: Sampling { filter, ..look.sampling },
             lighting: look.lighting.clone(),
             background: [0.1, 0.2, 0.35],
             clip: Clip::in_volume(clip, placement, *crop).expect("a crop"),
@@ -136,37 +137,26 @@ fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combina
         .zip(frames)
         .map(|(member, frame)| member.volume.bricks(&cut(member, &frame.settings.rays), &frame.settings.needs()))
         .collect();
-    let needs = |(member, frame): (&Member, &VolumeFrame)| VolumeNeeds {
-        encoding: member.volume.encoding,
-        edge: member.volume.pyramid.edge(),
-        levels: member.volume.pyramid.levels().len() as u32,
-        bricks: frame.settings.needs(),
-        least_slots: 1,
-        most_slots: member.volume.pyramid.brick_count() as u32,
-    };
-    let needs: Vec<VolumeNeeds> = members.iter().zip(frames).map(needs).collect();
-    let options = EnsembleOptions { memory_bytes: 1 << 30, max_picture_px: [40, 33], threads };
-    let mut ensemble = SoftwareEnsemble::new(&needs, &options).expect("a gibibyte is enough");
-    for (volume, (bricks, _)) in loaded.iter().enumerate() {
+    let needs = members.iter().zip(frames).map(|(member, frame)| member.volume.needs(&frame.settings.needs()));
+    let mut renderer = renderer(&needs.collect::<Vec<_>>(), &frames[0].settings.rays, threads);
+    for (layer, (bricks, _)) in loaded.iter().enumerate() {
         for (slot, codes) in bricks.iter().enumerate() {
-            ensemble.upload(volume, Slot(slot as u32), codes.clone());
+            renderer.upload(layer, Slot(slot as u32), codes.clone());
         }
     }
     let layers = members.iter().zip(frames).zip(&loaded);
     let layers: Vec<Layer<'_>> =
         layers.map(|((member, frame), (_, draw))| Layer { frame, pyramid: &member.volume.pyramid, draw }).collect();
-    ensemble.render(&layers, combination)
+    renderer.render(&layers, combination)
 }
 
-fn oracle(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combination>) -> Picture {
+fn oracle(members: &[Member], frames: &[VolumeFrame], look: &Look, combination: Option<&Combination>) -> Picture {
     let level_at = one_level(0);
+    let shown = |member: &Member| look.transfer(&member.transfer, &member.volume.encoding);
+    let transfers: Vec<TransferFunction> = members.iter().map(shown).collect();
     let mut volumes = Vec::new();
-    for member in members {
-        volumes.push(ReferenceVolume {
-            levels: &member.volume.levels,
-            level_at: &level_at,
-            transfer: &member.transfer,
-        });
+    for (member, transfer) in members.iter().zip(&transfers) {
+        volumes.push(ReferenceVolume { levels: &member.volume.levels, level_at: &level_at, transfer });
     }
     render(frames, &volumes, combination)
 }
@@ -179,32 +169,42 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         &[ClipPlane { point: DVec3::splat(20.0), normal: DVec3::new(-1.0, 0.4, -0.3) }],
     );
     let clip = clip.expect("a clip");
-    for (camera, step, filter, clip) in [
+    let views = [
         (camera(false, [-40.0, -25.0, 60.0]), 0.7, Filter::Trilinear, None),
         (camera(false, [17.3, 16.1, 14.7]), 0.4, Filter::Trilinear, None),
         (camera(true, [70.0, 35.0, 20.0]), 1.0, Filter::Trilinear, Some(&clip)),
         (camera(false, [60.0, 50.0, -20.0]), 1.9, Filter::Tricubic, Some(&clip)),
-    ] {
-        let mut plain = None;
-        for look in looks() {
-            let frames = frames(&members, &camera, step, filter, clip, &look);
-            let found = draw(&members, &frames, None, 2);
-            let expected = oracle(&members, &frames, None);
-            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
-            let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
-            // Rays that graze a surface pass it or do not as is rounded.
-            let grazing = if look.has_surfaces { 2 } else { 0 };
-            // Stored gradients are half floats: where they all but cancel out, rounding decides where they point.
-            let rounded = if look.lighting.gradient == Gradient::Stored { 3 } else { 0 };
-            assert!(off <= grazing + rounded, "{look:?} {camera:?}: {off} pixels, {:?}", found.difference(&expected));
-            let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
-            assert!(shown > 200, "{shown} pixels prove nothing");
-            assert_eq!(draw(&members, &frames, None, 1), found, "the number of threads shows");
-            let plain = plain.get_or_insert(found.clone());
-            let is_plain = look.lighting.model == LightingModel::None && !look.has_surfaces;
-            assert!(is_plain || found.difference(plain).max > 20, "{look:?} does not show");
+    ];
+    let mut problems = Vec::new();
+    for (i, look) in looks().into_iter().enumerate() {
+        // Each from another side.
+        let (camera, step, filter, clip) = views[(i + i / 4) % 4];
+        // Segments longer than a voxel reach out of bricks' aprons where methods look at their ends.
+        let step = if look.sampling.method == Method::Udvr { step } else { f64::min(step, 0.4) };
+        let drawn = |look: &Look, threads| {
+            let frames = frames(&members, &camera, step, filter, clip, look);
+            (draw(&members, &frames, None, threads), frames)
+        };
+        let (found, frames) = drawn(&look, 2);
+        let expected = oracle(&members, &frames, &look, None);
+        let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
+        let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+        // Rays that graze a surface pass it or do not as is rounded.
+        let grazing = if look.has_surfaces { 2 } else { 0 };
+        // Stored gradients are half floats: where they all but cancel out, rounding decides where they point.
+        let rounded = if look.lighting.gradient == Gradient::Stored { 3 } else { 0 };
+        if off > grazing + rounded {
+            problems.push(format!("{look:?} {camera:?}: {off} pixels, {:?}", found.difference(&expected)));
         }
+        let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
+        assert!(shown > 100, "{shown} pixels prove nothing");
+        assert_eq!(drawn(&look, 1).0, found, "the number of threads shows");
+        let is_method_alone =
+            look.lighting.model == LightingModel::None && !look.has_surfaces && look.mode == Mode::Dvr;
+        let is_plain = is_method_alone && !look.is_by_gradient;
+        assert!(is_plain || found.difference(&drawn(&PLAIN, 2).0).max > 20, "{look:?} does not show");
     }
+    assert!(problems.is_empty(), "{}", problems.join("\n"));
 }
 
 #[test]
@@ -222,19 +222,13 @@ fn the_order_of_volumes_does_not_show() {
 #[test]
 fn budgets_are_shared_and_hard() {
     let members = members();
-    let needs: Vec<VolumeNeeds> = members
-        .iter()
-        .map(|member| VolumeNeeds {
-            encoding: member.volume.encoding,
-            edge: member.volume.pyramid.edge(),
-            levels: member.volume.pyramid.levels().len() as u32,
-            bricks: Needs::PLAIN,
-            least_slots: 2,
-            most_slots: member.volume.pyramid.brick_count() as u32,
-        })
-        .collect();
+    let needs: Vec<VolumeNeeds> =
+        members.iter().map(|member| VolumeNeeds { least_slots: 2, ..member.volume.needs(&Needs::PLAIN) }).collect();
     let with = |memory_bytes: u64| {
-        SoftwareEnsemble::new(&needs, &EnsembleOptions { memory_bytes, max_picture_px: [64, 64], threads: 2 })
+        SoftwareRenderer::new(
+            &needs,
+            &SoftwareOptions { memory_bytes, max_picture_px: [64, 64], threads: 2, leaps: true },
+        )
     };
     let Err(SoftwareError::Budget { least_bytes, .. }) = with(1000) else { panic!("1000 bytes cannot be enough") };
     assert!(with(least_bytes - 1).is_err());
@@ -265,13 +259,13 @@ fn expressions_match_the_oracle() {
         ] {
             let frames = frames(&members, &camera, step, filter, None, &PLAIN);
             let found = draw(&members, &frames, Some(&combination), 2);
-            let expected = oracle(&members, &frames, Some(&combination));
+            let expected = oracle(&members, &frames, &PLAIN, Some(&combination));
             let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
             let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
             // Where half of a place's weight has no value, rounding decides which side of an expression is taken.
             assert!(off <= 3, "{text} {step}: {off} pixels");
             let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
-            assert!(shown > 200, "{shown} pixels prove nothing");
+            assert!(shown > 100, "{shown} pixels prove nothing");
         }
     }
 }

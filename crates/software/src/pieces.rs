@@ -2,19 +2,18 @@
 //! [`brickyard_volume::surface`]'s.
 //!
 //! The ends of a row of segments are sampled together. As long as all are past as many surfaces as the ray is, they are one piece for
-//! [`Medium`](crate::medium::Medium); a segment that passes surfaces is cut at each, found as one alone is.
+//! [`Path`]; a segment that passes surfaces is cut at each, found as one alone is.
 
 use crate::frame::rank_of;
-use crate::medium::Path;
 use crate::packet::LANES;
-use crate::ray::Ray;
-use crate::sample::{Code, Unit};
+use crate::path::Path;
+use crate::ray::{NO_RANK, Ray};
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Code, Portable, Unit};
+use crate::stretch::{March, Stretch};
 use crate::surface::Line;
-use crate::tile::{March, Stretch};
 use std::ops::Range;
-
-/// The rank of a place without a value.
-pub(crate) const NO_RANK: i32 = -1;
 
 /// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
@@ -41,9 +40,31 @@ impl<'a> Pieces<'a> {
         Self { march, stretch, path, rest: segments, cut: None }
     }
 
-    /// The next piece, if there is one; the ray's rank becomes that behind it.
+    /// The next piece, if there is one; the ray's rank becomes that behind it. Not inlined, as a [row](Path::row).
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.next_avx2::<C, INVALID>(ray) };
+        }
+        self.next_portable::<C, INVALID>(ray)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline(never)]
+    fn next_avx2<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        self.next_on::<C, Avx2, INVALID>(ray)
+    }
+
+    #[inline(never)]
+    fn next_portable<C: Code, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        self.next_on::<C, Portable, INVALID>(ray)
+    }
+
+    #[inline(always)]
+    fn next_on<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         if self.rest.is_empty() {
             return None;
         }

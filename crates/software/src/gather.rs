@@ -1,0 +1,309 @@
+//! What one layer has in a chunk of a ray's segments, for [`together`](crate::together): compiled for every code width and vector unit.
+
+use crate::blend::{Blend, Dvr};
+use crate::entries::Entries;
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Coverage, Reach};
+use crate::march::look;
+use crate::media::{Media, Met};
+use crate::medium::Medium;
+use crate::mixture::OPAQUE;
+use crate::packet::{CHUNK, LANES, PACKETS, log2};
+use crate::path::Path;
+use crate::pieces::Pieces;
+use crate::ray::Ray;
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::stretch::{March, Stretch};
+use brickyard_volume::sampling::Curve;
+use brickyard_volume::{self as volume, Method, Mode, SlotFormat};
+use glam::{Vec4, Vec4Swizzles};
+use std::ops::Range;
+
+/// A ray's way through one layer.
+pub(crate) struct Way {
+    pub(crate) layer: usize,
+    pub(crate) ray: Ray,
+    /// Of its runs, those that are not done.
+    pub(crate) runs: Range<usize>,
+    /// The stretch that it has come to, and of what may be seen in it what has not been taken.
+    stretch: Stretch,
+    seen: u64,
+    pending: Range<i32>,
+    /// Of the cell that it is in: how much of it can be seen, and one past the last tick.
+    coverage: Coverage,
+    last: u32,
+}
+
+impl Way {
+    pub(crate) fn new(layer: usize, ray: Ray) -> Self {
+        let (stretch, coverage) = (Stretch::EMPTY, Coverage::None);
+        Self { layer, ray, runs: 0..0, stretch, seen: 0, pending: 0..0, coverage, last: 0 }
+    }
+
+    /// Enters a cell, whose last segment ends at a tick. Whether it may show anything.
+    #[inline(always)]
+    pub(crate) fn enter(&mut self, frame: &Frame<'_>, cell: &Cell<'_>, last: u32) -> bool {
+        (self.stretch.end, self.last) = (0, last);
+        self.coverage = match frame.settings.surfaces.is_empty() {
+            true => cell.mask.coverage(),
+            false => <Medium<true> as Blend>::coverage(cell, &self.ray),
+        };
+        self.coverage != Coverage::None
+    }
+
+    /// Goes on to the stretch of the cell that begins at a tick; with `ends`, segments are looked at from end to end.
+    #[inline(always)]
+    fn begin(&mut self, frame: &Frame<'_>, cell: &Cell<'_>, start: u32, ends: bool) {
+        let reach = if ends { Reach::Ends } else { Reach::Middles };
+        self.stretch = Stretch::new(frame, cell, &self.ray, 0, start, self.last, reach);
+        if self.coverage == Coverage::Some {
+            match ends {
+                true => look::<Medium<true>>(&mut self.stretch, cell, Vec4::ZERO, &mut [0; LANES]),
+                false => look::<Dvr>(&mut self.stretch, cell, Vec4::ZERO, &mut [0; LANES]),
+            }
+        }
+        (self.seen, self.pending) = (self.stretch.seen, 0..0);
+    }
+
+    /// The next segments before `end` that may be seen, of the stretch.
+    #[inline(always)]
+    fn next_seen(&mut self, end: i32) -> Option<Range<i32>> {
+        if self.pending.is_empty() {
+            self.pending = self.stretch.next_seen(&mut self.seen)?;
+        }
+        let Range { start, end: last } = self.pending;
+        let until = if last < end { last } else { end };
+        if start >= until {
+            return None;
+        }
+        self.pending.start = until;
+        Some(start..until)
+    }
+}
+
+/// Leaves what a layer has of a cell in a run of segments, from one of a chunk's on.
+pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut Chunk, &mut Media);
+
+/// What is done with samples.
+trait Look {
+    /// Whether segments are looked at from end to end.
+    const ENDS: bool;
+
+    /// Takes some segments of a way's stretch; `at` is the place of the stretch's first in the chunk.
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        way: &mut Way,
+        segments: Range<i32>,
+        at: i32,
+        chunk: &mut Chunk,
+        media: &mut Media,
+    );
+}
+
+/// The gathering of a layer, in a picture with surfaces or without, or for an expression that reads its values.
+pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
+    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
+        let method = frame.settings.sampling.method;
+        let is_bare = !frame.is_lit && frame.grid.is_none() && frame.settings.mode == Mode::Dvr;
+        if is_read {
+            return for_machine::<C, Read, INVALID>();
+        }
+        if is_bare && method == Method::Udvr && !has_surfaces {
+            return for_machine::<C, Plain, INVALID>();
+        }
+        match method.curve() == Curve::Middle && frame.settings.surfaces.is_empty() {
+            true => for_machine::<C, Any<false>, INVALID>(),
+            false => for_machine::<C, Any<true>, INVALID>(),
+        }
+    }
+    let encoding = &frame.settings.encoding;
+    match (encoding.format, encoding.has_invalid) {
+        (SlotFormat::U8, false) => with_code::<Code8, false>(frame, has_surfaces, is_read),
+        (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
+        (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
+        (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
+    }
+}
+
+fn for_machine<C: Code, L: Look, const INVALID: bool>() -> Gather {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |frame, cell, way, run, at, chunk, media| unsafe {
+            gather_avx2::<C, L, INVALID>(frame, cell, way, run, at, chunk, media);
+        };
+    }
+    gather::<C, Portable, L, INVALID>
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn gather_avx2<C: Code, L: Look, const INVALID: bool>(
+    frame: &Frame<'_>,
+    cell: &Cell<'_>,
+    way: &mut Way,
+    run: Range<u32>,
+    at: usize,
+    chunk: &mut Chunk,
+    media: &mut Media,
+) {
+    gather::<C, Avx2, L, INVALID>(frame, cell, way, run, at, chunk, media);
+}
+
+#[inline(always)]
+fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
+    frame: &Frame<'_>,
+    cell: &Cell<'_>,
+    way: &mut Way,
+    run: Range<u32>,
+    at: usize,
+    chunk: &mut Chunk,
+    media: &mut Media,
+) {
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+    let march = March { frame, cell, brick };
+    let mut tick = run.start;
+    while tick < run.end {
+        if way.stretch.end <= tick {
+            way.begin(frame, cell, tick, L::ENDS);
+        }
+        let Stretch { start, end, zone, .. } = way.stretch;
+        let until = if end < run.end { end } else { run.end };
+        let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
+        while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
+            L::take::<C, U, INVALID>(&march, way, segments, first, chunk, media);
+        }
+        tick = until;
+    }
+}
+
+/// One sample in the middle of each segment, classified by its value alone, where there are no surfaces.
+struct Plain;
+
+impl Look for Plain {
+    const ENDS: bool = false;
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        way: &mut Way,
+        segments: Range<i32>,
+        at: i32,
+        chunk: &mut Chunk,
+        media: &mut Media,
+    ) {
+        let frame = march.frame;
+        let first = (at + segments.start) as usize;
+        sample::<C, U, INVALID>(march, way, segments, chunk);
+        let entries = Entries::of(frame);
+        for p in 0..chunk.packets.min(PACKETS) {
+            let position = entries.positions(frame, &chunk.code[p]);
+            if !frame.shows(&position) {
+                continue;
+            }
+            let mut clear = [0.0; LANES];
+            for i in 0..LANES {
+                chunk.entry[p][i] = entries.lookup(position[i]);
+                clear[i] = 1.0 - chunk.entry[p][i].w;
+            }
+            let (weight, mixtures) = (&chunk.weight[p], &mut media.mixtures[first + p * LANES..][..LANES]);
+            if frame.blend == volume::Blend::Add {
+                for i in 0..LANES {
+                    let entry = chunk.entry[p][i];
+                    mixtures[i].glow += entry.xyz() * (entry.w * weight[i]);
+                }
+            } else {
+                let halvings = log2(&clear);
+                for i in 0..LANES {
+                    let depth = if clear[i] > 0.0 { -halvings[i] } else { OPAQUE };
+                    mixtures[i].mix(chunk.entry[p][i], depth * weight[i]);
+                }
+            }
+            media.is_any = true;
+        }
+    }
+}
+
+/// Every method, lit or not, by value and gradient or by value alone; with `ENDS`, surfaces too.
+struct Any<const ENDS: bool>;
+
+impl<const ENDS: bool> Look for Any<ENDS> {
+    const ENDS: bool = ENDS;
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        Way { ray, stretch, .. }: &mut Way,
+        segments: Range<i32>,
+        at: i32,
+        chunk: &mut Chunk,
+        media: &mut Media,
+    ) {
+        let has_fog = march.frame.settings.mode == Mode::Dvr;
+        let path = Path::new(march, stretch, ray);
+        (media.alone.blend, media.alone.first) = (march.frame.blend, at);
+        stretch.reach::<INVALID>(ray, &segments);
+        let mut pieces = Pieces::new(march, stretch, path, segments);
+        while let Some(piece) = pieces.next::<C, U, INVALID>(ray) {
+            if has_fog {
+                let mut next = piece.segments.start;
+                while next < piece.segments.end {
+                    next = piece.path.row::<C, U, INVALID>(next..piece.segments.end, &mut chunk.media);
+                    chunk.media.drain(..).for_each(|passed| media.alone.pass(passed));
+                }
+                for segment in piece.segments.clone() {
+                    media.take_alone(segment, piece.path.ends(segment).map(|along| path.distance(along)));
+                }
+            }
+            if let (Some((surface, along)), Some(found)) = (piece.surface, &mut media.found) {
+                let segment = media.alone.place(piece.segments.start);
+                let shown = path.surface::<C, U, INVALID>(surface, along);
+                found.surfaces.push(Met { segment, t: path.distance(along), shown });
+            }
+        }
+    }
+}
+
+/// The values in the middle of segments, for an expression.
+struct Read;
+
+impl Look for Read {
+    const ENDS: bool = false;
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        way: &mut Way,
+        segments: Range<i32>,
+        at: i32,
+        chunk: &mut Chunk,
+        media: &mut Media,
+    ) {
+        sample::<C, U, INVALID>(march, way, segments.clone(), chunk);
+        let read = media.values.len() / CHUNK;
+        for (i, segment) in segments.enumerate().take(CHUNK) {
+            let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
+            if weight > 0.0 {
+                let place = (at + segment) as usize;
+                let value = march.frame.settings.encoding.value(code as f64 / C::MAX as f64);
+                media.values[place * read + way.layer] = value;
+                media.longest[place] = media.longest[place].max(weight);
+            }
+        }
+    }
+}
+
+/// Samples segments, as many as a chunk holds, in their middles.
+#[inline(always)]
+fn sample<C: Code, U: Unit, const INVALID: bool>(
+    march: &March<'_>,
+    Way { ray, stretch, .. }: &Way,
+    segments: Range<i32>,
+    chunk: &mut Chunk,
+) {
+    stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
+    let filter = march.frame.settings.sampling.filter;
+    march.brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+}

@@ -1,0 +1,324 @@
+//! A tile's rays through one layer, cell by cell: the hot loop, compiled for every code width, mode and vector unit.
+
+use crate::blend::{Average, Blend, Dvr, MinIp, Mip};
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Coverage, Reach};
+use crate::medium::Medium;
+use crate::meshes::Layers;
+use crate::packet::LANES;
+use crate::ray::Ray;
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::stretch::{March, Stretch};
+use crate::surface::Isosurface;
+use crate::tiles::{PIXELS, Tile, place, places};
+use brickyard_volume::sampling::Curve;
+use brickyard_volume::{Filter, Method, Mode, Sampling, SlotFormat};
+use glam::Vec4;
+
+/// What is seen by a tile's rays: premultiplied colour, and how much light passes.
+pub(crate) type Seen = [Vec4; PIXELS];
+
+/// Takes a tile's rays through a layer, between the layers of meshes where there are some.
+pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&Layers>, &mut Work, &mut Seen);
+
+/// The function for this frame on this machine.
+pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
+    fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
+        let Sampling { method, filter, .. } = frame.settings.sampling;
+        let is_bare = !frame.is_lit && frame.grid.is_none();
+        let is_plain = method == Method::Udvr && filter == Filter::Trilinear && is_bare;
+        match frame.settings.mode {
+            Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface, INVALID>(),
+            Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
+            Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
+            Mode::Dvr if is_plain => for_machine::<C, Dvr, INVALID>(),
+            Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
+            Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
+            Mode::Mip => for_machine::<C, Mip, INVALID>(),
+            Mode::MinIp => for_machine::<C, MinIp, INVALID>(),
+            Mode::Average => for_machine::<C, Average, INVALID>(),
+        }
+    }
+    let encoding = &frame.settings.encoding;
+    match (encoding.format, encoding.has_invalid) {
+        (SlotFormat::U8, false) => with_code::<Code8, false>(frame),
+        (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
+        (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
+        (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
+    }
+}
+
+fn for_machine<C: Code, B: Blend, const INVALID: bool>() -> MarchTile {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |frame, tile, layers, work, seen| unsafe {
+            march_avx2::<C, B, INVALID>(frame, tile, layers, work, seen);
+        };
+    }
+    march::<C, B, Portable, INVALID>
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn march_avx2<C: Code, B: Blend, const INVALID: bool>(
+    frame: &Frame<'_>,
+    tile: &Tile,
+    layers: Option<&Layers>,
+    work: &mut Work,
+    seen: &mut Seen,
+) {
+    march::<C, B, Avx2, INVALID>(frame, tile, layers, work, seen);
+}
+
+#[inline(always)]
+fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+    frame: &Frame<'_>,
+    tile: &Tile,
+    layers: Option<&Layers>,
+    work: &mut Work,
+    seen: &mut Seen,
+) {
+    work.march::<C, B, U, INVALID>(frame, tile, layers);
+    for i in places(tile) {
+        seen[i] = B::seen::<C>(frame, work.rays[i].sum);
+    }
+}
+
+/// What a tile is worked on with.
+pub(crate) struct Work {
+    rays: [Ray; PIXELS],
+    chunk: Chunk,
+    queue: Queue,
+}
+
+impl Work {
+    pub(crate) fn new() -> Self {
+        let queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
+        Self { rays: [Ray::EMPTY; PIXELS], chunk: Chunk::EMPTY, queue }
+    }
+
+    /// Takes the tile's rays through all cells, between the layers where there are meshes.
+    #[inline(always)]
+    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+        &mut self,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        layers: Option<&Layers>,
+    ) {
+        let Self { rays, chunk, queue } = self;
+        let mut waiting = 0;
+        for y in tile.y0..tile.y1 {
+            for x in tile.x0..tile.x1 {
+                let i = place(tile, x, y);
+                let limits = layers.map_or([0.0, f64::INFINITY], |layers| layers.limits(i));
+                let ray = Ray::new(frame, x, y, B::START, limits);
+                waiting += (ray.cursor < ray.end) as u32;
+                rays[i] = ray;
+            }
+        }
+        for cell in &frame.cells {
+            if waiting == 0 {
+                break;
+            }
+            let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
+            let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
+            let known = if B::OCCLUDES { frame.entered(cell) } else { 0.0 };
+            let mut brightest = known;
+            for y in y0..y1 {
+                for x in x0..x1 {
+                    let i = place(tile, x, y);
+                    let ray = &mut rays[i];
+                    if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+                        continue;
+                    }
+                    if B::coverage(cell, ray) == Coverage::None {
+                        if B::OCCLUDES && ray.sum.w > brightest && ray.run(&frame.ticks, cell, B::REACH).is_some() {
+                            brightest = ray.sum.w;
+                        }
+                        continue;
+                    }
+                    let Some((first, last)) = ray.run(&frame.ticks, cell, B::REACH) else { continue };
+                    if B::OCCLUDES && ray.sum.w > brightest {
+                        brightest = ray.sum.w;
+                    }
+                    if B::FRONT_TO_BACK {
+                        ray.cursor = last;
+                        waiting -= (last >= ray.end) as u32;
+                    }
+                    let mut start = first;
+                    while start < last {
+                        if queue.len == QUEUE {
+                            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+                        }
+                        start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
+                    }
+                }
+            }
+            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+            if brightest > known {
+                frame.enter(cell, brightest);
+            }
+        }
+    }
+}
+
+/// Stretches that are marched together.
+const QUEUE: usize = 64;
+
+/// Stretches of one cell, to be marched step by step: first it is found out what can be seen of all of them, then that is
+/// sampled. Taken one by one, the processor would wait for the end of each long computation to know where to go on.
+struct Queue {
+    stretches: [Stretch; QUEUE],
+    len: usize,
+    /// Room to work on eight blocks.
+    boxes: [i32; LANES],
+}
+
+impl Queue {
+    /// Returns the segment behind the stretch.
+    #[inline(always)]
+    fn push(&mut self, stretch: Stretch) -> u32 {
+        let end = stretch.end;
+        self.stretches[self.len] = stretch;
+        self.len += 1;
+        end
+    }
+
+    /// Adds all samples that can be seen and clears the queue. Returns how many rays have come to their end by that.
+    #[inline(always)]
+    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+        &mut self,
+        frame: &Frame<'_>,
+        cell: &Cell<'_>,
+        rays: &mut [Ray; PIXELS],
+        chunk: &mut Chunk,
+    ) -> u32 {
+        let stretches = &mut self.stretches[..self.len];
+        self.len = 0;
+        for stretch in &mut *stretches {
+            let ray = &rays[stretch.ray];
+            if B::coverage(cell, ray) != Coverage::All {
+                look::<B>(stretch, cell, ray.sum, &mut self.boxes);
+            }
+        }
+        let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+        let march = March { frame, cell, brick };
+        let mut ended = 0;
+        for stretch in stretches {
+            let ray = &mut rays[stretch.ray];
+            let mut seen = stretch.seen;
+            // A ray may have several stretches. Neighbouring blocks are sampled together.
+            while !B::is_final::<C>(ray.sum)
+                && let Some(segments) = stretch.next_seen(&mut seen)
+            {
+                B::take::<C, U, INVALID>(&march, stretch, ray, chunk, segments);
+                if B::is_final::<C>(ray.sum) {
+                    ended += (ray.cursor < ray.end) as u32;
+                    ray.cursor = ray.end;
+                }
+            }
+        }
+        ended
+    }
+}
+
+/// Finds the blocks of a stretch that may be seen.
+#[inline(always)]
+pub(crate) fn look<B: Blend>(stretch: &mut Stretch, cell: &Cell<'_>, sum: Vec4, boxes: &mut [i32; LANES]) {
+    let (mut seen, mut first) = (0, 0);
+    while first * stretch.block < stretch.count {
+        stretch.blocks.boxes(first, boxes);
+        // SAFETY: these are boxes of the brick.
+        seen |= unsafe { B::sees(cell, boxes, sum) } << first;
+        first += LANES as i32;
+    }
+    if B::REACH != Reach::Middles {
+        seen |= stretch.uncovered();
+    }
+    stretch.seen = seen;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blend::Blend;
+    use crate::frame::Resident;
+    use crate::medium::Medium;
+    use crate::surface::Isosurface;
+    use crate::tiles::TILE_PX;
+    use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
+    use brickyard_volume::macrocells::MacroCells;
+    use brickyard_volume::*;
+    use glam::DVec3;
+
+    /// The vector unit must not show in the picture.
+    fn same_on_all_units<C: Code, B: Blend, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
+        let voxel_type = if C::BYTES == 1 { VoxelType::U8 } else { VoxelType::U16 };
+        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+        encoding.has_invalid = INVALID;
+        let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
+        let projection = Projection::Perspective { fov_y_deg: 40.0 };
+        let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
+        let surfaces: Vec<_> =
+            surfaces.iter().map(|share| brickyard_volume::Isosurface::at(share * encoding.high)).collect();
+        let surfaces = Surface::all(&surfaces, &transfer, &encoding);
+        let settings = FrameSettings {
+            rays: camera.rays(TILE_PX, TILE_PX).unwrap(),
+            lattice: Lattice::uniform(0.37, 0),
+            geometry: Geometry::default(),
+            placement: Placement::default(),
+            encoding,
+            table: TransferTable::new(&transfer, &encoding).into(),
+            mode,
+            surfaces,
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
+            background: [0.1, 0.2, 0.3],
+            clip: None,
+            meshes: Vec::new(),
+        };
+        let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 16);
+        // A linear congruential generator's high bytes; a fifth of them 0.
+        let mut state = 1u32;
+        let noise = |_| {
+            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
+            if state >> 8 & 0xff < 51 { 0 } else { (state >> 24) as u8 }
+        };
+        let needs = settings.needs();
+        let padded = 16 + 2 * needs.apron as usize;
+        let codes: std::sync::Arc<[u8]> = (0..padded.pow(3) * C::BYTES).map(noise).collect();
+        let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
+        let resident = Resident::new(codes.clone(), codes.len(), cells);
+        let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
+        let region = pyramid.brick_box_voxel(brick.level, brick.index);
+        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0) };
+        let layer = VolumeFrame::alone(settings);
+        let list = DrawList { cells: vec![cell] };
+        let frame = Frame::new(&layer, &pyramid, &list, &needs, true, |_| &resident);
+        let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
+        let drawn = |march: MarchTile| {
+            let mut seen = [Vec4::W; PIXELS];
+            march(&frame, &tile, None, &mut Work::new(), &mut seen);
+            seen.map(|color| color.to_array().map(f32::to_bits))
+        };
+        let portable = drawn(march::<C, B, Portable, INVALID>);
+        assert!(portable.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
+        assert_eq!(portable, drawn(for_frame(&frame)), "{mode:?}");
+    }
+
+    #[test]
+    fn all_vector_units_draw_the_same() {
+        same_on_all_units::<Code8, Dvr, false>(Mode::Dvr, &[]);
+        same_on_all_units::<Code16, Dvr, true>(Mode::Dvr, &[]);
+        same_on_all_units::<Code8, Mip, true>(Mode::Mip, &[]);
+        same_on_all_units::<Code16, MinIp, true>(Mode::MinIp, &[]);
+        same_on_all_units::<Code16, Average, false>(Mode::Average, &[]);
+        same_on_all_units::<Code8, Medium<true>, false>(Mode::Dvr, &[0.4]);
+        same_on_all_units::<Code16, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
+        same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface, &[0.4]);
+    }
+}

@@ -1,0 +1,102 @@
+//! What layers show together in one interval of a ray, in single precision: twins of [`brickyard_volume::look`]'s `Alone` and `Together`.
+
+use crate::packet::CHUNK;
+use crate::row::Passed;
+use brickyard_volume::Blend;
+use glam::{Vec3, Vec4, Vec4Swizzles};
+
+/// The depth of what lets no light through: finite, so that sums and shares of it are numbers.
+pub(crate) const OPAQUE: f32 = 1e30;
+
+/// What one layer shows of a piece of a segment by itself.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Alone {
+    /// Of a layer that mixes: premultiplied colour, and how much light is hidden.
+    color: Vec3,
+    hidden: f32,
+    /// Halvings of the light on the way through.
+    depth: f32,
+    /// What a layer that adds gives.
+    glow: Vec3,
+}
+
+/// The segments of a chunk as one layer shows them.
+pub(crate) struct AloneChunk {
+    pub(crate) blend: Blend,
+    /// The chunk's place for the stretch's first segment.
+    pub(crate) first: i32,
+    pub(crate) segments: [Alone; CHUNK],
+}
+
+impl AloneChunk {
+    pub(crate) const EMPTY: Self = {
+        let nothing = Alone { color: Vec3::ZERO, hidden: 0.0, depth: 0.0, glow: Vec3::ZERO };
+        Self { blend: Blend::Mix, first: 0, segments: [nothing; CHUNK] }
+    };
+
+    /// The chunk's place for a segment of the stretch.
+    pub(crate) fn place(&self, segment: i32) -> usize {
+        (self.first + segment) as usize
+    }
+
+    /// Adds a medium of one of the segments, behind those that it has.
+    #[inline(always)]
+    pub(crate) fn pass(&mut self, Passed { segment, color, depth, length }: Passed) {
+        let place = self.place(segment);
+        let alone = &mut self.segments[place];
+        match self.blend {
+            Blend::Mix => {
+                let depth = depth.min(OPAQUE as f64) * length;
+                let hidden = (1.0 - alone.hidden) * (1.0 - (-depth).exp2()) as f32;
+                alone.color += color * hidden;
+                alone.hidden += hidden;
+                alone.depth += depth as f32;
+            }
+            Blend::Add => alone.glow += color * ((1.0 - (-depth).exp2()) * length) as f32,
+        }
+    }
+}
+
+/// What some media are together: of those that mix colour times depth, and depth; what others add.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Mixture {
+    pub(crate) mixed: Vec4,
+    pub(crate) glow: Vec3,
+}
+
+impl Mixture {
+    /// Adds a uniform medium: its straight colour, and halvings of the light over all of it.
+    #[inline(always)]
+    pub(crate) fn mix(&mut self, color: Vec4, depth: f32) {
+        self.mixed += color.with_w(1.0) * depth;
+    }
+
+    /// Adds a share of what a layer shows of a piece.
+    pub(crate) fn put_share(&mut self, alone: &Alone, share: f32) {
+        if alone.hidden > 0.0 {
+            self.mixed += (alone.color / alone.hidden).extend(1.0) * (alone.depth * share);
+        }
+        self.glow += alone.glow * share;
+    }
+
+    /// Passes light, premultiplied colour and what is left of it, through the media, of whose light `passed` is 2 to the power of minus
+    /// their depth.
+    #[inline(always)]
+    pub(crate) fn see(&self, passed: f32, light: Vec4) -> Vec4 {
+        let depth = self.mixed.w;
+        let nats = depth * std::f32::consts::LN_2;
+        let is_thin = nats < 1e-3;
+        // Of thin media the difference would be what rounding leaves.
+        let dimmed = if is_thin { 1.0 - 0.5 * nats } else { (1.0 - passed) / nats };
+        let seen = self.mixed.xyz() * (std::f32::consts::LN_2 * dimmed) + self.glow * dimmed;
+        let left = if is_thin { 1.0 - nats * dimmed } else { passed };
+        (light.xyz() + seen * light.w).extend(light.w * left)
+    }
+
+    /// What projections show together, premultiplied, and the light that passes them: what adds is not dimmed.
+    pub(crate) fn flat(&self) -> Vec4 {
+        let left = (-self.mixed.w).exp2();
+        let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
+        (mixed + self.glow).extend(left)
+    }
+}

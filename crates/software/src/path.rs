@@ -1,0 +1,496 @@
+//! A ray's way along a stretch of a brick by every method: segments become media as [`brickyard_volume::sampling`] says, lit as
+//! [`brickyard_volume::lighting`] says.
+//!
+//! A stretch goes through in rows of as many segments as one packet of places allows: all that a row's curves pass through is
+//! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
+//! operator), and taken only of what has opacity; where opacity depends on it, of what has some at any gradient.
+
+use crate::entries::Entries;
+use crate::gradients::Gradients;
+use crate::packet::{LANES, Packet};
+use crate::ray::Ray;
+use crate::row::{Passed, Row};
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Code, Portable, Unit};
+use crate::stretch::{March, Stretch};
+use brickyard_volume::lighting::SMOOTH;
+use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
+use brickyard_volume::surface::FLAT_CODES;
+use brickyard_volume::{Gradient, Lighting, Medium as Mean, TransferGrid};
+use glam::{DVec3, Vec3, Vec4};
+use std::ops::Range;
+
+/// A ray's way along a stretch of a brick; places along it are counted in segments from the middle of the first.
+#[derive(Clone, Copy)]
+pub(crate) struct Path<'a> {
+    march: &'a March<'a>,
+    stretch: &'a Stretch,
+    /// Where the brick can be sampled.
+    pub(crate) low: f32,
+    pub(crate) high: f32,
+    /// The ends of the ray's first and last segments, where they are the stretch's; else past all.
+    first_start: f32,
+    last_end: f32,
+    /// Unit distances of a whole segment.
+    length: f64,
+    /// Units of the volume's own world per voxel of the brick's level.
+    voxel: DVec3,
+    /// Half of what one code is in data units: differences are across two voxels.
+    half_code: f64,
+    /// The ray in the scene's world.
+    eye: DVec3,
+    direction: DVec3,
+    is_lit: bool,
+    /// Whether anything depends on gradients: light, or what is seen.
+    has_gradients: bool,
+}
+
+/// Samples along the ray.
+pub(crate) struct Samples {
+    along: Packet,
+    pub(crate) code: Packet,
+    pub(crate) weight: Packet,
+}
+
+impl<'a> Path<'a> {
+    #[inline(always)]
+    pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
+        let March { frame, cell, .. } = march;
+        let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
+        let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
+        let ticks = &frame.ticks;
+        let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
+        if stretch.start == ray.first {
+            first_start = stretch.along(ray.ends(ticks, stretch.start).0);
+        }
+        if stretch.end == ray.end {
+            let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
+            last_end = stretch.along(ray.ends(ticks, tick).1);
+        }
+        let own_direction = DVec3::from_array(ray.direction) * geometry.spacing;
+        Self {
+            march,
+            stretch,
+            low,
+            high,
+            first_start,
+            last_end,
+            length: stretch.length * frame.per_unit,
+            voxel: geometry.spacing / DVec3::from_array(cell.scale),
+            half_code: 0.5 * frame.settings.encoding.code_width(),
+            eye: placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin))),
+            direction: placement.world_vector(own_direction),
+            is_lit: frame.is_lit,
+            has_gradients: frame.is_lit || frame.grid.is_some(),
+        }
+    }
+
+    /// The same way, of which only a piece of one segment counts.
+    pub(crate) fn piece(&self, first_start: f32, last_end: f32) -> Self {
+        Self { first_start, last_end, ..*self }
+    }
+
+    /// Where a segment begins and ends.
+    #[inline(always)]
+    pub(crate) fn ends(&self, segment: i32) -> [f32; 2] {
+        [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
+    }
+
+    /// Segments from `first` on that are whole, at most `most`; or 1 if the first is not.
+    #[inline(always)]
+    pub(crate) fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
+        let is_cut = |segment: i32| {
+            let [a, b] = self.ends(segment);
+            a > segment as f32 - 0.5 || b < segment as f32 + 0.5
+        };
+        let mut count = (segments.end - segments.start).min(most);
+        if is_cut(segments.start) {
+            return 1;
+        }
+        if is_cut(segments.start + count - 1) {
+            count -= 1;
+        }
+        count
+    }
+
+    #[inline(always)]
+    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: Packet) -> Samples {
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for i in 0..LANES {
+            let along = along[i].max(self.low).min(self.high);
+            for a in 0..3 {
+                points[a][i] = self.stretch.origin[a] + along * self.stretch.step[a];
+            }
+        }
+        let code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        Samples { along, code, weight }
+    }
+
+    #[inline(always)]
+    fn filtered<C: Code, U: Unit, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        let filter = self.march.frame.settings.sampling.filter;
+        self.march.brick.filtered_points::<C, U, INVALID>(filter, points, weight)
+    }
+
+    /// The media of a row of segments, from the first of these on, behind those that are there. Returns the first segment not taken. Not
+    /// inlined: it is large, and several callers share it.
+    #[inline(always)]
+    pub(crate) fn row<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.row_avx2::<C, INVALID>(segments, media) };
+        }
+        self.row_portable::<C, INVALID>(segments, media)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline(never)]
+    fn row_avx2<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        self.row_on::<C, Avx2, INVALID>(segments, media)
+    }
+
+    #[inline(never)]
+    fn row_portable<C: Code, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        self.row_on::<C, Portable, INVALID>(segments, media)
+    }
+
+    #[inline(always)]
+    fn row_on<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        match self.march.frame.settings.sampling.method.curve() {
+            Curve::Middle => self.middles::<C, U, INVALID>(segments, media),
+            Curve::Line => self.curves::<C, U, INVALID>(segments, 0, media),
+            Curve::Cubic => self.curves::<C, U, INVALID>(segments, 1, media),
+            Curve::Field => self.field::<C, U, INVALID>(segments, media),
+        }
+    }
+
+    /// One sample in the middle of each segment. Returns the first segment not taken.
+    #[inline(always)]
+    fn middles<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        let count = (segments.end - segments.start).min(LANES as i32);
+        let mut along = [0.0; LANES];
+        for i in 0..LANES {
+            let [a, b] = self.ends(segments.start + i as i32);
+            along[i] = 0.5 * (a + b);
+        }
+        let row = self.sample::<C, U, INVALID>(along);
+        for i in 0..count as usize {
+            if row.weight[i] > 0.0 {
+                let [a, b] = self.ends(segments.start + i as i32);
+                self.add_sampled::<C, U, INVALID>(media, segments.start + i as i32, along[i], row.code[i], b - a);
+            }
+        }
+        segments.start + count
+    }
+
+    /// Real samples, more of them where a segment's ends differ more.
+    #[inline(always)]
+    fn field<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
+        let count = self.whole(&segments, LANES as i32 - 1);
+        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, 0));
+        for i in 0..count as usize {
+            let [Some(from), Some(to)] = known([i, i + 1].map(|i| (row.weight[i] > 0.0).then_some(row.code[i]))) else {
+                continue;
+            };
+            let difference = (to - from).abs() as f64 / C::MAX as f64;
+            let parts = self.march.frame.settings.sampling.parts(difference / self.march.frame.adaptive_step);
+            let [a, b] = self.ends(segments.start + i as i32);
+            let part = (b - a) / parts as f32;
+            let mut along = [a; LANES];
+            for k in 0..parts.min(LANES) {
+                along[k] = a + (k as f32 + 0.5) * part;
+            }
+            let samples = self.sample::<C, U, INVALID>(along);
+            for k in 0..parts.min(LANES) {
+                if samples.weight[k] > 0.0 {
+                    self.add_sampled::<C, U, INVALID>(
+                        media,
+                        segments.start + i as i32,
+                        along[k],
+                        samples.code[k],
+                        part,
+                    );
+                }
+            }
+        }
+        segments.start + count
+    }
+
+    /// The places of a row of segments' ends, and so many more on each side.
+    #[inline(always)]
+    pub(crate) fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
+        let mut along = [0.0; LANES];
+        let [a, b] = self.ends(first);
+        for i in 0..LANES {
+            along[i] = match count {
+                // A segment of its own length.
+                1 => a + (i as i32 - beyond) as f32 * (b - a),
+                _ => (first + i as i32 - beyond) as f32 - 0.5,
+            };
+        }
+        along
+    }
+
+    /// Virtual samples, or the mean medium, along curves through the ends, and `beyond` of them on each side.
+    #[inline(always)]
+    fn curves<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        segments: Range<i32>,
+        beyond: usize,
+        media: &mut Row,
+    ) -> i32 {
+        let sampling = &self.march.frame.settings.sampling;
+        let count = self.whole(&segments, (LANES - 1 - 2 * beyond) as i32);
+        let row = self.sample::<C, U, INVALID>(self.places(segments.start, count, beyond as i32));
+        let mut gradients = [None; LANES];
+        let parts = sampling.parts(0.0);
+        for i in 0..count as usize {
+            let at = |i: usize| (row.weight[i] > 0.0).then_some(row.code[i] as f64);
+            let near = i + beyond;
+            let [Some(from), Some(to)] = known([at(near), at(near + 1)]) else { continue };
+            let values = match beyond {
+                0 => [from, from, to, to],
+                _ => [at(near - 1).unwrap_or(from), from, to, at(near + 2).unwrap_or(to)],
+            };
+            let value = |s: f64| if beyond > 0 { cubic(values, s) } else { from + s * (to - from) };
+            let [a, b] = self.ends(segments.start + i as i32);
+            for k in 0..parts {
+                let [start, end] = [k, k + 1].map(|k| k as f64 / parts as f64);
+                let middle = 0.5 * (start + end);
+                let medium = match &self.march.frame.integrals {
+                    Some(integrals) => Shown::mean(integrals.between(value(start), value(end))),
+                    None => self.at::<C>(value(middle) as f32),
+                };
+                let Some(medium) = medium else { continue };
+                let along = a + (b - a) * middle as f32;
+                let mut differences = Vec3::ZERO;
+                if self.has_gradients {
+                    for i in near - beyond..=near + 1 + beyond {
+                        let known = at(i).unwrap_or(values[i + 1 - near]);
+                        gradients[i]
+                            .get_or_insert_with(|| self.differences::<C, U, INVALID>(row.along[i], known as f32));
+                    }
+                    let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
+                    differences = match beyond {
+                        0 => gradient(near).lerp(gradient(near + 1), middle as f32),
+                        _ => {
+                            let around = [near - 1, near, near + 1, near + 2].map(gradient);
+                            let along = |k: usize| catmull_rom(around.map(|g| g[k] as f64), middle) as f32;
+                            Vec3::new(along(0), along(1), along(2))
+                        }
+                    };
+                }
+                if let Some(medium) = self.by_gradient(medium, value(middle) as f32, differences) {
+                    self.add_shown(
+                        media,
+                        segments.start + i as i32,
+                        along,
+                        medium,
+                        differences,
+                        (b - a) / parts as f32,
+                    );
+                }
+            }
+        }
+        segments.start + count
+    }
+
+    /// A real sample, and so much of a segment that it stands for.
+    #[inline(always)]
+    fn add_sampled<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        media: &mut Row,
+        segment: i32,
+        along: f32,
+        code: f32,
+        share: f32,
+    ) {
+        let Some(mut shown) = self.at::<C>(code) else { return };
+        let mut differences = Vec3::ZERO;
+        if self.has_gradients {
+            differences = self.differences::<C, U, INVALID>(along, code);
+            let Some(by_gradient) = self.by_gradient(shown, code, differences) else { return };
+            shown = by_gradient;
+        }
+        self.add_shown(media, segment, along, shown, differences, share);
+    }
+
+    /// What is seen of what may be, at a code and a gradient.
+    #[inline(always)]
+    fn by_gradient(&self, shown: Shown, code: f32, differences: Vec3) -> Option<Shown> {
+        match self.march.frame.grid {
+            Some(grid) => self.in_grid(grid, code, differences),
+            None => Some(shown),
+        }
+    }
+
+    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were grids, now
+    /// 1.05 (medians of three, 256^3).
+    #[inline(never)]
+    fn in_grid(&self, grid: &TransferGrid, code: f32, differences: Vec3) -> Option<Shown> {
+        let gradient = (differences.as_dvec3() / self.voxel).length() * self.half_code;
+        Shown::of(grid.lookup(code, gradient as f32).into())
+    }
+
+    /// A medium, lit if it is to be.
+    #[inline(always)]
+    fn add_shown(&self, media: &mut Row, segment: i32, along: f32, shown: Shown, differences: Vec3, share: f32) {
+        let color = if self.is_lit { self.lit(along, shown.color, differences) } else { shown.color };
+        media.push(Passed { segment, color, depth: shown.depth, length: share.max(0.0) as f64 * self.length });
+    }
+
+    /// What is shown at a code, if anything.
+    #[inline(always)]
+    fn at<C: Code>(&self, code: f32) -> Option<Shown> {
+        let frame = self.march.frame;
+        Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
+    }
+
+    /// The straight colour of a surface at a place, lit, and its opacity. Not inlined, as a [row](Self::row).
+    #[inline(always)]
+    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.surface_avx2::<C, INVALID>(surface, along) };
+        }
+        self.surface_portable::<C, INVALID>(surface, along)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline(never)]
+    fn surface_avx2<C: Code, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
+        self.surface_on::<C, Avx2, INVALID>(surface, along)
+    }
+
+    #[inline(never)]
+    fn surface_portable<C: Code, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
+        self.surface_on::<C, Portable, INVALID>(surface, along)
+    }
+
+    #[inline(always)]
+    fn surface_on<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
+        let frame = self.march.frame;
+        let look = &frame.settings.surfaces[surface];
+        let differences = self.differences::<C, U, INVALID>(along, frame.thresholds[surface]);
+        self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences).extend(look.opacity)
+    }
+
+    /// The distance of a place.
+    #[inline(always)]
+    pub(crate) fn distance(&self, along: f32) -> f64 {
+        self.stretch.middle + along as f64 * self.stretch.length
+    }
+
+    fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
+        self.lit_by(&self.march.frame.settings.lighting, along, color, differences)
+    }
+
+    /// A colour lit at a place.
+    fn lit_by(&self, lighting: &Lighting, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
+        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
+        let placement = &self.march.frame.settings.placement;
+        let normal = (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel).normalize());
+        let place = self.eye + self.direction * self.distance(along);
+        lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
+    }
+
+    /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.
+    #[inline(always)]
+    fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
+        let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
+            // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
+            Gradient::Central => (false, 6),
+            Gradient::Sobel => (true, 27),
+            Gradient::Stored => return self.stored_differences(along) * C::MAX as f32,
+        };
+        let centre = self.slot_place(along);
+        let mut differences = Vec3::ZERO;
+        for first in (0..places).step_by(LANES) {
+            let offsets: [[f32; 3]; LANES] =
+                std::array::from_fn(|i| if is_sobel { offset_of((first + i).min(26)) } else { axis_offset(i) });
+            let codes = self.around::<C, U, INVALID>(centre, &offsets, middle);
+            for (i, offset) in offsets.iter().enumerate().take(places - first) {
+                let smooth = |a: usize| if is_sobel { SMOOTH[(offset[a] + 1.0) as usize] as f32 } else { 1.0 };
+                let [x, y, z] = [smooth(0), smooth(1), smooth(2)];
+                differences += Vec3::new(offset[0] * y * z, offset[1] * x * z, offset[2] * x * y) * codes[i];
+            }
+        }
+        differences
+    }
+
+    /// Those that are stored, as shares of the greatest code. Out of line for the same reason.
+    #[inline(never)]
+    fn stored_differences(&self, along: f32) -> Vec3 {
+        let March { frame, cell, .. } = self.march;
+        Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron).at(self.slot_place(along))
+    }
+
+    /// Where a place, or the nearest one that can be sampled, is in its slot.
+    #[inline(always)]
+    fn slot_place(&self, along: f32) -> [f32; 3] {
+        let along = along.max(self.low).min(self.high);
+        std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
+    }
+
+    /// Codes at offsets in voxels from a slot coordinate.
+    #[inline(always)]
+    fn around<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        centre: [f32; 3],
+        offsets: &[[f32; 3]; LANES],
+        middle: f32,
+    ) -> Packet {
+        let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);
+        for a in 0..3 {
+            for i in 0..LANES {
+                points[a][i] = centre[a] + offsets[i][a];
+            }
+        }
+        let mut code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        for i in 0..LANES {
+            code[i] = if weight[i] > 0.0 { code[i] } else { middle };
+        }
+        code
+    }
+}
+
+/// The `i`-th of the 27 places about a voxel.
+#[inline(always)]
+fn offset_of(i: usize) -> [f32; 3] {
+    [i % 3, i / 3 % 3, i / 9].map(|v| v as f32 - 1.0)
+}
+
+/// The `i`-th of the six places next to a voxel.
+#[inline(always)]
+fn axis_offset(i: usize) -> [f32; 3] {
+    std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 })
+}
+
+/// Where only one of two has a value, it stands for the other.
+#[inline(always)]
+fn known<T: Copy>([a, b]: [Option<T>; 2]) -> [Option<T>; 2] {
+    [a.or(b), b.or(a)]
+}
+
+/// A medium that is seen.
+struct Shown {
+    color: Vec3,
+    depth: f64,
+}
+
+impl Shown {
+    /// What an entry says, straight colour and opacity, if that is anything.
+    #[inline(always)]
+    fn of(entry: Vec4) -> Option<Self> {
+        (entry.w > 0.0).then(|| Self { color: entry.truncate(), depth: -(1.0 - entry.w as f64).log2() })
+    }
+
+    fn mean(Mean { rgb, depth }: Mean) -> Option<Self> {
+        (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
+    }
+}

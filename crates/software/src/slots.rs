@@ -1,0 +1,95 @@
+//! A layer's slots in RAM, and what they and all that is beside them take.
+
+use crate::frame::{Cell, Resident};
+use crate::macrocells::boxes;
+use crate::meshes;
+use crate::renderer::SoftwareOptions;
+use crate::steps;
+use crate::tile;
+use crate::tiles::{TILE_PX, Tile, TilePixels};
+use crate::together::BYTES_PER_CELL_AND_THREAD;
+use brickyard_pager::{Slot, VolumeNeeds};
+use brickyard_volume::TransferGrid;
+use brickyard_volume::lattice::MAX_ZONES;
+use brickyard_volume::macrocells::{self, MacroCells};
+use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
+
+/// A layer's places for bricks; one takes memory once it holds a brick.
+#[derive(Debug)]
+pub(crate) struct Slots {
+    pub(crate) needs: VolumeNeeds,
+    leaps: bool,
+    bricks: Vec<Option<Resident>>,
+}
+
+impl Slots {
+    pub(crate) fn new(needs: &VolumeNeeds, leaps: bool, count: u32) -> Self {
+        let mut bricks = Vec::new();
+        bricks.resize_with(count as usize, || None);
+        Self { needs: *needs, leaps, bricks }
+    }
+
+    pub(crate) fn len(&self) -> u32 {
+        self.bricks.len() as u32
+    }
+
+    /// Puts a padded brick into a slot; the codes are read once, for the macro-cells.
+    pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
+        assert_eq!(codes.len() as u64, slot_bytes(&self.needs), "not a padded brick");
+        let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
+        let voxels = &codes[..voxel_bytes(&self.needs) as usize];
+        let cells = match self.leaps {
+            true => MacroCells::new(voxels, encoding.format, encoding.has_invalid, edge as usize, bricks),
+            false => MacroCells::of_anything(encoding.format, edge as usize),
+        };
+        let voxel_bytes = voxels.len();
+        self.bricks[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes, cells));
+    }
+
+    pub(crate) fn brick(&self, slot: Slot) -> &Resident {
+        self.bricks[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
+    }
+}
+
+fn voxel_bytes(needs: &VolumeNeeds) -> u64 {
+    (needs.edge as u64 + 2 * needs.bricks.apron as u64).pow(3) * needs.encoding.format.bytes() as u64
+}
+
+fn slot_bytes(needs: &VolumeNeeds) -> u64 {
+    voxel_bytes(needs) + needs.bricks.gradients(needs.edge).bytes() as u64
+}
+
+/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or extremes and its light; where layers
+/// are drawn together, also what each thread keeps of it.
+pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are_several: bool) -> u64 {
+    let edge = needs.edge as usize;
+    let cells = macrocells::bytes(edge);
+    let mask = boxes(edge) * size_of::<u16>();
+    let light = size_of::<AtomicU32>() + size_of::<f32>();
+    let of_threads = if are_several { options.threads.max(1) * BYTES_PER_CELL_AND_THREAD } else { 0 };
+    let beside = cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>() + of_threads;
+    slot_bytes(needs) + beside as u64
+}
+
+/// The picture as tiles and as rows, the meshes' tree, every thread's rays, and each layer's tables.
+pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> u64 {
+    let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
+    let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
+    let picture = options.max_picture_px.iter().map(|&n| n as u64).product::<u64>() * 3;
+    // All layers have the scene's meshes.
+    let room = layers[0].bricks.meshes;
+    let slabs = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
+    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs);
+    let tables: u64 = layers.iter().map(table_bytes).sum();
+    tiles * tile + picture + meshes::bytes(room) + of_threads + tables
+}
+
+/// What steps do, and the table of values and gradients.
+fn table_bytes(needs: &VolumeNeeds) -> u64 {
+    let format = needs.encoding.format;
+    let steps = steps::bytes(format, MAX_ZONES) as u64;
+    let rows = TransferGrid::most_rows(format.max_code() + 1);
+    let entries = if needs.bricks.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
+    steps + (entries * size_of::<[f32; 4]>()) as u64
+}

@@ -1,0 +1,188 @@
+//! A part of a ray's way through one cell, inside of one zone: its samples are equally spaced.
+
+use crate::frame::{Cell, Frame};
+use crate::macrocells::{Blocks, Reach, block_length};
+use crate::packet::{CHUNK, LANES, PACKETS};
+use crate::ray::{NO_RANK, Ray};
+use crate::sample::{Brick, Chunk};
+use brickyard_volume::macrocells::CELL_EDGE;
+use std::ops::Range;
+
+/// What stretches are marched through.
+pub(crate) struct March<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    pub(crate) cell: &'a Cell<'a>,
+    pub(crate) brick: Brick<'a>,
+}
+
+/// A part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+#[derive(Clone, Copy)]
+pub(crate) struct Stretch {
+    /// The ray's place in the tile.
+    pub(crate) ray: usize,
+    /// The first segment and one past the last.
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+    pub(crate) zone: usize,
+    pub(crate) count: i32,
+    /// Samples in a block, and a bit for each block: whether it may be seen.
+    pub(crate) block: i32,
+    pub(crate) seen: u64,
+    /// World length of a segment, and distance of the middle of the first, were it not cut.
+    pub(crate) length: f64,
+    pub(crate) middle: f64,
+    /// Slot coordinates of the first sample and from one to the next: counted from here, f32 is fine to a ten-thousandth
+    /// of a voxel.
+    pub(crate) origin: [f32; 3],
+    pub(crate) step: [f32; 3],
+    pub(crate) blocks: Blocks,
+}
+
+impl Stretch {
+    pub(crate) const EMPTY: Self = Self {
+        ray: 0,
+        start: 0,
+        end: 0,
+        zone: 0,
+        count: 0,
+        block: 0,
+        seen: 0,
+        length: 0.0,
+        middle: 0.0,
+        origin: [0.0; 3],
+        step: [0.0; 3],
+        blocks: Blocks::EMPTY,
+    };
+
+    /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
+    /// count as seen.
+    #[inline(always)]
+    pub(crate) fn new(
+        frame: &Frame<'_>,
+        cell: &Cell<'_>,
+        ray: &Ray,
+        place: usize,
+        start: u32,
+        last: u32,
+        reach: Reach,
+    ) -> Self {
+        let ticks = &frame.ticks;
+        let zone = ticks.zone(start);
+        let zone_end = ticks.zone_end(zone);
+        let length = ticks.step * (1i32 << zone) as f64;
+        let middle = start as i32 as f64 * ticks.step + 0.5 * length;
+        let (mut origin, mut step) = ([0.0f32; 3], [0.0f32; 3]);
+        for a in 0..3 {
+            let voxel = ray.origin[a] + ray.direction[a] * middle;
+            origin[a] = (cell.offset[a] + cell.scale[a] * voxel) as f32;
+            step[a] = (cell.scale[a] * ray.direction[a] * length) as f32;
+        }
+        let block = block_length(step, reach);
+        let end = if last < zone_end { last } else { zone_end };
+        let count = ((end - start) >> zone) as i32;
+        let most = block.saturating_mul(u64::BITS as i32);
+        let (end, count) = if count <= most { (end, count) } else { (start + ((most as u32) << zone), most) };
+        let blocks = Blocks::new(origin, step, block, reach, frame.edge, frame.apron);
+        Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step, blocks }
+    }
+
+    /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was leapt over may have had none.
+    #[inline(always)]
+    pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
+        if INVALID && ray.reached != self.start + ((segments.start as u32) << self.zone) {
+            ray.rank = NO_RANK;
+        }
+        ray.reached = self.start + ((segments.end as u32) << self.zone);
+    }
+
+    /// A distance, in segments from the middle of the first.
+    #[inline(always)]
+    pub(crate) fn along(&self, t: f64) -> f32 {
+        ((t - self.middle) / self.length) as f32
+    }
+
+    /// The first neighbouring segments of blocks that may be seen, which are no longer among those afterwards.
+    #[inline(always)]
+    pub(crate) fn next_seen(&self, seen: &mut u64) -> Option<Range<i32>> {
+        if *seen == 0 {
+            return None;
+        }
+        let from = seen.trailing_zeros();
+        let to = from + (*seen >> from).trailing_ones();
+        *seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
+        let last = (to as i32).saturating_mul(self.block);
+        Some(from as i32 * self.block..if last < self.count { last } else { self.count })
+    }
+
+    /// The blocks of which macro-cells' ranges do not tell everything when whole segments count: those that may reach out of the
+    /// brick by more than half a voxel, and all if a segment may pass through a cell.
+    #[inline(always)]
+    pub(crate) fn uncovered(&self) -> u64 {
+        let longest = longest(self.step);
+        if longest <= 1.0 {
+            return 0;
+        }
+        if longest > CELL_EDGE as f32 {
+            return u64::MAX;
+        }
+        1 | 1 << ((self.count - 1) / self.block)
+    }
+
+    /// Between which places, in segments from the middle of the first, the brick can be sampled. Segments no longer than a voxel
+    /// never reach out of it.
+    #[inline(always)]
+    pub(crate) fn sampleable(&self, padded: u32) -> [f32; 2] {
+        let (mut low, mut high) = (f32::NEG_INFINITY, f32::INFINITY);
+        if longest(self.step) > 1.0 {
+            for a in 0..3 {
+                if self.step[a] != 0.0 {
+                    let enter = -self.origin[a] / self.step[a];
+                    let leave = ((padded - 1) as f32 - self.origin[a]) / self.step[a];
+                    (low, high) = (low.max(enter.min(leave)), high.min(enter.max(leave)));
+                }
+            }
+        }
+        [low, high]
+    }
+
+    /// Places the samples of the segments `done..to`, or of as many as a chunk holds.
+    #[inline(always)]
+    pub(crate) fn place_samples<const INVALID: bool>(
+        &self,
+        frame: &Frame<'_>,
+        ray: &Ray,
+        chunk: &mut Chunk,
+        Range { start: done, end: to }: Range<i32>,
+    ) {
+        let full = (self.length * frame.per_unit) as f32;
+        let left = to - done;
+        chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
+        for p in 0..chunk.packets.min(PACKETS) {
+            for i in 0..LANES {
+                let lane = (p * LANES + i) as i32;
+                chunk.along[p][i] = (done + lane) as f32;
+                chunk.weight[p][i] = if lane < left { full } else { 0.0 };
+            }
+        }
+        let cut_first = self.start == ray.first && done == 0;
+        let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
+        let all_whole = !INVALID && !cut_first && !cut_last;
+        chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
+        chunk.zone = self.zone;
+        for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {
+            if is_cut {
+                let tick = self.start + (((done + lane) as u32) << self.zone);
+                let (middle, length) = ray.segment(&frame.ticks, tick);
+                let (p, i) = (lane as usize / LANES, lane as usize % LANES);
+                chunk.along[p][i] = self.along(middle);
+                chunk.weight[p][i] = (length.max(0.0) * frame.per_unit) as f32;
+            }
+        }
+    }
+}
+
+/// Voxels of a step along the axis with the most.
+#[inline(always)]
+fn longest(step: [f32; 3]) -> f32 {
+    step[0].abs().max(step[1].abs()).max(step[2].abs())
+}
