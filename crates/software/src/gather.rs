@@ -8,7 +8,7 @@ use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
 use crate::mixture::OPAQUE;
-use crate::packet::{CHUNK, LANES, PACKETS, log2};
+use crate::packet::{CHUNK, LANES, PACKETS, Packet, log2};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
@@ -197,33 +197,63 @@ impl Look for Plain {
         let frame = march.frame;
         let first = (at + segments.start) as usize;
         sample::<C, U, INVALID>(march, way, segments, chunk);
-        let entries = Entries::of(frame);
-        for p in 0..chunk.packets.min(PACKETS) {
+        let (entries, packets) = (Entries::of(frame), chunk.packets.min(PACKETS));
+        let mut shows = [false; PACKETS];
+        for p in 0..packets {
             let position = entries.positions(frame, &chunk.code[p]);
-            if !frame.shows(&position) {
-                continue;
+            shows[p] = frame.shows(&position);
+            if shows[p] {
+                for i in 0..LANES {
+                    let entry = entries.lookup(position[i]);
+                    chunk.entry[p][i] = entry;
+                    chunk.alpha[p][i] = entry.w;
+                }
             }
-            let mut clear = [0.0; LANES];
-            for i in 0..LANES {
-                chunk.entry[p][i] = entries.lookup(position[i]);
-                clear[i] = 1.0 - chunk.entry[p][i].w;
+        }
+        if frame.blend == volume::Blend::Mix {
+            for p in (0..packets).step_by(2) {
+                if shows[p] || shows[p + 1] {
+                    let (alpha, weight) =
+                        ([chunk.alpha[p], chunk.alpha[p + 1]], [chunk.weight[p], chunk.weight[p + 1]]);
+                    [chunk.passed[p], chunk.passed[p + 1]] = depths(alpha, weight);
+                }
             }
-            let (weight, mixtures) = (&chunk.weight[p], &mut media.mixtures[first + p * LANES..][..LANES]);
-            if frame.blend == volume::Blend::Add {
+        }
+        for p in 0..packets {
+            if shows[p] {
+                media.is_any = true;
+                let mixtures = &mut media.mixtures[first + p * LANES..][..LANES];
                 for i in 0..LANES {
                     let entry = chunk.entry[p][i];
-                    mixtures[i].glow += entry.xyz() * (entry.w * weight[i]);
-                }
-            } else {
-                let halvings = log2(&clear);
-                for i in 0..LANES {
-                    let depth = if clear[i] > 0.0 { -halvings[i] } else { OPAQUE };
-                    mixtures[i].mix(chunk.entry[p][i], depth * weight[i]);
+                    match frame.blend {
+                        volume::Blend::Mix => mixtures[i].mix(entry, chunk.passed[p][i]),
+                        volume::Blend::Add => mixtures[i].glow += entry.xyz() * (entry.w * chunk.weight[p][i]),
+                    }
                 }
             }
-            media.is_any = true;
         }
     }
+}
+
+/// The halvings of light in media of these opacities, of so many unit distances. Two packets at a time: one alone would mostly wait for
+/// its own last result.
+#[inline(always)]
+fn depths(alpha: [Packet; 2], weight: [Packet; 2]) -> [Packet; 2] {
+    const TWO: usize = 2 * LANES;
+    let (mut clear, mut length) = ([0.0f32; TWO], [0.0f32; TWO]);
+    for i in 0..LANES {
+        (clear[i], clear[i + LANES]) = (1.0 - alpha[0][i], 1.0 - alpha[1][i]);
+        (length[i], length[i + LANES]) = (weight[0][i], weight[1][i]);
+    }
+    let mut depth = log2(&clear);
+    for i in 0..TWO {
+        depth[i] = if clear[i] > 0.0 { -depth[i] } else { OPAQUE } * length[i];
+    }
+    let mut out = [[0.0; LANES]; 2];
+    for i in 0..LANES {
+        (out[0][i], out[1][i]) = (depth[i], depth[i + LANES]);
+    }
+    out
 }
 
 /// Every method, lit or not, by value and gradient or by value alone; with `ENDS`, surfaces too.

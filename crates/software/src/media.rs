@@ -1,7 +1,7 @@
 //! The media of a chunk of segments, of all layers, and how a ray's light goes through them.
 
-use crate::mixture::{Alone, AloneChunk, Mixture};
-use crate::packet::{CHUNK, LANES, exp2};
+use crate::mixture::{Alone, AloneChunk, Mixture, Passage, passages};
+use crate::packet::{CHUNK, LANES};
 use crate::ray::FAINTEST;
 use brickyard_volume::Combination;
 use glam::{Vec4, Vec4Swizzles};
@@ -100,14 +100,15 @@ impl Media {
             self.light[..count].fill(light.w);
             return light;
         }
-        let mut passed = [0.0; CHUNK];
+        let (mut dimmed, mut left) = ([0.0; CHUNK], [0.0; CHUNK]);
         for first in (0..count).step_by(LANES) {
             let mut depth = [0.0; LANES];
             for i in 0..LANES {
-                depth[i] = -self.mixtures[first + i].mixed.w;
+                depth[i] = self.mixtures[first + i].mixed.w;
             }
-            let powers = exp2(&depth);
-            passed[first..first + LANES].copy_from_slice(&powers);
+            let passage = passages(&depth);
+            dimmed[first..first + LANES].copy_from_slice(&passage.dimmed);
+            left[first..first + LANES].copy_from_slice(&passage.left);
         }
         let surfaces = self.found.as_mut().map(Found::sorted).unwrap_or_default();
         let mut rest = &surfaces[..];
@@ -117,7 +118,7 @@ impl Media {
             rest = after;
             light = match &self.found {
                 Some(found) if !here.is_empty() => found.see(i, here, light),
-                _ => self.mixtures[i].see(passed[i], light),
+                _ => self.mixtures[i].see(Passage { dimmed: dimmed[i], left: left[i] }, light),
             };
             if light.w < FAINTEST {
                 self.light[i + 1..count].fill(0.0);
@@ -166,7 +167,8 @@ impl Found {
             let share = (ends[1].min(end) - ends[0].max(start)).max(0.0) / (ends[1] - ends[0]);
             mixture.put_share(alone, share as f32);
         }
-        mixture.see((-mixture.mixed.w).exp2(), light)
+        let Passage { dimmed: [dimmed], left: [left] } = passages(&[mixture.mixed.w]);
+        mixture.see(Passage { dimmed, left }, light)
     }
 }
 

@@ -1,6 +1,6 @@
 //! What layers show together in one interval of a ray, in single precision: twins of [`brickyard_volume::look`]'s `Alone` and `Together`.
 
-use crate::packet::CHUNK;
+use crate::packet::{CHUNK, exp2};
 use crate::row::Passed;
 use brickyard_volume::Blend;
 use glam::{Vec3, Vec4, Vec4Swizzles};
@@ -79,18 +79,11 @@ impl Mixture {
         self.glow += alone.glow * share;
     }
 
-    /// Passes light, premultiplied colour and what is left of it, through the media, of whose light `passed` is 2 to the power of minus
-    /// their depth.
+    /// Passes light, premultiplied colour and what is left of it, through the media.
     #[inline(always)]
-    pub(crate) fn see(&self, passed: f32, light: Vec4) -> Vec4 {
-        let depth = self.mixed.w;
-        let nats = depth * std::f32::consts::LN_2;
-        let is_thin = nats < 1e-3;
-        // Of thin media the difference would be what rounding leaves.
-        let dimmed = if is_thin { 1.0 - 0.5 * nats } else { (1.0 - passed) / nats };
-        let seen = self.mixed.xyz() * (std::f32::consts::LN_2 * dimmed) + self.glow * dimmed;
-        let left = if is_thin { 1.0 - nats * dimmed } else { passed };
-        (light.xyz() + seen * light.w).extend(light.w * left)
+    pub(crate) fn see(&self, Passage { dimmed, left }: Passage<f32>, light: Vec4) -> Vec4 {
+        let seen = self.mixed * std::f32::consts::LN_2 + self.glow.extend(0.0);
+        (light + seen * (dimmed * light.w)).with_w(light.w * left)
     }
 
     /// What projections show together, premultiplied, and the light that passes them: what adds is not dimmed.
@@ -99,4 +92,29 @@ impl Mixture {
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
         (mixed + self.glow).extend(left)
     }
+}
+
+/// How light passes media: the mean, from front to back, of the light that passes from there, and what passes all of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Passage<T> {
+    pub(crate) dimmed: T,
+    pub(crate) left: T,
+}
+
+/// How light passes media of these depths.
+#[inline(always)]
+pub(crate) fn passages<const N: usize>(depth: &[f32; N]) -> Passage<[f32; N]> {
+    let mut halvings = [0.0; N];
+    for i in 0..N {
+        halvings[i] = -depth[i];
+    }
+    let (powers, mut dimmed, mut left) = (exp2(&halvings), [0.0; N], [0.0; N]);
+    for i in 0..N {
+        let nats = depth[i] * std::f32::consts::LN_2;
+        // Of thin media the difference would be what rounding leaves.
+        let (thin, thick) = (1.0 - 0.5 * nats, (1.0 - powers[i]) / nats);
+        dimmed[i] = if nats < 1e-3 { thin } else { thick };
+        left[i] = if nats < 1e-3 { 1.0 - nats * thin } else { powers[i] };
+    }
+    Passage { dimmed, left }
 }
