@@ -9,7 +9,7 @@
 //! them, so a rate over many batches is what gets through. Prints a Markdown table, medians over repetitions.
 
 use brickyard_benches::{Timing, markdown, median, time};
-use brickyard_pager::Slot;
+use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_software::{SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Needs, SlotEncoding, VoxelType};
@@ -49,9 +49,11 @@ impl Slots {
             leaps: true,
         });
         let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
+        let bricks = Needs::PLAIN;
+        let needs = VolumeNeeds { encoding, edge: EDGE, levels: 16, bricks, least_slots: 2, most_slots: u32::MAX };
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
-            match GpuRenderer::new(&options, encoding, EDGE, Needs::PLAIN, MEMORY_BYTES, PICTURE_PX) {
+            match GpuRenderer::new(&options, &[needs], MEMORY_BYTES, PICTURE_PX) {
                 Ok(gpu) => all.push((format!("gpu, {}", compositor.name()), Self::Gpu(Box::new(gpu)))),
                 Err(GpuError::NoAdapter { .. }) => eprintln!("no graphics adapter: the GPU backend is left out"),
                 Err(error) => return Err(error.to_string()),
@@ -63,14 +65,14 @@ impl Slots {
     fn count(&self) -> u32 {
         match self {
             Self::Cpu(renderer) => renderer.slots(),
-            Self::Gpu(renderer) => renderer.slots(),
+            Self::Gpu(renderer) => renderer.slots(0),
         }
     }
 
     fn upload(&mut self, slot: Slot, codes: &Arc<[u8]>) -> Result<(), String> {
         match self {
             Self::Cpu(renderer) => renderer.upload(slot, codes.clone()),
-            Self::Gpu(renderer) => renderer.upload(slot, codes).map_err(|error| error.to_string())?,
+            Self::Gpu(renderer) => renderer.upload(0, slot, codes).map_err(|error| error.to_string())?,
         }
         Ok(())
     }
