@@ -93,9 +93,15 @@ pub struct FrameUniform {
     pub first_row: u32,
     /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
     pub adaptive_step: f32,
-    /// Padding.
-    pub spare: [u32; 2],
-    /// Of those the first row's code, rows from one code to the next, columns from one gradient to the next where that is the
+    /// Of projections: 1 of what adds, 0 of what mixes.
+    pub adds: f32,
+    /// A projection's opacity.
+    pub opacity: f32,
+    /// How many voxels along each axis a world unit reaches at most.
+    pub reach: [f32; 3],
+    /// The depth of a medium of that opacity, finite.
+    pub flat_depth: f32,
+    /// Of entries over values and gradients the first row's code, rows from one code to the next, columns from one gradient to the next where that is the
     /// differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
     pub grid: [f32; 4],
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
@@ -112,6 +118,8 @@ pub struct FrameUniform {
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
     pub planes: [[f32; 4]; 12],
+    /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
+    pub spare: [[f32; 4]; 7],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

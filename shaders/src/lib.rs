@@ -1,14 +1,15 @@
-//! The WGSL of the renderer, by concern, composed by joining files: a variant holds just what it uses, so what is off
-//! costs nothing. Bindings of group 0: 0 frame, 1 cells or bricks, 2 atlas, 3 sampler, 4 transfer table, 5 gathered picture,
-//! 6 octree nodes, 7 ranges of macro-cells, 8 counts of opaque entries, 9 how bricks were entered, 10 stored gradients, from 16 on the
-//! atlases of several volumes, and behind those their gradients. Where there are meshes, group 1 has what cuts the picture into slabs.
-//! Group 2 has the texture that compute shaders write.
+//! The WGSL of the renderer, by concern, composed by [imports](compose): a variant holds just what it uses, so what is off costs
+//! nothing. What is bound where is in [`bindings`]. Shared code is about one layer at a time, which it finds in its *context*: of one
+//! layer that is all constants; of several see [`joint`].
 
+pub mod bindings;
+mod compose;
+mod joint;
 mod layout;
-mod together;
 
+use compose::Parts;
+pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
-pub use together::{ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, VolumeShader, raycast_together};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -115,18 +116,21 @@ impl Medium {
         has_grid: false,
     };
 
+    /// Surfaces are lit, whether the fog is or not.
+    fn surface_light(&self) -> Light {
+        if self.light == Light::Unlit { Light::BlinnPhong } else { self.light }
+    }
+
     fn constants(&self) -> String {
-        // Surfaces are lit, whether the fog is or not.
-        let surface_light = if self.light == Light::Unlit { Light::BlinnPhong } else { self.light };
         format!(
             "const CURVE: u32 = {}u;\nconst PARTS: u32 = {}u;\nconst IS_PRE_INTEGRATED: bool = {};\n\
              const LIGHTING: u32 = {}u;\nconst SURFACE_LIGHTING: u32 = {}u;\n\
-             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};",
+             const HAS_FOG: bool = {};\nconst HAS_SURFACES: bool = {};\nconst HAS_GRID: bool = {};\n",
             self.curve as u32,
             self.parts,
             self.is_pre_integrated,
             self.light as u32,
-            surface_light as u32,
+            self.surface_light() as u32,
             self.surfaces != Surfaces::Alone,
             self.surfaces != Surfaces::None,
             self.has_grid
@@ -147,6 +151,8 @@ pub struct Variant {
     pub medium: Medium,
     /// Whether only a slab between meshes is drawn.
     pub has_meshes: bool,
+    /// Whether the volume is elsewhere than in its own world.
+    pub is_placed: bool,
 }
 
 impl Variant {
@@ -164,26 +170,14 @@ impl Variant {
 /// Steps of a brick's mark: a transmittance of 1.
 pub const MARK_STEPS: u32 = 255;
 
-const FRAME: &str = concat!(include_str!("../wgsl/frame.wgsl"), include_str!("../wgsl/frame_one.wgsl"));
-const TREE: &str = include_str!("../wgsl/tree.wgsl");
-const CLASSIFY: &str = include_str!("../wgsl/classify.wgsl");
-const RAY: &str = include_str!("../wgsl/ray.wgsl");
-const LIGHTING: &str = include_str!("../wgsl/lighting.wgsl");
-const SHADE: &str = include_str!("../wgsl/shade.wgsl");
-const FIELD: &str = include_str!("../wgsl/field.wgsl");
-const MEDIUM: &str = include_str!("../wgsl/medium.wgsl");
-const SURFACES: &str = include_str!("../wgsl/surfaces.wgsl");
-const HIDDEN: &str = include_str!("../wgsl/hidden.wgsl");
-const FULLSCREEN: &str = include_str!("../wgsl/fullscreen.wgsl");
-
 /// The sorted compositor's march: entry points `proxy` and `march`.
 pub fn sorted(variant: &Variant) -> String {
     let march = match variant.gather {
-        _ if variant.has_samples() => include_str!("../wgsl/march_samples.wgsl"),
-        Gather::Isosurface => include_str!("../wgsl/march_surface.wgsl"),
-        _ => include_str!("../wgsl/march_medium.wgsl"),
+        _ if variant.has_samples() => "march_samples",
+        Gather::Isosurface => "march_surface",
+        _ => "march_medium",
     };
-    [&marching(variant), include_str!("../wgsl/sorted.wgsl"), march].join("\n")
+    variant.parts().compose(&[march])
 }
 
 /// By what shader rays are cast.
@@ -195,125 +189,153 @@ pub enum Stage {
     Compute(&'static str),
 }
 
+impl Stage {
+    fn root(self) -> &'static str {
+        match self {
+            Self::Fragment => "raycast_fragment",
+            Self::Compute(_) => "raycast_compute",
+        }
+    }
+
+    /// With what it writes, if it is a compute shader.
+    fn part(self, parts: Parts) -> Parts {
+        match self {
+            Self::Fragment => parts,
+            Self::Compute(format) => {
+                parts.text("texels", format!("alias Texels = texture_storage_2d<{format}, write>;"))
+            }
+        }
+    }
+}
+
 /// Pixels along the edge of a compute shader's workgroup.
 pub const WORKGROUP_PX: u32 = 8;
 
-/// What casts a ray for each pixel. With `marks`, composites and surfaces say how bricks were entered (binding 9, a
-/// [`MARK_STEPS`]th a step).
+/// What casts a ray for each pixel through one layer. With `marks`, composites and surfaces say how bricks were entered
+/// ([`bindings::MARKS`], a [`MARK_STEPS`]th a step).
 pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     let sees = match variant.gather {
-        Gather::Composite if variant.medium.surfaces != Surfaces::None => include_str!("../wgsl/sees_surfaces.wgsl"),
-        Gather::Composite => include_str!("../wgsl/sees_composite.wgsl"),
-        Gather::Project => include_str!("../wgsl/sees_project.wgsl"),
-        Gather::Average => include_str!("../wgsl/sees_average.wgsl"),
-        Gather::Isosurface => include_str!("../wgsl/sees_surface.wgsl"),
+        Gather::Composite if variant.medium.surfaces != Surfaces::None => "sees_surfaces",
+        Gather::Composite => "sees_composite",
+        Gather::Project => "sees_project",
+        Gather::Average => "sees_average",
+        Gather::Isosurface => "sees_surface",
     };
-    let (tree, macrocells) = (TREE, include_str!("../wgsl/macrocells.wgsl"));
-    let mark = match variant.gather.occludes() && marks {
-        true => include_str!("../wgsl/mark.wgsl"),
-        false => include_str!("../wgsl/mark_none.wgsl"),
+    let cast = match variant.gather {
+        _ if variant.has_samples() => "raycast_samples",
+        Gather::Isosurface => "raycast_surface",
+        _ => "raycast_medium",
     };
-    let raycast = match variant.gather {
-        _ if variant.has_samples() => include_str!("../wgsl/raycast_samples.wgsl"),
-        Gather::Isosurface => include_str!("../wgsl/raycast_surface.wgsl"),
-        _ => include_str!("../wgsl/raycast_medium.wgsl"),
-    };
-    let stage = match stage {
-        Stage::Fragment => [FULLSCREEN, include_str!("../wgsl/raycast_fragment.wgsl")].join("\n"),
-        Stage::Compute(format) => include_str!("../wgsl/raycast_compute.wgsl").replace("TEXEL_FORMAT", format),
-    };
-    let parts = [
-        &marching(variant),
-        "const ROOT: u32 = 0u;",
-        tree,
-        macrocells,
-        sees,
-        mark,
-        include_str!("../wgsl/raycast.wgsl"),
-        raycast,
-        &stage,
-    ];
-    parts.join("\n")
+    let mark = if variant.gather.occludes() && marks { "mark" } else { "mark_none" };
+    let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", mark);
+    stage.part(parts).compose(&[stage.root()])
 }
 
-/// What all marches share: the ray, its pixel's threshold, its lattice, a sample's value, and what samples add up to.
-fn marching(variant: &Variant) -> String {
-    let sample = sample(variant.is_cubic, variant.has_invalid);
-    let accumulate = match variant.gather {
-        Gather::Composite if variant.is_plain() => include_str!("../wgsl/composite.wgsl"),
-        Gather::Composite => concat!(include_str!("../wgsl/grid.wgsl"), include_str!("../wgsl/medium.wgsl")),
-        Gather::Project => include_str!("../wgsl/project.wgsl"),
-        Gather::Average => include_str!("../wgsl/average.wgsl"),
-        Gather::Isosurface => include_str!("../wgsl/surface.wgsl"),
-    };
-    let (dither, lattice) = (include_str!("../wgsl/dither.wgsl"), include_str!("../wgsl/lattice.wgsl"));
-    let limits = match variant.has_meshes {
-        true => &[HIDDEN, include_str!("../wgsl/limits.wgsl")][..],
-        false => &[include_str!("../wgsl/limits_none.wgsl")],
-    };
-    let mut parts = vec![FRAME, RAY, dither, lattice, sample, CLASSIFY];
-    parts.extend(limits);
-    parts.push(include_str!("../wgsl/jitter.wgsl"));
-    let constants = variant.medium.constants();
-    if !variant.has_samples() {
-        parts.extend([FIELD, LIGHTING]);
-    }
-    if !variant.is_plain() {
-        parts.push(&constants);
-        parts.push(SHADE);
-        parts.extend(gradient(variant.medium.gradient));
-    }
-    parts.push(accumulate);
-    if !variant.is_plain() {
-        parts.push(match variant.medium.surfaces {
-            Surfaces::None => include_str!("../wgsl/surfaces_none.wgsl"),
-            Surfaces::InFog | Surfaces::Alone => SURFACES,
-        });
-    }
-    parts.join("\n")
+/// What casts a ray for each pixel through several layers at once; otherwise as [`raycast`].
+pub fn raycast_joint(variant: &JointVariant, stage: Stage, marks: bool) -> String {
+    variant.parts(stage, marks).compose(&[stage.root()])
 }
 
-fn gradient(gradient: Gradient) -> &'static [&'static str] {
-    const NEIGHBOUR: &str = include_str!("../wgsl/neighbour.wgsl");
-    match gradient {
-        Gradient::Central => &[NEIGHBOUR, include_str!("../wgsl/gradient_central.wgsl")],
-        Gradient::Sobel => &[NEIGHBOUR, include_str!("../wgsl/gradient_sobel.wgsl")],
-        Gradient::Stored => &[include_str!("../wgsl/gradient_stored.wgsl")],
+impl Variant {
+    /// What all marches share: the layer's context, and what its samples add up to.
+    fn parts(&self) -> Parts {
+        let pixel = match self.gather {
+            Gather::Composite if self.is_plain() => "composite",
+            Gather::Composite => "through",
+            Gather::Project => "project",
+            Gather::Average => "average",
+            Gather::Isosurface => "surface",
+        };
+        let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
+        Parts::new()
+            .text("context", context(self.has_invalid, self.is_cubic) + &self.medium.constants())
+            .text("atlas", joint::atlases(&[self.has_invalid], self.is_cubic))
+            .file("world", if self.is_placed { "axes" } else { "axes_own" })
+            .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
+            .file("gradient", self.medium.gradient.file())
+            .file("pixel", pixel)
+            .file("take", take)
     }
 }
 
+/// The context of a layer that is alone.
+fn context(has_invalid: bool, is_cubic: bool) -> String {
+    let firsts: String = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT", "MARK"]
+        .map(|what| format!("const FIRST_{what}: u32 = 0u;\n"))
+        .concat();
+    format!(
+        "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
+         const MARGIN: f32 = {:?};\n",
+        margin(is_cubic)
+    )
+}
+
+/// Texels between a sample and the edge of what it may touch.
+fn margin(is_cubic: bool) -> f32 {
+    if is_cubic { 1.5 } else { 0.5 }
+}
+
+impl Gradient {
+    fn file(self) -> &'static str {
+        match self {
+            Self::Central => "gradient_central",
+            Self::Sobel => "gradient_sobel",
+            Self::Stored => "gradient_stored",
+        }
+    }
+}
+
+/// The file with what samples an atlas.
 fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
     match (is_cubic, has_invalid) {
-        (false, false) => include_str!("../wgsl/sample.wgsl"),
-        (false, true) => include_str!("../wgsl/sample_valid.wgsl"),
-        (true, false) => include_str!("../wgsl/sample_cubic.wgsl"),
-        (true, true) => include_str!("../wgsl/sample_cubic_valid.wgsl"),
+        (false, false) => "sample",
+        (false, true) => "sample_valid",
+        (true, false) => "sample_cubic",
+        (true, true) => "sample_cubic_valid",
     }
 }
 
-/// The pass from the gathered picture to display colours, or to those of a slab between meshes: entry points `fullscreen` and
-/// `resolve`.
-pub fn resolve(gather: Gather, has_meshes: bool) -> String {
-    let seen = match gather {
-        Gather::Composite | Gather::Isosurface => RESOLVE_COMPOSITE,
-        Gather::Project => include_str!("../wgsl/resolve_project.wgsl"),
-        Gather::Average => include_str!("../wgsl/resolve_average.wgsl"),
-    };
-    let resolve = if has_meshes { include_str!("../wgsl/resolve_slab.wgsl") } else { RESOLVE_PICTURE };
-    [FRAME, CLASSIFY, FULLSCREEN, seen, resolve].join("\n")
+/// What a resolving pass makes its colours of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Seen {
+    /// Of what has been gathered.
+    Gathered(Gather),
+    /// Of what has been composed of all slabs.
+    Slabs,
+    /// Of projections of several layers, joined.
+    Joined,
 }
 
-const RESOLVE_COMPOSITE: &str = include_str!("../wgsl/resolve_composite.wgsl");
-const RESOLVE_PICTURE: &str = include_str!("../wgsl/resolve_picture.wgsl");
+/// What a resolving pass draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Shown {
+    /// Display colours.
+    Picture,
+    /// Colours of a slab between meshes.
+    Slab,
+    /// A layer's part of the sums of joined projections: two targets.
+    Sums,
+}
 
-/// The pass from all slabs to display colours: entry points `fullscreen` and `resolve`.
-pub fn show_slabs() -> String {
-    [FRAME, FULLSCREEN, RESOLVE_COMPOSITE, RESOLVE_PICTURE].join("\n")
+/// A resolving pass: entry points `fullscreen` and `resolve`.
+pub fn resolve(seen: Seen, shown: Shown) -> String {
+    let seen = match seen {
+        Seen::Gathered(Gather::Composite | Gather::Isosurface) | Seen::Slabs => "resolve_composite",
+        Seen::Gathered(Gather::Project) => "resolve_project",
+        Seen::Gathered(Gather::Average) => "resolve_average",
+        Seen::Joined => "resolve_joined",
+    };
+    let resolve = match shown {
+        Shown::Picture => "resolve_picture",
+        Shown::Slab => "resolve_slab",
+        Shown::Sums => "resolve_join",
+    };
+    Parts::new().text("context", context(false, false)).file("seen", seen).compose(&[resolve])
 }
 
 /// The pass that finds the next layer of meshes: entry points `corner` and `peel`.
 pub fn peel() -> String {
-    [FRAME, RAY, LIGHTING, HIDDEN, include_str!("../wgsl/peel.wgsl")].join("\n")
+    Parts::new().text("context", context(false, false)).compose(&["peel"])
 }
 
 #[cfg(test)]
@@ -357,22 +379,130 @@ mod tests {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
                 for (has_invalid, is_cubic) in [(false, false), (true, false), (false, true), (true, true)] {
-                    let variant = Variant { gather, has_invalid, is_cubic, medium, has_meshes: is_cubic };
+                    let has_meshes = is_cubic;
+                    let variant = Variant { gather, has_invalid, is_cubic, medium, has_meshes, is_placed: has_invalid };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
                     all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
                 }
+                if gather == Gather::Composite {
+                    all.extend(joint(medium));
+                }
             }
             let medium = Medium::PLAIN;
-            let plain = Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false };
+            let plain =
+                Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false, is_placed: false };
             all.push((format!("raycast {gather:?} without marks"), raycast(&plain, Stage::Fragment, false)));
-            for has_meshes in [false, true] {
-                all.push((format!("resolve {gather:?}, {has_meshes}"), resolve(gather, has_meshes)));
+            for shown in [Shown::Picture, Shown::Slab, Shown::Sums] {
+                all.push((format!("resolve {gather:?}, {shown:?}"), resolve(Seen::Gathered(gather), shown)));
             }
         }
+        all.extend(joint_expressions());
         all.push(("peel".to_string(), peel()));
-        all.push(("show slabs".to_string(), show_slabs()));
+        for (seen, shown) in
+            [(Seen::Slabs, Shown::Picture), (Seen::Joined, Shown::Picture), (Seen::Joined, Shown::Slab)]
+        {
+            all.push((format!("show {seen:?}, {shown:?}"), resolve(seen, shown)));
+        }
         all
+    }
+
+    fn layer_shader(i: u32, has_surfaces: bool) -> LayerShader {
+        let at = 768 * i;
+        LayerShader {
+            has_invalid: i % 2 == 1,
+            adds: i / 2 % 2 == 1,
+            has_surfaces,
+            has_grid: i % 3 == 1,
+            first: FirstPlaces { node: at, brick: at, range: at, place: at, count: at, mark: at },
+            values: [0f32.to_bits(), 255f32.to_bits()],
+        }
+    }
+
+    /// One to three layers of which all media are such.
+    fn joint(medium: Medium) -> Vec<(String, String)> {
+        let mut all = Vec::new();
+        for (count, is_cubic) in [(1, true), (3, false)] {
+            let layers = (0..count).map(|i| layer_shader(i, medium.surfaces != Surfaces::None && i != 1)).collect();
+            let variant = JointVariant { medium, is_cubic, has_meshes: is_cubic, layers, expression: None };
+            let stage = if is_cubic { COMPUTE } else { Stage::Fragment };
+            let name = if is_cubic { "raycast compute joint" } else { "raycast joint" };
+            all.push((format!("{name} {count} {medium:?}"), raycast_joint(&variant, stage, !is_cubic)));
+        }
+        all
+    }
+
+    /// As many layers as there can be, and expressions over some.
+    fn joint_expressions() -> Vec<(String, String)> {
+        let of = |count: u32, expression| {
+            let medium = match expression {
+                None => Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN },
+                Some(_) => Medium::PLAIN,
+            };
+            let layers = (0..count).map(|i| layer_shader(i, expression.is_none())).collect();
+            let variant = JointVariant { medium, is_cubic: false, has_meshes: false, layers, expression };
+            (format!("raycast joint, {count} layers"), raycast_joint(&variant, Stage::Fragment, true))
+        };
+        let expression = |count: u32| ExpressionShader {
+            wgsl: brickyard_volume::Expression::parse("sqrt(a * 2)", 1).unwrap().wgsl(count as usize),
+            first_place: 7,
+            last_place: 65535,
+            values: [(-1e-7f32).to_bits(), 1e20f32.to_bits()],
+        };
+        let most = brickyard_volume::MAX_VOLUMES as u32;
+        vec![of(most, None), of(1, Some(expression(1))), of(most, Some(expression(most)))]
+    }
+
+    #[test]
+    fn all_atlases_come_before_all_gradients() {
+        assert_eq!(bindings::FIRST_GRADIENTS, bindings::FIRST_ATLAS + brickyard_volume::MAX_VOLUMES as u32);
+    }
+
+    /// In the company of some variant, with nothing but what it imports.
+    #[test]
+    fn every_file_is_valid_by_itself() {
+        use naga::valid::{Capabilities, ValidationFlags, Validator};
+        let of = |gather, medium| Variant {
+            gather,
+            has_invalid: false,
+            is_cubic: false,
+            medium,
+            has_meshes: false,
+            is_placed: false,
+        };
+        let lit = Medium { light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+        let single = [
+            (of(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
+            (of(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
+            (of(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
+            (of(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
+        ];
+        let mut companies: Vec<Parts> = Vec::new();
+        for (variant, sees, cast) in single {
+            let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", "mark");
+            companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));
+        }
+        let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
+        let joint = JointVariant { medium: lit, is_cubic: false, has_meshes: false, layers, expression: None };
+        companies.push(joint.parts(COMPUTE, true));
+        let expression = ExpressionShader {
+            wgsl: brickyard_volume::Expression::parse("a", 1).unwrap().wgsl(2),
+            first_place: 0,
+            last_place: 1,
+            values: [0, 0],
+        };
+        let joint = JointVariant { medium: Medium::PLAIN, expression: Some(expression), ..joint };
+        companies.push(joint.parts(COMPUTE, true));
+        for (name, _) in compose::FILES {
+            let check = |parts: &Parts| -> Result<(), String> {
+                let source = parts.gather(&[name])?;
+                let module = naga::front::wgsl::parse_str(&source).map_err(|e| e.emit_to_string(&source))?;
+                let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+                validator.validate(&module).map_err(|e| e.emit_to_string(&source)).map(|_| ())
+            };
+            let problems: Vec<_> = companies.iter().filter_map(|parts| check(parts).err()).collect();
+            assert!(problems.len() < companies.len(), "{name}: {problems:#?}");
+        }
     }
 
     fn parse(name: &str, source: &str) -> Module {
@@ -431,9 +561,11 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step spare grid thresholds
-                surfaces light_places axes slopes zone_starts planes);
+                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
+                opacity reach flat_depth grid thresholds
+                surfaces light_places axes slopes zone_starts planes spare);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
+            assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
             if name.starts_with("sorted") {
                 let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
                     texel_offset spare_2);
@@ -454,8 +586,14 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let variant =
-            |gather, medium| Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false };
+        let variant = |gather, medium| Variant {
+            gather,
+            has_invalid: false,
+            is_cubic: false,
+            medium,
+            has_meshes: false,
+            is_placed: false,
+        };
         let surface = variant(Gather::Isosurface, Medium::PLAIN);
         let lit = variant(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
         let foggy = variant(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
@@ -463,7 +601,7 @@ mod tests {
         let expected = [
             ("BLUE_EDGE", naga::Literal::U32(jitter::BLUE_EDGE as u32)),
             ("JITTER_STEPS", naga::Literal::U32(jitter::STEPS)),
-            ("PARTS", naga::Literal::U32(surface::PARTS as u32)),
+            ("SEARCH_PARTS", naga::Literal::U32(surface::PARTS as u32)),
             ("ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
             ("AMBIENT", single(lighting::AMBIENT)),
             ("DIFFUSE", single(lighting::DIFFUSE)),

@@ -15,6 +15,11 @@ fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     return Pixel(pixel.sum + value * length, pixel.length + length);
 }
 
+// Nothing hides anything.
+fn light_left(pixel: Pixel) -> f32 {
+    return 1.0;
+}
+
 fn is_final(pixel: Pixel) -> bool {
     return false;
 }

@@ -2,7 +2,8 @@
 // one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Behind the last place are running
 // integrals: for each code, of three channels and of depth, the low and the high word. Behind those is the mask of jitter, and behind
 // all are entries over values and gradients: colour likewise, and opacity.
-@group(0) @binding(4) var<storage, read> table: array<vec2u>;
+//!import bindings context frame
+@group(0) @binding(TABLE) var<storage, read> table: array<vec2u>;
 
 struct Medium {
     // Straight.
@@ -16,7 +17,10 @@ fn classify(value: f32) -> Medium {
 }
 
 fn medium_at(index: u32) -> Medium {
-    let place = table[index];
+    return medium_of(table[FIRST_PLACE + index]);
+}
+
+fn medium_of(place: vec2u) -> Medium {
     return Medium(color_of(place.x), bitcast<f32>(place.y));
 }
 

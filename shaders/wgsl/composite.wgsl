@@ -1,5 +1,6 @@
 // Direct volume rendering: emission and absorption, front to back; premultiplied.
 // A ray begins where it enters the volume.
+//!import classify frame
 const FIRST_SHARE: f32 = 0.0;
 
 struct Pixel {
@@ -16,6 +17,10 @@ fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     let left = exp2(-medium.depth * length * frame.per_unit_distance);
     let weight = pixel.transmittance * (1.0 - left);
     return Pixel(pixel.color + weight * medium.color, pixel.transmittance * left);
+}
+
+fn light_left(pixel: Pixel) -> f32 {
+    return pixel.transmittance;
 }
 
 // Whatever lies behind adds less than a sixteenth of an 8-bit code.

@@ -1,5 +1,6 @@
 // The field of a brick along a ray, for what looks at segments from end to end.
 // A ray's way through a brick in the atlas: texel = origin + along * t.
+//!import atlas frame ray
 struct Field {
     origin: vec3f,
     along: vec3f,
@@ -23,6 +24,11 @@ fn field_about(point: vec3f, scale: vec3f, offset: vec3f, ray: Ray) -> Field {
 // Negative where there is no value.
 fn value_at(field: Field, t: f32) -> f32 {
     return sample_atlas(field.origin + field.along * t);
+}
+
+// The same at the next place that the brick has.
+fn inside(field: Field, t: f32) -> f32 {
+    return value_at(field, clamp(t, field.reach.x, field.reach.y));
 }
 
 // World length over which the ray moves a voxel along the axis along which it is fastest.

@@ -1,4 +1,5 @@
 // What is the same for all of a frame. Twin of `FrameUniform` in layout.rs, where each field's unit is given.
+//!import bindings context
 struct Frame {
     eye: vec3f,
     step: f32,
@@ -43,7 +44,11 @@ struct Frame {
     grid_at: u32,
     first_row: u32,
     adaptive_step: f32,
-    spare: vec2u,
+    // Of projections: what adds is 1, what mixes 0; opacity, and the depth of a medium of that opacity.
+    adds: f32,
+    opacity: f32,
+    reach: vec3f,
+    flat_depth: f32,
     grid: vec4f,
     // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
     thresholds: array<vec4f, 2>,
@@ -54,8 +59,12 @@ struct Frame {
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 12>,
+    spare: array<vec4f, 7>,
 }
 
-// Read once, by each entry point: in a loop, lavapipe reads storage anew each round, lane by lane, which made frames take 1.3
+// Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.
+@group(0) @binding(FRAMES) var<storage, read> frames: array<Frame, LAYERS>;
+
+// The layer's. Read once, by each entry point: in a loop, lavapipe reads storage anew each round, lane by lane, which made frames take 1.3
 // times as long.
 var<private> frame: Frame;

@@ -1,5 +1,5 @@
 // Differences of values across two voxels along each axis, as they are stored. Twin of the volume crate's `gradients`.
-@group(0) @binding(10) var gradients: texture_3d<f32>;
+//!import atlas field
 const GRADIENT_SCALE: f32 = 256.0;
 
 fn differences(field: Field, t: f32, middle: f32) -> vec3f {
@@ -8,6 +8,5 @@ fn differences(field: Field, t: f32, middle: f32) -> vec3f {
     // Two texels of the slot to a node.
     let node = 0.5 * (texel - slot * frame.slot_edge - frame.first_gradient) + 0.5;
     let inside = clamp(node, vec3f(0.5), vec3f(frame.gradient_edge - 0.5));
-    let place = (slot * frame.gradient_edge + inside) / vec3f(textureDimensions(gradients));
-    return textureSampleLevel(gradients, atlas_sampler, place, 0.0).xyz / GRADIENT_SCALE;
+    return sample_gradients(slot * frame.gradient_edge + inside) / GRADIENT_SCALE;
 }

@@ -1,12 +1,13 @@
 // The transfer table of values and gradient magnitudes, looked up bilinearly. The rule is written down beside its CPU twin, the volume
 // crate's `TransferGrid`.
+//!import classify frame
 const GRID_COLUMNS: u32 = 256u;
 // As in the table of values: opaque, and finite.
 const OPAQUE: f32 = 1e30;
 
 // An entry's straight colour and opacity.
 fn grid_entry(index: u32) -> vec4f {
-    let place = table[index];
+    let place = table[FIRST_PLACE + index];
     return vec4f(color_of(place.x), bitcast<f32>(place.y));
 }
 

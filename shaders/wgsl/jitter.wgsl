@@ -1,26 +1,18 @@
-// A pixel's ray with its lattice moved, and what of it is shown. The rule is written down beside its CPU twin, the volume crate's
+// How far a pixel's lattice is moved. The rule is written down beside its CPU twin, the volume crate's
 // `jitter`.
+//!import classify frame lattice
 const WHITE: u32 = 1u;
 const BLUE: u32 = 2u;
 const BLUE_EDGE: u32 = 32u;
 const JITTER_STEPS: u32 = 256u;
 
-struct Sight {
-    ray: Ray,
-    // From where to where.
-    stretch: vec2f,
-}
-
-fn sight(position: vec2f) -> Sight {
-    let ray = pixel_ray(position);
-    let whole = shown(ray);
-    let stretch = limited(whole, position);
+// By how much less than the first segment's length, where rays enter what is shown at `whole.x`.
+fn jitter_shift(whole: vec2f, position: vec2f) -> f32 {
     if (frame.jitter == 0u) {
-        return Sight(ray, stretch);
+        return 0.0;
     }
     let share = f32(jitter_steps(vec2u(position))) / f32(JITTER_STEPS);
-    let shift = share * f32(enter_zone(tick_at(whole.x), 0u, whole).stride) * frame.step;
-    return Sight(Ray(ray.origin - ray.direction * shift, ray.direction, ray.inverse), stretch + shift);
+    return share * f32(enter_zone(tick_at(whole.x), 0u, whole).stride) * frame.step;
 }
 
 fn jitter_steps(pixel: vec2u) -> u32 {
@@ -29,7 +21,7 @@ fn jitter_steps(pixel: vec2u) -> u32 {
     }
     // Behind all else in the table's buffer: four steps to a word, two words to an entry.
     let place = (pixel.y % BLUE_EDGE) * BLUE_EDGE + pixel.x % BLUE_EDGE;
-    let words = table[frame.jitter_seed + (place >> 3u)];
+    let words = table[FIRST_PLACE + frame.jitter_seed + (place >> 3u)];
     return (select(words.x, words.y, (place & 4u) != 0u) >> ((place & 3u) * 8u)) & 255u;
 }
 

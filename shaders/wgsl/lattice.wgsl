@@ -1,5 +1,6 @@
 // The sampling lattice: ticks of `frame.step` from the eye; in zone z a segment is 2^z ticks long. The rule itself is
 // written down beside its CPU twin, the volume crate's `Lattice`.
+//!import frame
 const ZONES: u32 = 16u;
 const NEVER: u32 = 1u << 30u;
 
@@ -18,7 +19,7 @@ struct Walk {
 }
 
 fn zone_start(zone: u32) -> u32 {
-    return select(NEVER, frame_settings.zone_starts[(zone >> 2u) & 3u][zone & 3u], zone < ZONES);
+    return select(NEVER, frames[layer].zone_starts[(zone >> 2u) & 3u][zone & 3u], zone < ZONES);
 }
 
 // The segment from a tick, in the zone of that tick, which is `first_zone` or a later one; `stretch` is the ray's.

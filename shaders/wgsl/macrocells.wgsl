@@ -1,7 +1,13 @@
 // Bricks' macro-cells: boxes of 8^3 voxels of the brick's level, each with the least and greatest code (low and high half
 // of a word) that a sample in it can have. Written when a brick is uploaded; what they mean is asked ray by ray.
+//!import bindings context frame ray
 const CELL_EDGE: f32 = 8.0;
-@group(0) @binding(7) var<storage, read> ranges: array<u32>;
+@group(0) @binding(RANGES) var<storage, read> ranges: array<u32>;
+
+// What a macro-cell of a brick can have.
+fn cell_range(first: u32, cell: u32) -> u32 {
+    return ranges[FIRST_RANGE + first + cell];
+}
 
 // A ray's way from macro-cell to macro-cell of a brick (Amanatides and Woo, A Fast Voxel Traversal Algorithm, 1987).
 struct CellWalk {

@@ -1,7 +1,8 @@
 // Adds up the segments of a cell, each looked at from end to end.
+//!import field lattice medium sight sorted take
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
-    frame = frame_settings;
+    frame = frames[layer];
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;

@@ -1,7 +1,8 @@
 // Adds up the samples of a cell.
+//!import atlas lattice pixel sight sorted
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
-    frame = frame_settings;
+    frame = frames[layer];
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;

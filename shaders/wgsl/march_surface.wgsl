@@ -2,9 +2,10 @@
 //
 // Cells do not know on which side a ray comes from the one before. So each looks in its own field from as far before it as its
 // apron goes: what two cells would see each just beyond the plane where they meet, one of them sees.
+//!import field lattice sight sorted surface
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
-    frame = frame_settings;
+    frame = frames[layer];
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;

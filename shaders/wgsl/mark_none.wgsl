@@ -1,2 +1,3 @@
 // No feedback: in projections nothing hides anything.
-fn mark(brick: u32, pixel: Pixel) {}
+fn mark(number: u32, transmittance: f32) {
+}

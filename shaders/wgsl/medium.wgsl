@@ -1,9 +1,8 @@
 // Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
 // twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
 // `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
-const FIRST_SHARE: f32 = 0.0;
-
 // Values of CURVE.
+//!import classify context field gradient grid pixel shade world
 const MIDDLE: u32 = 0u;
 const LINE: u32 = 1u;
 const CUBIC: u32 = 2u;
@@ -12,25 +11,6 @@ const FIELD: u32 = 3u;
 const MOST_PARTS: u32 = 8u;
 const CLOSE_CODES: f32 = 0.015625;
 const MAX_DEPTH: f32 = 4096.0;
-
-struct Pixel {
-    color: vec3f,
-    transmittance: f32,
-    // How many surfaces the ray is past; negative where that is not known.
-    rank: i32,
-}
-
-fn pixel_start() -> Pixel {
-    return Pixel(vec3f(0.0), 1.0, -1);
-}
-
-fn is_final(pixel: Pixel) -> bool {
-    return pixel.transmittance < 1.0 / 4096.0;
-}
-
-fn pixel_end(pixel: Pixel) -> vec4f {
-    return vec4f(pixel.color, 1.0 - pixel.transmittance);
-}
 
 // What is known of the field about a segment: values a segment's length before it, at its ends, and after it, negative where there
 // is none; and of those gradients that were asked for (see `differences`), a bit each.
@@ -42,10 +22,6 @@ struct Known {
     g1: vec3f,
     g2: vec3f,
     g3: vec3f,
-}
-
-fn inside(field: Field, t: f32) -> f32 {
-    return value_at(field, clamp(t, field.reach.x, field.reach.y));
 }
 
 fn known_of(field: Field, start: f32, end: f32) -> Known {
@@ -84,17 +60,17 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-// A colour lit at a place of the ray, by one of LIGHTING's values.
+// A colour lit at a place of the ray, by one of the ways to light.
 fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
     let is_flat = length(differences) * frame.last_code < FLAT_CODES;
-    let gradient = differences * field.scale / frame.spacing;
-    let place = (ray.origin + ray.direction * t) * frame.spacing;
-    return lit(lighting, frame.lights, color, is_flat, gradient, ray.direction * frame.spacing, place);
+    let gradient = gradient_to_world(differences * field.scale);
+    let place = to_world(ray.origin + ray.direction * t);
+    return lit(lighting, frame.lights, color, is_flat, gradient, to_world(ray.direction), place);
 }
 
 // The running integral of one of four channels up to a code's entry, 64 bits as two words.
 fn sum_at(entry: u32, channel: u32) -> vec2u {
-    return table[u32(frame.last_place) + 1u + entry * 4u + channel];
+    return table[FIRST_PLACE + u32(frame.last_place) + 1u + entry * 4u + channel];
 }
 
 fn left_integral(left: f32) -> f32 {
@@ -137,11 +113,6 @@ fn mean_medium(one: f32, other: f32) -> Medium {
     let depth = max(sums.w, 0.0);
     let color = select(vec3f(0.0), clamp(sums.xyz / max(depth, 1e-30), vec3f(0.0), vec3f(1.0)), depth > 0.0);
     return Medium(color, depth / (high - low));
-}
-
-fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
-    let left = exp2(-medium.depth * length * frame.per_unit_distance);
-    return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left, pixel.rank);
 }
 
 // What is seen of what may be, at a value and its differences, lit if it is to be.

@@ -2,6 +2,7 @@
 //
 // Distances are not what the rasteriser interpolates: each fragment meets its pixel's ray with its triangle's plane, so that a layer
 // is where the ray's samples say, and the same number whenever it is computed.
+//!import bindings frame hidden lighting ray
 const PLAIN_COLOR: f32 = 0.8;
 const HAS_COLOR: u32 = 1u;
 const HAS_COLORS: u32 = 2u;
@@ -24,12 +25,12 @@ struct MeshLook {
     spare: array<u32, 3>,
 }
 
-@group(0) @binding(1) var<storage, read> vertices: array<MeshVertex>;
-@group(0) @binding(2) var<storage, read> corners: array<u32>;
-@group(0) @binding(3) var<storage, read> looks: array<MeshLook>;
-@group(1) @binding(0) var near_layer: texture_depth_2d;
-@group(1) @binding(1) var near_number: texture_2d<u32>;
-@group(1) @binding(2) var front: texture_2d<f32>;
+@group(0) @binding(VERTICES) var<storage, read> vertices: array<MeshVertex>;
+@group(0) @binding(CORNERS) var<storage, read> corners: array<u32>;
+@group(0) @binding(LOOKS) var<storage, read> looks: array<MeshLook>;
+@group(1) @binding(NEAR_LAYER) var near_layer: texture_depth_2d;
+@group(1) @binding(NEAR_NUMBER) var near_number: texture_2d<u32>;
+@group(1) @binding(FRONT) var front: texture_2d<f32>;
 
 struct Corner {
     @builtin(position) position: vec4f,
@@ -39,7 +40,7 @@ struct Corner {
 
 @vertex
 fn corner(@builtin(vertex_index) i: u32, @builtin(instance_index) look: u32) -> Corner {
-    frame = frame_settings;
+    frame = frames[layer];
     let from_eye = vertices[corners[i]].place / frame.spacing - frame.eye;
     let x = dot(from_eye, frame.clip_x);
     let y = dot(from_eye, frame.clip_y);
@@ -59,7 +60,7 @@ struct Layer {
 
 @fragment
 fn peel(in: Corner) -> Layer {
-    frame = frame_settings;
+    frame = frames[layer];
     let pixel = vec2i(in.position.xy);
     let ray = pixel_ray(in.position.xy);
     let origin = ray.origin * frame.spacing;

@@ -2,6 +2,7 @@
 // the maximum of 1 - value (`frame.invert` 1), so both blend by max over a target cleared to zero.
 // A ray takes its far half first: from the middle of things an extreme is soon found, and what is around them leapt over, before
 // and behind.
+//!import frame
 const FIRST_SHARE: f32 = 0.5;
 
 struct Pixel {
@@ -15,6 +16,11 @@ fn pixel_start() -> Pixel {
 
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     return Pixel(max(pixel.value, abs(frame.invert - value)), 1.0);
+}
+
+// Nothing hides anything.
+fn light_left(pixel: Pixel) -> f32 {
+    return 1.0;
 }
 
 // Nothing passes the end of the scale.

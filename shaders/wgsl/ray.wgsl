@@ -1,5 +1,6 @@
 // The ray of a pixel, in voxel space, with t in world units: `origin + t * direction`. It depends on nothing but the
 // pixel's coordinates, so that every cell's fragment at a pixel sees bit for bit the same ray.
+//!import frame
 struct Ray {
     origin: vec3f,
     direction: vec3f,
@@ -50,7 +51,7 @@ fn shown(ray: Ray) -> vec2f {
     var stretch = vec2f(max(boxed.x, 0.0), boxed.y);
     for (var i = 0u; i < frame.plane_count; i++) {
         // Not of the private copy: what is indexed would stay in memory.
-        let plane = frame_settings.planes[i];
+        let plane = frames[layer].planes[i];
         let height = dot(plane.xyz, ray.origin - frame.eye) + plane.w;
         let rise = dot(plane.xyz, ray.direction);
         // Along the plane it is passed at a distance too great to matter, ahead or behind: all or nothing is shown.

@@ -1,10 +1,11 @@
 // Rays by compute shader: workgroups of 8 x 8 pixels, side by side in some rows of the picture. Eight invocations that follow each other
 // are 4 x 2 pixels, and 32 are 8 x 4: rays that run together should stay together.
-@group(2) @binding(0) var texels: texture_storage_2d<TEXEL_FORMAT, write>;
+//!import bindings cast frame texels
+@group(2) @binding(TEXELS) var texels: Texels;
 
 @compute @workgroup_size(64)
 fn raycast(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) index: u32) {
-    frame = frame_settings;
+    frame = frames[layer];
     let x = (index & 3u) | ((index >> 1u) & 4u);
     let y = ((index >> 2u) & 1u) | ((index >> 3u) & 6u);
     let pixel = 8u * group.xy + vec2u(x, frame.first_row + y);

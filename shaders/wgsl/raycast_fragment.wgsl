@@ -1,6 +1,7 @@
 // Rays by fragment shader, of one triangle over the picture.
+//!import cast frame fullscreen
 @fragment
 fn raycast(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    frame = frame_settings;
+    frame = frames[layer];
     return cast_ray(position.xy);
 }

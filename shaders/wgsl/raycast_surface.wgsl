@@ -1,5 +1,6 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, and the side that the ray is
 // on goes with it from brick to brick, also over what is leapt over.
+//!import bricks dither field lattice macrocells feedback runs sees sight surface tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);
     let ray = seen.ray;
@@ -21,8 +22,8 @@ fn cast_ray(position: vec2f) -> vec4f {
         var is_brick_seen = place.number != 0u;
         if (is_brick_seen) {
             let number = brick_number(place.number, threshold);
-            mark(number, pixel);
-            brick = bricks[number];
+            mark(number, light_left(pixel));
+            brick = brick_at(number);
             is_brick_seen = sees(pixel, brick.range);
         }
         field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);

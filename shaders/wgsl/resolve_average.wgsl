@@ -1,8 +1,7 @@
 // The mean value through the table's colours; opaque where something was sampled.
-@group(0) @binding(5) var gathered: texture_2d<f32>;
-
+//!import classify gathered projected
 fn seen(position: vec2f) -> vec4f {
     let sums = textureLoad(gathered, vec2i(position), 0).xy;
     let color = classify(sums.x / max(sums.y, 1e-30)).color;
-    return select(vec4f(0.0), vec4f(color, 1.0), sums.y > 0.0);
+    return select(vec4f(0.0), projected(color), sums.y > 0.0);
 }

@@ -1,13 +1,8 @@
 // The tricubic B-spline of the 64 texels around a point of the atlas, as eight of the hardware's trilinear samples (Sigg and
 // Hadwiger, Fast Third-Order Texture Filtering, GPU Gems 2, 2005). Never negative.
-@group(0) @binding(2) var atlas: texture_3d<f32>;
-@group(0) @binding(3) var atlas_sampler: sampler;
+//!import frame sampler
 
-const HAS_INVALID: bool = false;
-// Texels between a sample and the edge of what it may touch.
-const MARGIN: f32 = 1.5;
-
-fn sample_atlas(point: vec3f) -> f32 {
+fn sample_full(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;
     let s = 1.0 - t;

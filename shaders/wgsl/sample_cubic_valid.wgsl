@@ -1,10 +1,5 @@
 // The tricubic B-spline where code 0 means invalid: invalid voxels are left out, and where they hold more than half the weight
 // there is no value (-1).
-@group(0) @binding(2) var atlas: texture_3d<f32>;
-@group(0) @binding(3) var atlas_sampler: sampler;
-
-const HAS_INVALID: bool = true;
-const MARGIN: f32 = 1.5;
 
 fn spline(t: f32) -> vec4f {
     let s = 1.0 - t;
@@ -12,7 +7,7 @@ fn spline(t: f32) -> vec4f {
 }
 
 // The weighted sum of a row of voxels along x, and what of the weight is valid.
-fn row(first: vec3i, weights: vec4f) -> vec2f {
+fn row(atlas: texture_3d<f32>, first: vec3i, weights: vec4f) -> vec2f {
     let a = textureLoad(atlas, first, 0).x;
     let b = textureLoad(atlas, first + vec3i(1, 0, 0), 0).x;
     let c = textureLoad(atlas, first + vec3i(2, 0, 0), 0).x;
@@ -22,7 +17,7 @@ fn row(first: vec3i, weights: vec4f) -> vec2f {
     return vec2f(dot(valid, values), dot(valid, vec4f(1.0)));
 }
 
-fn sample_atlas(point: vec3f) -> f32 {
+fn sample_valid(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;
     let first = vec3i(corner) - 1;
@@ -33,10 +28,10 @@ fn sample_atlas(point: vec3f) -> f32 {
     // In few rounds: lavapipe gives up on a shader whose loops go round 65,535 times in all.
     for (var k = 0; k < 4; k++) {
         let plane = first + vec3i(0, 0, k);
-        sums += z[k] * y.x * row(plane, x);
-        sums += z[k] * y.y * row(plane + vec3i(0, 1, 0), x);
-        sums += z[k] * y.z * row(plane + vec3i(0, 2, 0), x);
-        sums += z[k] * y.w * row(plane + vec3i(0, 3, 0), x);
+        sums += z[k] * y.x * row(atlas, plane, x);
+        sums += z[k] * y.y * row(atlas, plane + vec3i(0, 1, 0), x);
+        sums += z[k] * y.z * row(atlas, plane + vec3i(0, 2, 0), x);
+        sums += z[k] * y.w * row(atlas, plane + vec3i(0, 3, 0), x);
     }
     return select(-1.0, sums.x / sums.y, sums.y >= 0.5);
 }

@@ -1,12 +1,7 @@
 // The value at a point of the atlas (in texels) where code 0 means invalid: invalid corners are left out, and where they
 // hold more than half the weight there is no value (-1).
-@group(0) @binding(2) var atlas: texture_3d<f32>;
-@group(0) @binding(3) var atlas_sampler: sampler;
 
-const HAS_INVALID: bool = true;
-const MARGIN: f32 = 0.5;
-
-fn sample_atlas(point: vec3f) -> f32 {
+fn sample_valid(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;
     let base = vec3i(corner);

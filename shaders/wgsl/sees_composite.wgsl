@@ -1,9 +1,5 @@
-// Whether samples with codes in a range can have opacity. `opaque_before` counts the table's entries with opacity before
-// each code.
-@group(0) @binding(8) var<storage, read> opaque_before: array<u32>;
-
+// Whether anything of fog can be seen where codes are in a range.
+//!import opaque pixel
 fn sees(pixel: Pixel, range: u32) -> bool {
-    let low = range & 0xffffu;
-    let high = range >> 16u;
-    return low <= high && opaque_before[low] < opaque_before[high + 1u];
+    return has_codes(range) && has_opacity(range);
 }

@@ -1,4 +1,5 @@
 // Whether samples with codes in a range can pass the extreme found so far.
+//!import frame pixel
 fn sees(pixel: Pixel, range: u32) -> bool {
     let low = range & 0xffffu;
     let high = range >> 16u;

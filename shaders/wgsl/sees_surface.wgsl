@@ -1,4 +1,5 @@
 // Whether the surface can be where codes are in a range: if they are on both sides of it, or on another one than the ray.
+//!import frame pixel
 fn sees(pixel: Pixel, range: u32) -> bool {
     let low = f32(range & 0xffffu);
     let high = f32(range >> 16u);

@@ -1,4 +1,5 @@
 // Light of a place in the field. Twin of the volume crate's `Lighting`. What `LIGHTING` leaves out is no part of the compiled shader.
+//!import frame lighting
 
 // Ways to light.
 const UNLIT: u32 = 0u;
@@ -30,7 +31,7 @@ fn lit(lighting: u32, lights: u32, color: vec3f, is_flat: bool, gradient: vec3f,
     for (var i = 0u; i < max(lights, 1u); i++) {
         var to_light = -view;
         if (lights > 0u) {
-            to_light = normalize(frame_settings.light_places[i].xyz - place);
+            to_light = normalize(frames[layer].light_places[i].xyz - place);
         }
         let cosine = dot(normal, to_light);
         facing = max(facing, cosine);

@@ -2,6 +2,7 @@
 //
 // Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples whose
 // points lie in its cell's half-open box: cells share no sample and leave none out, whatever the rasteriser does at edges.
+//!import bindings dither frame world
 
 // Twin of `CellInstance` in layout.rs.
 struct Cell {
@@ -16,7 +17,7 @@ struct Cell {
     spare_2: f32,
 }
 
-@group(0) @binding(1) var<storage, read> cells: array<Cell>;
+@group(0) @binding(CELLS) var<storage, read> cells: array<Cell>;
 
 struct Proxy {
     @builtin(position) position: vec4f,
@@ -30,17 +31,20 @@ struct Proxy {
 // Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
 @vertex
 fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) -> Proxy {
-    frame = frame_settings;
+    frame = frames[layer];
     let cell = cells[instance];
-    let bits = vec3u(0x287au, 0x02afu, 0x31e3u) >> vec3u(i);
+    // Where the map to the world mirrors, the strip is mirrored back, so that back faces stay that.
+    let mirrors = dot(cross(frame.axes[0].xyz, frame.axes[1].xyz), frame.axes[2].xyz) < 0.0;
+    let bits = (vec3u(0x287au, 0x02afu, 0x31e3u) >> vec3u(i)) ^ vec3u(u32(mirrors), 0u, 0u);
     let corner = select(cell.region_min, cell.region_max, (bits & vec3u(1u)) == vec3u(1u));
 
     // Outward by an eighth of a pixel at the box's far side, so that snapping to the raster loses no pixel. The same for
     // all corners: the box stays a convex box, and a pixel gets one back face.
     let half_size = (cell.region_max - cell.region_min) * 0.5;
     let centre = cell.region_min + half_size - frame.eye;
-    let distance = length(centre * frame.spacing) + length(half_size * frame.spacing);
-    let grow = frame.pixel_share * select(distance, 1.0, frame.orthographic != 0u) / frame.spacing + frame.slack;
+    let edges = vec3f(length(frame.axes[0].xyz), length(frame.axes[1].xyz), length(frame.axes[2].xyz));
+    let distance = length(to_world(centre)) + dot(half_size, edges);
+    let grow = frame.pixel_share * select(distance, 1.0, frame.orthographic != 0u) * frame.reach + frame.slack;
     let from_eye = corner - frame.eye + select(-grow, grow, corner == cell.region_max);
 
     var out: Proxy;

@@ -1,6 +1,7 @@
 // Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
 // CPU twin, the volume crate's `surface`.
-const PARTS: u32 = 8u;
+//!import field frame lighting
+const SEARCH_PARTS: u32 = 8u;
 const ROUNDS: u32 = 2u;
 
 struct Pixel {
@@ -16,6 +17,10 @@ struct Pixel {
 
 fn pixel_start() -> Pixel {
     return Pixel(1.0, 0.0, 0.0, 0.0, 0.0);
+}
+
+fn light_left(pixel: Pixel) -> f32 {
+    return pixel.transmittance;
 }
 
 fn is_final(pixel: Pixel) -> bool {
@@ -54,9 +59,9 @@ fn locate(field: Field, pixel: Pixel) -> f32 {
     var far_value = pixel.value;
     for (var round = 0u; round < ROUNDS; round++) {
         let first = near;
-        let part = (far - near) / f32(PARTS);
+        let part = (far - near) / f32(SEARCH_PARTS);
         var is_past = false;
-        for (var k = 0u; k < PARTS; k++) {
+        for (var k = 0u; k < SEARCH_PARTS; k++) {
             let t = first + f32(k) * part;
             let value = value_at(field, t);
             let is_first_past = !is_past && side_of(value) == pixel.side;

@@ -39,15 +39,21 @@ enum Slots {
 impl Slots {
     /// Every backend and compositor there is.
     fn all(encoding: SlotEncoding) -> Result<Vec<(String, Self)>, String> {
-        let needs =
-            VolumeNeeds { encoding, edge: EDGE, levels: 1, bricks: Needs::PLAIN, least_slots: 1, most_slots: u32::MAX };
+        let needs = VolumeNeeds {
+            encoding,
+            edge: EDGE,
+            levels: 16,
+            bricks: Needs::PLAIN,
+            least_slots: 2,
+            most_slots: u32::MAX,
+        };
         let max_picture_px = PICTURE_PX.into();
         let options = SoftwareOptions { memory_bytes: MEMORY_BYTES, max_picture_px, threads: 1, leaps: true };
         let cpu = SoftwareRenderer::new(&[needs], &options);
         let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {
             let options = GpuOptions { compositor, ..Default::default() };
-            match GpuRenderer::new(&options, encoding, EDGE, Needs::PLAIN, MEMORY_BYTES, PICTURE_PX) {
+            match GpuRenderer::new(&options, &[needs], MEMORY_BYTES, PICTURE_PX) {
                 Ok(gpu) => all.push((format!("gpu, {}", compositor.name()), Self::Gpu(Box::new(gpu)))),
                 Err(GpuError::NoAdapter { .. }) => eprintln!("no graphics adapter: the GPU backend is left out"),
                 Err(error) => return Err(error.to_string()),
@@ -59,14 +65,14 @@ impl Slots {
     fn count(&self) -> u32 {
         match self {
             Self::Cpu(renderer) => renderer.slots(0),
-            Self::Gpu(renderer) => renderer.slots(),
+            Self::Gpu(renderer) => renderer.slots(0),
         }
     }
 
     fn upload(&mut self, slot: Slot, codes: &Arc<[u8]>) -> Result<(), String> {
         match self {
             Self::Cpu(renderer) => renderer.upload(0, slot, codes.clone()),
-            Self::Gpu(renderer) => renderer.upload(slot, codes).map_err(|error| error.to_string())?,
+            Self::Gpu(renderer) => renderer.upload(0, slot, codes).map_err(|error| error.to_string())?,
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
-use brickyard_render::{Compositor, GpuEnsemble, GpuError, GpuOptions, GpuPreference, GpuRenderer};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Picture, SlotEncoding};
 
@@ -89,8 +89,8 @@ impl Renderer for GpuRenderer {
         self.compositor().name()
     }
 
-    fn slots(&self, _layer: usize) -> u32 {
-        self.slots()
+    fn slots(&self, layer: usize) -> u32 {
+        self.slots(layer)
     }
 
     fn bytes(&self) -> u64 {
@@ -101,47 +101,16 @@ impl Renderer for GpuRenderer {
         self.asked_bytes()
     }
 
-    fn upload(&mut self, _layer: usize, upload: &Upload) -> Result<(), BackendError> {
-        Ok(self.upload(upload.slot, &upload.codes)?)
-    }
-
-    fn render(&mut self, layers: &[Layer<'_>], _combination: Option<&Combination>) -> Result<Picture, BackendError> {
-        let Layer { frame, pyramid, draw } = layers[0];
-        Ok(self.render(&frame.settings, pyramid, draw)?)
-    }
-
-    fn visibility(&self, _layer: usize) -> Option<&[f32]> {
-        self.visibility()
-    }
-
-    fn renew(&mut self) -> Result<(), BackendError> {
-        Ok(self.renew()?)
-    }
-
-    fn destroy_device(&self) {
-        self.destroy_device();
-    }
-}
-
-impl Renderer for GpuEnsemble {
-    fn name(&self) -> &'static str {
-        "gpu"
-    }
-
-    fn slots(&self, layer: usize) -> u32 {
-        self.slots(layer)
-    }
-
-    fn bytes(&self) -> u64 {
-        self.gpu_bytes()
-    }
-
     fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
         Ok(self.upload(layer, upload.slot, &upload.codes)?)
     }
 
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
         Ok(self.render(layers, combination)?)
+    }
+
+    fn visibility(&self, layer: usize) -> Option<&[f32]> {
+        self.visibility(layer)
     }
 
     fn renew(&mut self) -> Result<(), BackendError> {
@@ -213,12 +182,7 @@ pub(crate) fn open(
         Ok((Box::new(software(layers, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
     let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        if is_alone {
-            let (renderer, line) = gpu_alone(preference, &layers[0], options)?;
-            return Ok((Box::new(renderer), line));
-        }
-        let renderer = GpuEnsemble::new(preference, layers, options.gpu_memory_bytes, options.max_size_px)?;
-        let line = format!("gpu, {}", renderer.adapter());
+        let (renderer, line) = open_gpu(preference, layers, !is_alone, options)?;
         Ok((Box::new(renderer), line))
     };
     match options.backend {
@@ -231,13 +195,14 @@ pub(crate) fn open(
     }
 }
 
-/// The GPU renderer of one layer that stands alone, and which it is in one line.
+/// The GPU renderer of layers, with room for expressions over them or without, and which it is in one line.
 ///
 /// # Errors
 /// As [`open`].
-pub(crate) fn gpu_alone(
+pub(crate) fn open_gpu(
     preference: GpuPreference,
-    needs: &VolumeNeeds,
+    layers: &[VolumeNeeds],
+    expressions: bool,
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {
     let compositor = match options.compositor {
@@ -246,11 +211,8 @@ pub(crate) fn gpu_alone(
         CompositorChoice::Raycast => Compositor::Raycast,
         CompositorChoice::Compute => Compositor::Compute,
     };
-    let VolumeNeeds { encoding, edge, levels, bricks, most_slots: max_slots, .. } = *needs;
-    let (budget_bytes, size_px) = (options.gpu_memory_bytes, options.max_size_px);
-    let options =
-        GpuOptions { preference, compositor, levels, max_slots, leaps: options.leaps, ..GpuOptions::default() };
-    let renderer = GpuRenderer::new(&options, encoding, edge, bricks, budget_bytes, size_px)?;
+    let gpu = GpuOptions { preference, compositor, leaps: options.leaps, expressions, ..GpuOptions::default() };
+    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, options.max_size_px)?;
     let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
     Ok((renderer, line))
 }

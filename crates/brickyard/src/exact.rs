@@ -1,7 +1,7 @@
 //! Exact pictures in passes: every brick that a view wants at its own level, however few slots there are, in passes from back to front
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
-use crate::backend::{BackendChoice, BackendError, CompositorChoice, gpu_alone, layer_needs};
+use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs, open_gpu};
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
@@ -75,9 +75,9 @@ impl ExactRenderer {
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
         let needs = layer_needs(&*source, &options);
-        let (renderer, backend_line) = gpu_alone(GpuPreference::Any, &needs, &options)?;
+        let (renderer, backend_line) = open_gpu(GpuPreference::Any, &[needs], false, &options)?;
         let config = PagerConfig {
-            slots: renderer.slots(),
+            slots: renderer.slots(0),
             apron: needs.bricks.apron,
             gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
@@ -121,7 +121,7 @@ impl ExactRenderer {
                     tracing::warn!("{error}; it is started anew");
                     stats.device_losses += 1;
                     self.renderer.renew()?;
-                    self.config.slots = self.renderer.slots();
+                    self.config.slots = self.renderer.slots(0);
                 }
                 Ok(picture) => {
                     if stats.frames == 0 {

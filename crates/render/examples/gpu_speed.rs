@@ -8,7 +8,7 @@
 #[allow(dead_code, reason = "the oracle is for tests")]
 mod bricks;
 
-use bricks::Bricks;
+use bricks::{Bricks, RenderOne};
 use brickyard_pager::DrawList;
 use brickyard_volume::*;
 use glam::DVec3;
@@ -102,7 +102,7 @@ fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
     for _ in 0..FRAMES {
         for (i, renderer) in renderers.iter_mut().enumerate() {
             let start = cpu_ms();
-            pictures[i] = Some(renderer.render(&frame, &bricks.pyramid, &lists[i]).expect("a picture"));
+            pictures[i] = Some(renderer.render_one(&frame, &bricks.pyramid, &lists[i]).expect("a picture"));
             best[i] = (best[i].0.min(cpu_ms() - start), best[i].1.min(renderer.last_frame_ms()));
         }
     }

@@ -8,7 +8,7 @@ use brickyard_shaders::{CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
-use brickyard_volume::{Clip, ClipPlane, FrameSettings, Jitter, MAX_PLANES, Mode, Pyramid};
+use brickyard_volume::{Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid};
 use glam::DVec3;
 
 /// The transfer table that a frame finds in its buffer.
@@ -22,13 +22,31 @@ pub(crate) struct TableInUse {
     pub(crate) grid_at: u32,
 }
 
-/// The uniform of a frame of a volume in this atlas, whose bricks have so wide an apron.
+/// A layer's part of a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Framed<'a> {
+    pub(crate) settings: &'a FrameSettings,
+    pub(crate) pyramid: &'a Pyramid,
+    pub(crate) blend: Blend,
+    /// Of its projection.
+    pub(crate) opacity: f64,
+}
+
+impl Framed<'_> {
+    /// Whether its colours are lit.
+    pub(crate) fn is_lit(&self) -> bool {
+        self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
+    }
+}
+
+/// The uniform of a frame of a volume in this atlas, whose bricks have so wide an apron. No depth is above `most_depth`.
 pub(crate) fn frame_uniform(
-    frame: &FrameSettings,
-    pyramid: &Pyramid,
+    framed: &Framed<'_>,
     (atlas, apron): (&Atlas, u32),
     table: TableInUse,
+    most_depth: f64,
 ) -> FrameUniform {
+    let Framed { settings: frame, pyramid, blend, opacity } = *framed;
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
@@ -43,6 +61,7 @@ pub(crate) fn frame_uniform(
     let (thresholds, surfaces) = surfaces(frame);
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];
     let slopes = axes.map(|axis| frame.placement.world_gradient(axis / spacing));
+    let world = |offset: DVec3| frame.placement.volume_normal(offset) * spacing;
     let steepest = slopes.iter().map(|slope| slope.length()).fold(0.0, f64::max);
     let (jitter, jitter_seed) = match frame.sampling.jitter {
         Jitter::None => (0, 0),
@@ -58,11 +77,11 @@ pub(crate) fn frame_uniform(
         half_width: rays.right.length() as f32,
         up: single(voxels(rays.up)),
         half_height: rays.up.length() as f32,
-        clip_x: single((rays.right / rays.right.length_squared() - rays.forward * rays.shift) * spacing),
+        clip_x: single(world(rays.right / rays.right.length_squared() - rays.forward * rays.shift)),
         near: (1e-3 * frame.lattice.step) as f32,
-        clip_y: single(rays.up * spacing / rays.up.length_squared()),
+        clip_y: single(world(rays.up / rays.up.length_squared())),
         pixel_share: (rays.pixel_size(1.0) / 8.0) as f32,
-        clip_w: single(rays.forward * spacing),
+        clip_w: single(world(rays.forward)),
         per_unit_distance: 1.0 / frame.table.unit_distance,
         extent: single(extent),
         last_code: frame.encoding.format.max_code() as f32,
@@ -95,13 +114,17 @@ pub(crate) fn frame_uniform(
         grid_at: table.grid_at,
         first_row: 0,
         adaptive_step: frame.table.adaptive_step() as f32,
-        spare: [0; 2],
+        adds: (blend == Blend::Add) as u32 as f32,
+        opacity: opacity as f32,
+        reach: slopes.map(|slope| slope.length() as f32),
+        flat_depth: (-(1.0 - opacity).log2()).min(most_depth) as f32,
         grid: grid(frame),
         light_places: light_places(frame),
         axes: axes.map(|axis| frame.placement.world_vector(axis * spacing).extend(0.0).as_vec4().to_array()),
         slopes: slopes.map(|slope| (slope / steepest).extend(0.0).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
+        spare: [[0.0; 4]; 7],
     }
 }
 

@@ -1,15 +1,15 @@
 //! What both compositors share: the buffers that every march reads, and the pass that it draws into.
 
 use crate::adapter::Gpu;
-use crate::atlas::Atlas;
 use crate::error::GpuError;
+use crate::layer::{GpuLayer, Part, Parts};
 use crate::memory::TIMESTAMP_BYTES;
 use crate::pipelines::{MarchPipeline, TEXELS_GROUP};
 use crate::targets::Targets;
-use brickyard_shaders::{FrameUniform, WORKGROUP_PX};
+use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
 use wgpu::{BindingResource, BufferUsages};
 
-/// Frame, transfer table and timestamps.
+/// Frames, transfer tables and timestamps.
 #[derive(Debug)]
 pub(crate) struct SharedBuffers {
     pub(crate) frame: wgpu::Buffer,
@@ -19,60 +19,76 @@ pub(crate) struct SharedBuffers {
 }
 
 impl SharedBuffers {
-    /// Those of so many frames in one picture, and of tables of so many bytes.
-    pub(crate) fn new(gpu: &Gpu, frames: u64, table_bytes: u64) -> Result<Self, GpuError> {
+    /// Those of frames and tables of so many bytes in all.
+    pub(crate) fn new(gpu: &Gpu, frame_bytes: u64, table_bytes: u64) -> Result<Self, GpuError> {
         gpu.allocate("the transfer table", table_bytes, |device| {
             let timestamps = gpu.report.timestamps.then(|| {
                 let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
                 let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
                 (device.create_query_set(&descriptor), buffer(device, "timestamps", TIMESTAMP_BYTES, usage))
             });
-            let frame_bytes = frames * size_of::<FrameUniform>() as u64;
             let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
             Self {
-                frame: buffer(device, "frame", frame_bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST),
-                table: buffer(device, "transfer table", table_bytes, storage),
+                frame: buffer(device, "frames", frame_bytes, storage),
+                table: buffer(device, "transfer tables", table_bytes, storage),
                 timestamps,
             }
         })
     }
 
-    /// The bindings of a march: what is shared, and the compositor's own.
+    /// The bindings of a march through some layers: frames, tables and the compositor's own, and the layers' textures.
     pub(crate) fn bindings(
         &self,
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
-        atlas: &Atlas,
-        own: &[wgpu::BindGroupEntry<'_>],
+        layers: &[GpuLayer],
+        own: Vec<wgpu::BindGroupEntry<'_>>,
     ) -> wgpu::BindGroup {
         let sampler = sampler(gpu);
-        let view = atlas.texture.create_view(&Default::default());
-        let shared = [
-            entry(0, self.frame.as_entire_binding()),
-            entry(2, BindingResource::TextureView(&view)),
-            entry(3, BindingResource::Sampler(&sampler)),
-            entry(4, self.table.as_entire_binding()),
-        ];
-        let gradients = atlas.gradients.as_ref().map(|texture| texture.create_view(&Default::default()));
-        let gradients = gradients.as_ref().map(|view| entry(10, BindingResource::TextureView(view)));
-        let entries: Vec<_> = shared.iter().chain(own).chain(&gradients).cloned().collect();
+        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
+        let atlases: Vec<_> = layers.iter().map(|layer| view(&layer.atlas.texture)).collect();
+        let gradients: Vec<_> = layers.iter().filter_map(|layer| layer.atlas.gradients.as_ref().map(view)).collect();
+        let textures = (bindings::FIRST_ATLAS..).zip(&atlases).chain((bindings::FIRST_GRADIENTS..).zip(&gradients));
+        let mut entries = own;
+        entries.push(entry(bindings::ATLAS_SAMPLER, BindingResource::Sampler(&sampler)));
+        entries.extend(textures.map(|(at, view)| entry(at, BindingResource::TextureView(view))));
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 
-    /// What makes colours of what has been gathered.
+    /// What makes colours of what has been gathered of a layer.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
+        layer: &Parts,
         targets: &Targets,
     ) -> wgpu::BindGroup {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("resolve"),
             layout,
             entries: &[
-                entry(0, self.frame.as_entire_binding()),
-                entry(4, self.table.as_entire_binding()),
-                entry(5, BindingResource::TextureView(&targets.gathered)),
+                entry(bindings::FRAMES, layer.frame.of(&self.frame)),
+                entry(bindings::TABLE, layer.table.of(&self.table)),
+                entry(bindings::GATHERED, BindingResource::TextureView(&targets.gathered)),
+            ],
+        })
+    }
+
+    /// What makes colours of joined projections.
+    pub(crate) fn joined_bindings(
+        &self,
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        layer: &Parts,
+        [mixed, glow]: &[wgpu::TextureView; 2],
+    ) -> wgpu::BindGroup {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("joined"),
+            layout,
+            entries: &[
+                entry(bindings::FRAMES, layer.frame.of(&self.frame)),
+                entry(bindings::GATHERED, BindingResource::TextureView(mixed)),
+                entry(bindings::GLOW, BindingResource::TextureView(glow)),
             ],
         })
     }
@@ -127,7 +143,7 @@ pub(crate) fn draw_over_all(
 }
 
 /// How an atlas is sampled.
-pub(crate) fn sampler(gpu: &Gpu) -> wgpu::Sampler {
+fn sampler(gpu: &Gpu) -> wgpu::Sampler {
     gpu.device.create_sampler(&wgpu::SamplerDescriptor {
         label: Some("atlas"),
         mag_filter: wgpu::FilterMode::Linear,
@@ -146,15 +162,17 @@ pub(crate) struct Gathering<'a> {
     pub(crate) size_px: (u32, u32),
     /// What cuts it to a slab, where there are meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
-    /// Whether nothing of the frame has been gathered before.
+    /// Whether nothing of the picture has been gathered before.
     pub(crate) is_begin: bool,
+    /// The frame by which it is gathered, of one layer or the first of all.
+    pub(crate) frame: Part,
 }
 
 impl Gathering<'_> {
-    /// A ray for each pixel, through so many volumes, some rows of the picture per submission.
-    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &MarchPipeline, bindings: &wgpu::BindGroup, volumes: u32) {
+    /// A ray for each pixel, through so many layers, some rows of the picture per submission.
+    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &MarchPipeline, bindings: &wgpu::BindGroup, layers: u32) {
         let (width, height) = self.size_px;
-        let most = (PIXELS_PER_SUBMISSION / volumes / width).max(1);
+        let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
         let rows = match pipeline {
             MarchPipeline::Fragment(_) => most,
             // Whole workgroups.
@@ -180,12 +198,12 @@ impl Gathering<'_> {
         bindings: &wgpu::BindGroup,
         (top, rows): (u32, u32),
     ) {
-        let at = std::mem::offset_of!(FrameUniform, first_row) as u64;
+        let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_row) as u64;
         gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&top));
         let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("texels"),
             layout: &pipeline.get_bind_group_layout(TEXELS_GROUP),
-            entries: &[entry(0, BindingResource::TextureView(self.target))],
+            entries: &[entry(bindings::TEXELS, BindingResource::TextureView(self.target))],
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {

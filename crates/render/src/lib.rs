@@ -1,4 +1,4 @@
-//! The wgpu renderer: an atlas of brick slots, uploads into it, the `sorted` and `raycast` compositors, and the picture read back.
+//! The wgpu renderer: atlases of brick slots for layers, uploads into them, the `sorted` and `raycast` compositors, and the picture read back.
 //! Headless.
 //!
 //! ```text
@@ -6,17 +6,18 @@
 //! draw list, settings --------> march -> resolve -> read-back -> Picture
 //! ```
 //! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
-//! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`.
-//! Several volumes have a renderer of their own, [`GpuEnsemble`], of the same parts.
+//! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`. What of several layers is
+//! gathered one by one, and what together, is said in `course`.
 //! One [`GpuRenderer`] is used from one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
 mod atlas;
 mod compositor;
-mod ensemble;
+mod course;
 mod error;
 mod frame;
 mod gathering;
+mod layer;
 mod memory;
 mod meshes;
 mod passes;
@@ -32,7 +33,6 @@ mod upload;
 pub use adapter::{AdapterReport, GpuFormats, GpuPreference, adapters};
 pub use atlas::AtlasPlan;
 pub use compositor::Compositor;
-pub use ensemble::GpuEnsemble;
 pub use error::GpuError;
 pub use passes::Passes;
 pub use renderer::{GpuOptions, GpuRenderer};

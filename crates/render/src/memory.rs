@@ -4,10 +4,11 @@
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
-use crate::table::Room;
+use crate::table::{COMBINED, Room};
 use crate::upload::{MAX_BATCH, staging_bytes};
-use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex};
-use brickyard_volume::{GradientNodes, MeshRoom, SlotFormat};
+use brickyard_pager::{VolumeNeeds, Wish, share};
+use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex, RayBrick};
+use brickyard_volume::{MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Cells drawn per submission: longer draw lists take several. Short enough that no watchdog sees one as a hang.
@@ -18,13 +19,22 @@ pub(crate) const TIMESTAMP_BYTES: u64 = 16;
 pub(crate) const MIN_SLOTS: u32 = 2;
 
 /// How a budget is spent.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
-    pub(crate) atlas: AtlasPlan,
-    /// Bricks per upload submission.
+    /// Layer by layer.
+    pub(crate) layers: Vec<LayerPlan>,
+    /// Bricks of each layer per upload submission.
     pub(crate) batch: u64,
     /// Everything that does not depend on the number of slots.
     pub(crate) fixed_bytes: u64,
+}
+
+/// What a layer gets of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LayerPlan {
+    pub(crate) atlas: AtlasPlan,
+    /// Where rays are cast.
+    pub(crate) raycast: Option<RaycastPlan>,
     /// What the compositor keeps beside each slot.
     pub(crate) beside_bytes: u64,
 }
@@ -72,23 +82,36 @@ impl RaycastPlan {
 
 /// What a plan is made for.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MemoryNeeds {
+pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
-    /// What tables there is room for.
-    pub(crate) tables: Room,
-    pub(crate) slot_edge: u32,
-    /// Stored with each brick.
-    pub(crate) gradients: GradientNodes,
+    pub(crate) layers: &'a [VolumeNeeds],
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
-    pub(crate) max_slots: u32,
     /// The greatest buffer that a shader can see.
     pub(crate) max_binding_bytes: u64,
-    /// Where the compositor is `raycast`.
-    pub(crate) raycast: Option<RaycastPlan>,
-    /// The meshes that pictures may have.
-    pub(crate) meshes: MeshRoom,
+    /// Where the compositor casts rays, whether they leap.
+    pub(crate) casts_rays: Option<bool>,
+    /// Whether there is room for what expressions show.
+    pub(crate) has_expressions: bool,
+}
+
+/// Bytes of one layer's parts of shared buffers that lie between it and the next: parts begin where any device can bind them.
+const GAP_BYTES: u64 = 16 * PART_BYTES;
+
+/// Parts of shared buffers begin at multiples of this: of 256, and of a brick's size.
+pub(crate) const PART_BYTES: u64 = 256 * size_of::<RayBrick>() as u64 / 16;
+
+/// What a layer asks of a plan.
+struct Ask {
+    slot_edge: u32,
+    slot_bytes: u64,
+    beside_bytes: u64,
+    staging_bytes: u64,
+    fixed_bytes: u64,
+    most: u64,
+    least: u64,
+    raycast: Option<RaycastPlan>,
 }
 
 /// Bytes of a row of the read-back buffer.
@@ -104,11 +127,12 @@ pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
     }
 }
 
-/// Bytes of a picture's targets, and of the way back.
-pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32)) -> u64 {
+/// Bytes of a picture's targets, and of the way back. Projections of several layers are joined in two sums.
+pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32), is_joined: bool) -> u64 {
     let pixels = width_px as u64 * height_px as u64;
     let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
-    pixels * (gather + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES
+    let sums = if is_joined { 2 * target_bytes(formats.composite) } else { 0 };
+    pixels * (gather + sums + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES
 }
 
 /// Colours of a layer: finer than those of a picture.
@@ -141,104 +165,162 @@ pub(crate) fn largest_mesh_bytes(room: MeshRoom) -> u64 {
     geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
-impl MemoryPlan {
-    pub(crate) fn new(needs: &MemoryNeeds) -> Result<Self, GpuError> {
-        let (width_px, height_px) = needs.max_size_px;
-        let pixels = width_px as u64 * height_px as u64;
-        let picture = picture_bytes(&needs.formats, needs.max_size_px);
-        let table = needs.tables.bytes_staged();
-        let (compositor, beside_bytes, most) = match needs.raycast {
-            None => ((CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64, 0, u64::MAX),
-            Some(plan) => (plan.fixed_bytes(), plan.bytes_per_slot(), plan.max_slots(needs.max_binding_bytes)),
+impl MemoryNeeds<'_> {
+    fn ask(&self, layer: &VolumeNeeds) -> Ask {
+        let (codes, gradients) = (layer.encoding.format, layer.bricks.gradients(layer.edge));
+        let (slot_edge, format) = (layer.edge + 2 * layer.bricks.apron, self.formats.atlas(codes));
+        let leaps = self.casts_rays;
+        let raycast = leaps.map(|leaps| RaycastPlan::new(layer.edge, layer.levels, codes, leaps));
+        let limit = self.max_binding_bytes / self.layers.len() as u64;
+        let bindable = raycast.map_or(u64::MAX, |plan| plan.max_slots(limit));
+        // One layer can be drawn in passes, with as few slots as there are.
+        let least = if self.layers.len() == 1 { MIN_SLOTS } else { layer.least_slots.max(MIN_SLOTS) };
+        let tables = Room::new(codes, &layer.bricks).bytes_staged();
+        Ask {
+            slot_edge,
+            slot_bytes: slot_bytes(slot_edge, format, gradients),
+            beside_bytes: raycast.map_or(0, |plan| plan.bytes_per_slot()),
+            staging_bytes: staging_bytes(slot_edge, format, gradients) + raycast.map_or(0, |plan| plan.ranges_bytes(1)),
+            fixed_bytes: tables
+                + raycast.map_or(0, |plan| plan.fixed_bytes())
+                + GAP_BYTES
+                + size_of::<FrameUniform>() as u64,
+            most: bindable.min(layer.most_slots as u64),
+            least: least.min(layer.most_slots) as u64,
+            raycast,
+        }
+    }
+
+    /// Everything that depends neither on slots nor on batches.
+    fn small_bytes(&self, asks: &[Ask]) -> Result<u64, GpuError> {
+        let (width_px, height_px) = self.max_size_px;
+        let room = self.layers[0].bricks.meshes;
+        let largest = largest_mesh_bytes(room);
+        if largest > self.max_binding_bytes {
+            return Err(GpuError::Meshes { bytes: largest, limit_bytes: self.max_binding_bytes });
+        }
+        let compositor = match self.casts_rays {
+            None => (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64,
+            Some(_) if self.has_expressions => Room::of_places(COMBINED).bytes_staged(),
+            Some(_) => 0,
         };
-        let format = needs.formats.atlas(needs.tables.codes);
-        let staging = staging_bytes(needs.slot_edge, format, needs.gradients)
-            + needs.raycast.map_or(0, |plan| plan.ranges_bytes(1));
+        Ok(picture_bytes(&self.formats, self.max_size_px, asks.len() > 1)
+            + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
+            + compositor
+            + size_of::<FrameUniform>() as u64
+            + asks.iter().map(|ask| ask.fixed_bytes).sum::<u64>())
+    }
+}
+
+impl MemoryPlan {
+    pub(crate) fn new(needs: &MemoryNeeds<'_>) -> Result<Self, GpuError> {
+        let asks: Vec<Ask> = needs.layers.iter().map(|layer| needs.ask(layer)).collect();
+        let small = needs.small_bytes(&asks)?;
+        let staging: u64 = asks.iter().map(|ask| ask.staging_bytes).sum();
         // Two batches are under way at once; together at most an eighth of the budget.
         let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
-        let largest = largest_mesh_bytes(needs.meshes);
-        if largest > needs.max_binding_bytes {
-            return Err(GpuError::Meshes { bytes: largest, limit_bytes: needs.max_binding_bytes });
-        }
-        let meshes = mesh_bytes(needs.meshes, pixels, needs.formats.composite);
-        let small = picture + meshes + table + compositor + size_of::<FrameUniform>() as u64;
         let fixed_bytes = small + 2 * batch * staging;
-        let left = needs.budget_bytes.saturating_sub(fixed_bytes);
-        let slot_bytes = slot_bytes(needs.slot_edge, format, needs.gradients);
-        let slots = (left / (slot_bytes + beside_bytes)).min(most).min(needs.max_slots as u64);
-        let atlas = AtlasPlan::new(needs.slot_edge, slot_bytes, slots * slot_bytes, needs.max_texture_3d, slots as u32);
-        let enough = atlas.filter(|a| a.slots() >= MIN_SLOTS.min(needs.max_slots));
-        let least_bytes = small + 2 * staging + MIN_SLOTS as u64 * (slot_bytes + beside_bytes);
-        let atlas = enough.ok_or(GpuError::Budget {
+        let wish = |ask: &Ask| Wish { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
+        let wishes: Vec<Wish> = asks.iter().map(wish).collect();
+        let too_little = || GpuError::Budget {
             given_bytes: needs.budget_bytes,
-            least_bytes,
-            width_px,
-            height_px,
-            slot_edge: needs.slot_edge,
-        })?;
-        Ok(Self { atlas, batch, fixed_bytes, beside_bytes })
+            least_bytes: small + 2 * staging + wishes.iter().map(|wish| wish.least * wish.bytes).sum::<u64>(),
+            width_px: needs.max_size_px.0,
+            height_px: needs.max_size_px.1,
+            slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),
+        };
+        let shares = share(needs.budget_bytes.saturating_sub(fixed_bytes), &wishes).map_err(|_| too_little())?;
+        let layer = |(ask, slots): (&Ask, u64)| {
+            let most = u32::try_from(slots).unwrap_or(u32::MAX);
+            let (each, edge) = (ask.slot_bytes, needs.max_texture_3d);
+            let atlas = AtlasPlan::new(ask.slot_edge, each, slots * each, edge, most);
+            let atlas = atlas.filter(|atlas| atlas.slots() as u64 >= ask.least).ok_or_else(too_little)?;
+            Ok(LayerPlan { atlas, raycast: ask.raycast, beside_bytes: ask.beside_bytes })
+        };
+        let layers = asks.iter().zip(shares).map(layer).collect::<Result<_, GpuError>>()?;
+        Ok(Self { layers, batch, fixed_bytes })
     }
 
     /// Everything the renderer may hold at once.
     pub(crate) fn bytes(&self) -> u64 {
-        self.atlas.bytes + self.fixed_bytes + self.atlas.slots() as u64 * self.beside_bytes
+        let of = |plan: &LayerPlan| plan.atlas.bytes + plan.atlas.slots() as u64 * plan.beside_bytes;
+        self.fixed_bytes + self.layers.iter().map(of).sum::<u64>()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::{Needs, SlotEncoding, VoxelType};
 
-    fn needs(budget_bytes: u64) -> MemoryNeeds {
+    const FORMATS: GpuFormats = GpuFormats {
+        atlas_u8: TextureFormat::R16Unorm,
+        atlas_u16: TextureFormat::R16Unorm,
+        composite: TextureFormat::Rgba32Float,
+        project: TextureFormat::Rg32Float,
+    };
+
+    fn layer(voxel_type: VoxelType) -> VolumeNeeds {
+        VolumeNeeds {
+            encoding: SlotEncoding::new(voxel_type, (0.0, 1.0), false),
+            edge: 64,
+            levels: 9,
+            bricks: Needs::PLAIN,
+            least_slots: 2,
+            most_slots: u32::MAX,
+        }
+    }
+
+    fn needs(layers: &[VolumeNeeds], budget_bytes: u64) -> MemoryNeeds<'_> {
         MemoryNeeds {
-            formats: GpuFormats {
-                atlas_u8: TextureFormat::R16Unorm,
-                atlas_u16: TextureFormat::R16Unorm,
-                composite: TextureFormat::Rgba32Float,
-                project: TextureFormat::Rg32Float,
-            },
-            tables: Room::of_places(SlotFormat::U8),
-            slot_edge: 66,
-            gradients: GradientNodes { edge: 64, layers: 0 },
+            formats: FORMATS,
+            layers,
             budget_bytes,
             max_size_px: (512, 512),
             max_texture_3d: 4096,
-            max_slots: u32::MAX,
             max_binding_bytes: 128 << 20,
-            raycast: None,
-            meshes: MeshRoom::NONE,
+            casts_rays: None,
+            has_expressions: false,
         }
     }
 
     /// For either compositor.
-    fn both(needs: MemoryNeeds) -> [MemoryNeeds; 2] {
-        [needs, MemoryNeeds { raycast: Some(RaycastPlan::new(64, 9, needs.tables.codes, true)), ..needs }]
+    fn both(needs: MemoryNeeds<'_>) -> [MemoryNeeds<'_>; 2] {
+        [needs, MemoryNeeds { casts_rays: Some(true), has_expressions: needs.layers.len() > 1, ..needs }]
     }
 
     #[test]
     fn sixteen_mebibytes_hold_a_picture_and_ten_bricks() {
-        for tables in [SlotFormat::U8, SlotFormat::U16].map(Room::of_places) {
-            for needs in both(MemoryNeeds { tables, ..needs(16 << 20) }) {
+        for layers in [VoxelType::U8, VoxelType::U16].map(|voxel_type| [layer(voxel_type)]) {
+            for needs in both(needs(&layers, 16 << 20)) {
                 let plan = MemoryPlan::new(&needs).unwrap();
-                assert!(plan.atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
+                assert!(plan.layers[0].atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
             }
         }
     }
 
     #[test]
     fn the_least_that_works_works_and_a_byte_less_does_not() {
-        for needs in both(needs(1 << 20)) {
-            let Err(GpuError::Budget { least_bytes, .. }) = MemoryPlan::new(&needs) else { panic!("1 MiB") };
-            let with = |budget_bytes| MemoryPlan::new(&MemoryNeeds { budget_bytes, ..needs });
-            assert_eq!(with(least_bytes).unwrap().atlas.slots(), 2);
-            assert!(with(least_bytes - 1).is_err());
+        let three =
+            [layer(VoxelType::U8), VolumeNeeds { least_slots: 5, ..layer(VoxelType::U16) }, layer(VoxelType::U8)];
+        for (layers, least) in [(&three[..1], &[2][..]), (&three, &[2, 5, 2])] {
+            for needs in both(needs(layers, 1 << 20)) {
+                let Err(GpuError::Budget { least_bytes, .. }) = MemoryPlan::new(&needs) else { panic!("1 MiB") };
+                let with = |budget_bytes| MemoryPlan::new(&MemoryNeeds { budget_bytes, ..needs });
+                let plan = with(least_bytes).unwrap();
+                assert_eq!(plan.layers.iter().map(|layer| layer.atlas.slots()).collect::<Vec<_>>(), least);
+                assert!(with(least_bytes - 1).is_err());
+            }
         }
     }
 
     #[test]
     fn no_budget_is_overspent() {
-        for mebibytes in [12, 13, 20, 64, 100, 500, 1024, 5000] {
-            for needs in both(needs(mebibytes << 20)) {
+        let layers = [layer(VoxelType::U8), layer(VoxelType::U16)];
+        for mebibytes in [26, 27, 40, 64, 100, 500, 1024, 5000] {
+            for needs in
+                both(needs(&layers, mebibytes << 20)).into_iter().chain(both(needs(&layers[..1], mebibytes << 20)))
+            {
                 let plan = MemoryPlan::new(&needs).unwrap();
                 assert!(plan.bytes() <= mebibytes << 20, "{mebibytes}: {plan:?}");
             }
@@ -247,21 +329,27 @@ mod tests {
 
     #[test]
     fn gradients_are_paid_for() {
-        for plain in both(needs(100 << 20)) {
-            let stored = MemoryNeeds { gradients: GradientNodes { edge: 64, layers: 1 }, ..plain };
-            let [plain, stored] = [plain, stored].map(|needs| MemoryPlan::new(&needs).unwrap());
+        let plain = layer(VoxelType::U8);
+        let stored = VolumeNeeds { bricks: Needs { gradient_layers: 1, ..plain.bricks }, ..plain };
+        for is_cast in [None, Some(true)] {
+            let of = |layer: VolumeNeeds| {
+                MemoryPlan::new(&MemoryNeeds { casts_rays: is_cast, ..needs(&[layer], 100 << 20) }).unwrap()
+            };
+            let (plain, stored) = (of(plain), of(stored));
             assert!(stored.bytes() <= 100 << 20);
-            let slot_bytes = 34 * 34 * 34 * 8 + 66 * 66 * 66 * 2;
-            assert_eq!(stored.atlas.bytes, stored.atlas.slots() as u64 * slot_bytes);
-            assert!(stored.atlas.slots() * 10 < plain.atlas.slots() * 8, "{stored:?} {plain:?}");
+            let (atlas, slot_bytes) = (stored.layers[0].atlas, 34 * 34 * 34 * 8 + 66 * 66 * 66 * 2);
+            assert_eq!(atlas.bytes, atlas.slots() as u64 * slot_bytes);
+            assert!(atlas.slots() * 10 < plain.layers[0].atlas.slots() * 8, "{stored:?} {plain:?}");
         }
     }
 
     #[test]
     fn meshes_are_paid_for_and_may_be_too_large() {
         let meshes = MeshRoom { meshes: 2, vertices: 5_000, triangles: 10_000 };
-        let [plain, _] = both(needs(64 << 20));
-        let of = |meshes| MemoryPlan::new(&MemoryNeeds { meshes, ..plain });
+        let of = |meshes| {
+            let plain = layer(VoxelType::U8);
+            MemoryPlan::new(&needs(&[VolumeNeeds { bricks: Needs { meshes, ..plain.bricks }, ..plain }], 64 << 20))
+        };
         let more = of(meshes).unwrap().fixed_bytes - of(MeshRoom::NONE).unwrap().fixed_bytes;
         // 32 bytes a vertex, 12 a triangle, twice; and two distances and numbers, a colour and a sum for each pixel.
         assert!(more > 2 * (5_000 * 32 + 10_000 * 12) + 512 * 512 * 40, "{more}");
@@ -272,15 +360,16 @@ mod tests {
 
     #[test]
     fn buffers_are_within_the_account_and_the_binding_limit() {
-        let [_, mut needs] = both(needs(5000 << 20));
-        needs.max_binding_bytes = 1 << 20;
-        let plan = MemoryPlan::new(&needs).unwrap();
-        let (raycast, slots) = (needs.raycast.unwrap(), plan.atlas.slots());
+        let layers = [layer(VoxelType::U8)];
+        let needs = MemoryNeeds { max_binding_bytes: 1 << 20, casts_rays: Some(true), ..needs(&layers, 5000 << 20) };
+        let plan = MemoryPlan::new(&needs).unwrap().layers[0];
+        let (raycast, slots) = (plan.raycast.unwrap(), plan.atlas.slots());
         let buffers = [raycast.nodes_bytes(slots), raycast.bricks_bytes(slots), raycast.ranges_bytes(slots)];
         let marks = 2 * raycast.marks_bytes(slots);
         assert!(buffers.iter().all(|&b| b <= 1 << 20), "{buffers:?}");
         assert!(slots > 300, "{slots} slots of 64 entries fill 1 MiB");
         let accounted = raycast.fixed_bytes() + slots as u64 * plan.beside_bytes;
         assert!(buffers.iter().sum::<u64>() + marks + raycast.opaque_bytes <= accounted);
+        assert_eq!((PART_BYTES % 256, PART_BYTES % size_of::<RayBrick>() as u64), (0, 0));
     }
 }

@@ -11,9 +11,10 @@
 use crate::adapter::Gpu;
 use crate::error::GpuError;
 use crate::gathering::{SharedBuffers, attachment, buffer, entry};
+use crate::layer::Part;
 use crate::memory::{COLOR_FORMAT, NUMBER_FORMAT, QUERY_BYTES, geometry_bytes, mesh_bytes};
 use crate::pipelines::{MeshLayouts, Shape, bind_group_layout, pipeline, storage, texture, texture_of};
-use brickyard_shaders::{MeshLook, MeshVertex, peel, show_slabs};
+use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};
 use glam::DVec3;
 use std::ops::Range;
@@ -42,6 +43,8 @@ pub(crate) struct Meshes {
     counted: wgpu::Buffer,
     answer: wgpu::Buffer,
     room: MeshRoom,
+    /// The part of the frames' buffer with theirs.
+    pub(crate) frame: Part,
     /// What the buffers hold, and where the volume was then.
     held: Vec<Held>,
     geometry: Option<Geometry>,
@@ -58,24 +61,45 @@ struct Held {
 }
 
 impl Meshes {
-    pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, room: MeshRoom) -> Result<Self, GpuError> {
+    /// With a frame of their own, in the scene's world.
+    pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshRoom) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
         let both = ShaderStages::VERTEX_FRAGMENT;
         let own = bind_group_layout(
             gpu,
             "meshes",
-            &[(0, both, storage()), (1, both, storage()), (2, both, storage()), (3, fragment, storage())],
+            &[
+                (bindings::FRAMES, both, storage()),
+                (bindings::VERTICES, both, storage()),
+                (bindings::CORNERS, both, storage()),
+                (bindings::LOOKS, fragment, storage()),
+            ],
         );
         let number = texture_of(wgpu::TextureSampleType::Uint);
         let flat = texture(wgpu::TextureViewDimension::D2, false);
-        let before =
-            bind_group_layout(gpu, "before", &[(0, fragment, depth), (1, fragment, number), (2, fragment, flat)]);
+        let before = bind_group_layout(
+            gpu,
+            "before",
+            &[
+                (bindings::NEAR_LAYER, fragment, depth),
+                (bindings::NEAR_NUMBER, fragment, number),
+                (bindings::FRONT, fragment, flat),
+            ],
+        );
         let marching = fragment | ShaderStages::COMPUTE;
-        let limits =
-            bind_group_layout(gpu, "limits", &[(0, marching, depth), (1, marching, depth), (2, marching, flat)]);
-        let layer = bind_group_layout(gpu, "layer", &[(0, fragment, flat)]);
-        let gathered = bind_group_layout(gpu, "slabs", &[(0, fragment, storage()), (5, fragment, flat)]);
+        let limits = bind_group_layout(
+            gpu,
+            "limits",
+            &[
+                (bindings::NEAR_LAYER, marching, depth),
+                (bindings::FAR_LAYER, marching, depth),
+                (bindings::FRONT, marching, flat),
+            ],
+        );
+        let layer = bind_group_layout(gpu, "layer", &[(bindings::LAYER_COLOR, fragment, flat)]);
+        let of_slabs = [(bindings::FRAMES, fragment, storage()), (bindings::GATHERED, fragment, flat)];
+        let gathered = bind_group_layout(gpu, "slabs", &of_slabs);
         let [vertices_bytes, corners_bytes, looks_bytes] = geometry_bytes(room);
         let total = vertices_bytes + corners_bytes + looks_bytes;
         let [vertices, corners, looks] = gpu.allocate("the meshes", total, |device| {
@@ -83,10 +107,10 @@ impl Meshes {
             [make("vertices", vertices_bytes), make("corners", corners_bytes), make("looks", looks_bytes)]
         })?;
         let entries = [
-            entry(0, shared.frame.as_entire_binding()),
-            entry(1, vertices.as_entire_binding()),
-            entry(2, corners.as_entire_binding()),
-            entry(3, looks.as_entire_binding()),
+            entry(bindings::FRAMES, frame.of(&shared.frame)),
+            entry(bindings::VERTICES, vertices.as_entire_binding()),
+            entry(bindings::CORNERS, corners.as_entire_binding()),
+            entry(bindings::LOOKS, looks.as_entire_binding()),
         ];
         let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("meshes"),
@@ -108,7 +132,14 @@ impl Meshes {
         let targets = [COLOR_FORMAT.into(), NUMBER_FORMAT.into()];
         let peel = pipeline(gpu, &peel(), &[&own, &before], ["corner", "peel"], shape, &targets);
         let display = [crate::pipelines::DISPLAY_FORMAT.into()];
-        let show = pipeline(gpu, &show_slabs(), &[&gathered], ["fullscreen", "resolve"], Shape::default(), &display);
+        let show = pipeline(
+            gpu,
+            &resolve(Seen::Slabs, Shown::Picture),
+            &[&gathered],
+            ["fullscreen", "resolve"],
+            Shape::default(),
+            &display,
+        );
         Ok(Self {
             vertices,
             corners,
@@ -124,6 +155,7 @@ impl Meshes {
             counted,
             answer,
             room,
+            frame,
             held: Vec::new(),
             geometry: None,
         })
@@ -193,7 +225,7 @@ impl Meshes {
     ///
     /// # Errors
     /// If the device fails.
-    pub(crate) fn peel(&self, gpu: &Gpu, frame: &FrameSettings, layers: &Layers) -> Result<bool, GpuError> {
+    pub(crate) fn peel(&self, gpu: &Gpu, frame: &FrameSettings, layers: &Peeled) -> Result<bool, GpuError> {
         let is_counted = frame.meshes.iter().any(|shown| shown.opacity < 1.0);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
@@ -242,7 +274,7 @@ impl Meshes {
     }
 
     /// Queues the pass from all slabs to display colours.
-    pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Layers) {
+    pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Peeled) {
         pass.set_pipeline(&self.show);
         pass.set_bind_group(0, &layers.all, &[]);
         pass.draw(0..3, 0..1);
@@ -286,7 +318,7 @@ fn depth_attachment(view: &wgpu::TextureView, clear: f32) -> wgpu::RenderPassDep
 
 /// What pictures of one size with meshes are drawn into besides.
 #[derive(Debug)]
-pub(crate) struct Layers {
+pub(crate) struct Peeled {
     size_px: (u32, u32),
     /// Of the layers before and behind the slab, in turns.
     depths: [wgpu::TextureView; 2],
@@ -304,7 +336,7 @@ pub(crate) struct Layers {
     all: wgpu::BindGroup,
 }
 
-impl Layers {
+impl Peeled {
     pub(crate) fn new(
         gpu: &Gpu,
         meshes: &Meshes,
@@ -338,14 +370,17 @@ impl Layers {
         let of = |far: usize| (&depths[1 - far], &depths[far], &numbers[1 - far]);
         let before = [0, 1].map(|far| {
             let (near, _, number) = of(far);
-            group(&meshes.before, &[view(0, near), view(1, number), view(2, &front)])
+            let near = view(bindings::NEAR_LAYER, near);
+            group(&meshes.before, &[near, view(bindings::NEAR_NUMBER, number), view(bindings::FRONT, &front)])
         });
         let limits = [0, 1].map(|i| {
             let (near, far, _) = of(i);
-            group(&meshes.limits, &[view(0, near), view(1, far), view(2, &front)])
+            let (near, far) = (view(bindings::NEAR_LAYER, near), view(bindings::FAR_LAYER, far));
+            group(&meshes.limits, &[near, far, view(bindings::FRONT, &front)])
         });
-        let layer = group(&meshes.layer, &[view(0, &color)]);
-        let all = group(&meshes.gathered, &[entry(0, shared.frame.as_entire_binding()), view(5, &front)]);
+        let layer = group(&meshes.layer, &[view(bindings::LAYER_COLOR, &color)]);
+        let frame = entry(bindings::FRAMES, meshes.frame.of(&shared.frame));
+        let all = group(&meshes.gathered, &[frame, view(bindings::GATHERED, &front)]);
         Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
     }
 

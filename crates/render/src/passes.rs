@@ -1,38 +1,40 @@
-//! One picture in the making: lists of cells gathered one after the other into the same target, then display colours of it, and
-//! the way back to the CPU. Where there are meshes, all of that but the way back once for each slab.
+//! One picture in the making: layers' lists of cells gathered into a target, then display colours of it, and the way back to the CPU.
+//! Where there are meshes, all of that but the way back once for each slab.
 
+use crate::course::Course;
 use crate::error::GpuError;
-use crate::frame::{TableInUse, frame_uniform};
-use crate::gathering::{Gathering, draw_over_all};
-use crate::meshes::Layers;
-use crate::pipelines::{MarchPipeline, Pipelines, variant_of};
+use crate::frame::Framed;
+use crate::gathering::{Gathering, attachment, draw_over_all};
+use crate::layer::{GpuLayer, Part};
+use crate::meshes::{Meshes, Peeled};
+use crate::pipelines::{MarchPipeline, Shader};
 use crate::raycast::Raycast;
-use crate::renderer::{GpuRenderer, March};
+use crate::renderer::{GpuRenderer, March, check_size};
+use crate::table::{self, COMBINED};
 use crate::targets::{Found, Targets};
-use brickyard_pager::{DrawList, Slot};
-use brickyard_shaders::{MARK_STEPS, Variant};
-use brickyard_volume::{FrameSettings, Picture, Pyramid};
+use brickyard_pager::{DrawList, Layer, Slot};
+use brickyard_shaders::{MARK_STEPS, Seen, Shown};
+use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
 use std::time::Instant;
 
 /// A picture that has been begun: see [`GpuRenderer::passes`].
 #[derive(Debug)]
 pub struct Passes<'a> {
-    pub(crate) renderer: &'a mut GpuRenderer,
-    pub(crate) frame: &'a FrameSettings,
-    pub(crate) variant: Variant,
-    pub(crate) pyramid: &'a Pyramid,
-    pub(crate) start: Instant,
-    /// Lists drawn so far, and the cells of the last.
-    pub(crate) lists: u32,
-    pub(crate) cells: usize,
+    renderer: &'a mut GpuRenderer,
+    framed: Vec<Framed<'a>>,
+    course: Course,
+    start: Instant,
+    /// Lists of the slab drawn so far, and the cells of the last of each layer.
+    lists: u32,
+    cells: Vec<usize>,
     /// Slabs that are in the picture, and what follows the one being drawn.
-    pub(crate) slabs: u32,
-    pub(crate) next: Next,
+    slabs: u32,
+    next: Next,
 }
 
 /// What follows when all lists have been drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Next {
+enum Next {
     /// The picture: there are no meshes.
     Picture,
     /// Perhaps another slab.
@@ -44,50 +46,134 @@ pub(crate) enum Next {
 }
 
 impl GpuRenderer {
-    /// Draws the list and returns the picture.
+    /// Draws layers, which come in the order that the renderer was made for; or an expression over them.
     ///
     /// # Errors
-    /// If the picture is too large, the list or settings do not fit this renderer, or the device fails.
-    pub fn render(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
-        let mut passes = self.passes(frame, pyramid)?;
+    /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and has no order for what is
+    /// asked for, an expression is lit, has surfaces or another method than the plain one, or the device fails.
+    pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
+        let framed = layers.iter().map(|layer| Framed {
+            settings: &layer.frame.settings,
+            pyramid: layer.pyramid,
+            blend: layer.frame.blend,
+            opacity: layer.frame.opacity,
+        });
+        let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
+        let mut passes = self.begin(framed.collect(), combination)?;
         loop {
-            passes.draw(draw)?;
+            passes.draw_all(&draws)?;
             if !passes.next_slab()? {
                 return passes.finish();
             }
         }
     }
 
-    /// Begins a picture of several lists, each farther to the front than the last. Between them slots may be filled anew, so
-    /// that there is no limit to what a picture shows. Where there are meshes, all lists are drawn once for each
-    /// [slab](Passes::next_slab).
+    /// Begins a picture of the one layer there is, in its own world, from several lists, each farther to the front than the last.
+    /// Between them slots may be filled anew, so that there is no limit to what a picture shows. Where there are meshes, all lists are
+    /// drawn once for each [slab](Passes::next_slab).
     ///
     /// # Errors
     /// If the picture is too large, the settings do not fit this renderer, or the device fails.
     pub fn passes<'a>(&'a mut self, frame: &'a FrameSettings, pyramid: &'a Pyramid) -> Result<Passes<'a>, GpuError> {
+        if !frame.placement.is_identity() {
+            return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
+        }
+        self.begin(vec![Framed { settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0 }], None)
+    }
+
+    fn begin<'a>(
+        &'a mut self,
+        framed: Vec<Framed<'a>>,
+        combination: Option<&Combination>,
+    ) -> Result<Passes<'a>, GpuError> {
         let start = Instant::now();
         self.gpu.check()?;
-        self.check(frame, pyramid)?;
-        let variant = variant_of(frame);
-        self.prepare(&variant, frame)?;
-        let room = self.recipe.tables();
-        let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
-        let mut uniform = frame_uniform(frame, pyramid, (&self.atlas, self.recipe.needs.apron), table);
-        if let Some(meshes) = self.meshes.as_ref().filter(|_| variant.has_meshes) {
-            uniform.mesh_far = meshes.far(frame) as f32;
+        if framed.len() != self.layers.len() {
+            let problem = format!("{} layers: this renderer was made for {}", framed.len(), self.layers.len());
+            return Err(GpuError::Mismatch(problem));
         }
-        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        for (layer, framed) in self.layers.iter().zip(&framed) {
+            check_size((framed.settings.rays.width, framed.settings.rays.height), self.recipe.max_size_px)?;
+            layer.check(framed)?;
+        }
+        let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
+        let course = Course::new(&self.layers, &framed, (combination, first_place), self.compositor())?;
+        self.prepare(&course, framed[0].settings)?;
+        self.send(&framed, combination);
+        self.gpu.check()?;
         self.entered = None;
-        let next = self.first_layer(&variant, frame)?;
-        Ok(Passes { renderer: self, frame, variant, pyramid, start, lists: 0, cells: 0, slabs: 0, next })
+        let next = self.first_peeled(framed[0].settings)?;
+        let cells = vec![0; framed.len()];
+        Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next })
+    }
+
+    /// Pipelines and targets for this picture.
+    fn prepare(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
+        let compositor = self.compositor();
+        let Self { gpu, layouts, shared, pipelines, meshes, peeled, targets, marks_bytes, .. } = self;
+        let size_px = (frame.rays.width, frame.rays.height);
+        let has_meshes = !frame.meshes.is_empty();
+        if let Some(meshes) = meshes.as_mut().filter(|_| has_meshes) {
+            meshes.set(gpu, frame)?;
+            if !peeled.as_ref().is_some_and(|peeled| peeled.suit(size_px)) {
+                // As with the targets.
+                *peeled = None;
+                *peeled = Some(Peeled::new(gpu, meshes, shared, size_px)?);
+            }
+        }
+        let of_meshes = meshes.as_ref().filter(|_| has_meshes).map(Meshes::layouts);
+        for shader in course.shaders() {
+            pipelines.need_march(gpu, layouts, of_meshes.as_ref(), compositor, shader);
+        }
+        let last = (course.seen(), if has_meshes { Shown::Slab } else { Shown::Picture });
+        let join = course.is_joined().then_some((Seen::Gathered(course.gather()), Shown::Sums));
+        for resolve in [Some(last), join].into_iter().flatten() {
+            pipelines.need_resolve(gpu, layouts, of_meshes.as_ref(), resolve);
+        }
+        let wanted = (course.gather(), course.is_joined());
+        if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
+            // The old ones go first: both together would pass the budget.
+            *targets = None;
+            *targets = Some(Targets::new(gpu, wanted, compositor, size_px, *marks_bytes)?);
+        }
+        Ok(())
+    }
+
+    /// Sends tables and frames, and the frame of the meshes: the first layer's, but in the scene's world.
+    fn send(&mut self, framed: &[Framed<'_>], combination: Option<&Combination>) {
+        let Self { gpu, shared, march, meshes, layers, combined, combined_part, .. } = self;
+        let composite = gpu.report.formats.composite;
+        let settings = framed[0].settings;
+        let meshes = meshes.as_ref().filter(|_| !settings.meshes.is_empty());
+        let mesh_far = meshes.map_or(0.0, |meshes| meshes.far(settings) as f32);
+        let write = |part: Part, layer: &GpuLayer, framed: &Framed<'_>| {
+            let mut uniform = layer.uniform(framed, composite);
+            uniform.mesh_far = mesh_far;
+            gpu.queue.write_buffer(&shared.frame, part.at, bytemuck::bytes_of(&uniform));
+        };
+        for (layer, framed) in layers.iter_mut().zip(framed) {
+            layer.set_table(gpu, shared, march.rays(), &framed.settings.table);
+            write(layer.parts.frame, layer, framed);
+        }
+        if let Some(meshes) = meshes {
+            let in_scene = FrameSettings { placement: Placement::default(), ..settings.clone() };
+            write(meshes.frame, &layers[0], &Framed { settings: &in_scene, ..framed[0] });
+        }
+        if let (Some(Combination { table: wanted, .. }), Some(part)) = (combination, combined_part)
+            && combined.as_ref() != Some(wanted)
+        {
+            let places = table::places(wanted, COMBINED);
+            gpu.queue.write_buffer(&shared.table, part.at, bytemuck::cast_slice(&places));
+            *combined = Some(wanted.clone());
+        }
     }
 
     /// The first layer of the frame's meshes, and what comes after it.
-    fn first_layer(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<Next, GpuError> {
-        match (&self.meshes, &mut self.layers) {
-            (Some(meshes), Some(layers)) if variant.has_meshes => {
-                layers.clear(&self.gpu);
-                let may_follow = meshes.peel(&self.gpu, frame, layers)?;
+    fn first_peeled(&mut self, frame: &FrameSettings) -> Result<Next, GpuError> {
+        match (&self.meshes, &mut self.peeled) {
+            (Some(meshes), Some(peeled)) if !frame.meshes.is_empty() => {
+                peeled.clear(&self.gpu);
+                let may_follow = meshes.peel(&self.gpu, frame, peeled)?;
                 Ok(if may_follow { Next::Slab } else { Next::End })
             }
             _ => Ok(Next::Picture),
@@ -101,7 +187,7 @@ impl Passes<'_> {
     /// # Errors
     /// As there.
     pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        self.renderer.upload(slot, codes)
+        self.renderer.upload(0, slot, codes)
     }
 
     /// Draws a list before those drawn so far.
@@ -110,33 +196,94 @@ impl Passes<'_> {
     /// If it does not fit the renderer, the device fails, or the compositor takes only one list: `raycast` follows rays from
     /// front to back.
     pub fn draw(&mut self, draw: &DrawList) -> Result<(), GpuError> {
-        let renderer = &*self.renderer;
-        if let Some(c) = draw.cells.iter().find(|c| c.slot.0 >= renderer.slots()) {
-            let problem = format!("{} is drawn from slot {} of {}", c.brick, c.slot.0, renderer.slots());
-            return Err(GpuError::Mismatch(problem));
+        self.draw_all(&[draw])
+    }
+
+    /// Draws each layer's list.
+    fn draw_all(&mut self, draws: &[&DrawList]) -> Result<(), GpuError> {
+        for (layer, draw) in self.renderer.layers.iter().zip(draws) {
+            layer.check_list(draw)?;
         }
-        let (targets, pipelines) = self.target()?;
-        let gathering = Gathering {
-            shared: &renderer.shared,
-            target: &targets.gathered,
-            size_px: (targets.width_px, targets.height_px),
-            limits: renderer.layers.as_ref().filter(|_| self.variant.has_meshes).map(Layers::limits),
-            is_begin: self.slabs == 0,
-        };
+        match &self.course {
+            Course::Single(shader) => self.march(0, shader, draws[0])?,
+            Course::Each(_, shaders) => {
+                for (i, (shader, draw)) in shaders.iter().zip(draws).enumerate() {
+                    self.march(i, shader, draw)?;
+                    self.join(i)?;
+                }
+            }
+            Course::Joint(shader) => self.cast_together(shader, draws)?,
+        }
+        self.lists += 1;
+        self.cells = draws.iter().map(|draw| draw.cells.len()).collect();
+        Ok(())
+    }
+
+    /// Gathers a layer by itself.
+    fn march(&self, i: usize, shader: &Shader, draw: &DrawList) -> Result<(), GpuError> {
+        let (gpu, layer) = (&self.renderer.gpu, &self.renderer.layers[i]);
         let is_first = self.lists == 0;
-        let (gpu, bricks) = (&renderer.gpu, (&renderer.atlas.plan, renderer.recipe.needs.apron));
-        match (&renderer.march, &pipelines.march) {
+        let (gathering, pipeline) = (self.gathering(i)?, self.pipeline(shader)?);
+        match (&self.renderer.march, pipeline) {
             (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
-                sorted.draw(gpu, (&gathering, pipeline), self.pyramid, draw, bricks, is_first);
+                sorted.draw(gpu, (&gathering, pipeline), (i, layer), self.framed[i].pyramid, draw, is_first);
             }
             (March::Raycast(raycast), pipeline) if is_first => {
-                raycast.draw(gpu, (&gathering, pipeline), self.frame, self.pyramid, draw, bricks)?;
+                layer.set_list(gpu, &raycast.buffers, &self.framed[i], draw)?;
+                gathering.cast_rays(gpu, pipeline, &raycast.bindings[i], 1);
             }
             _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
         }
-        self.lists += 1;
-        self.cells = draw.cells.len();
         Ok(())
+    }
+
+    /// Gathers all layers by one ray.
+    fn cast_together(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
+        let GpuRenderer { gpu, layers, march: March::Raycast(raycast), .. } = &*self.renderer else {
+            return Err(no_target());
+        };
+        for ((layer, framed), draw) in layers.iter().zip(&self.framed).zip(draws) {
+            layer.set_list(gpu, &raycast.buffers, framed, draw)?;
+        }
+        let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
+        gathering.cast_rays(gpu, pipeline, &raycast.joint, layers.len() as u32);
+        Ok(())
+    }
+
+    /// Adds what has been gathered of a layer to the sums.
+    fn join(&self, i: usize) -> Result<(), GpuError> {
+        let GpuRenderer { gpu, shared, layouts, layers, pipelines, .. } = &*self.renderer;
+        let targets = self.targets()?;
+        let pipeline = pipelines.resolve(Seen::Gathered(self.course.gather()), Shown::Sums);
+        let (Some(pipeline), Some([mixed, glow])) = (pipeline, &targets.sums) else { return Err(no_target()) };
+        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &layers[i].parts, targets);
+        let load = if i == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        draw_over_all(
+            &mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("join"),
+                color_attachments: &[attachment(mixed, load), attachment(glow, load)],
+                ..Default::default()
+            }),
+            pipeline,
+            &bindings,
+        );
+        gpu.queue.submit([encoder.finish()]);
+        Ok(())
+    }
+
+    /// What a march of a layer, or of all from the first on, draws into.
+    fn gathering(&self, i: usize) -> Result<Gathering<'_>, GpuError> {
+        let GpuRenderer { shared, peeled, layers, .. } = &*self.renderer;
+        let targets = self.targets()?;
+        Ok(Gathering {
+            shared,
+            target: &targets.gathered,
+            size_px: (targets.width_px, targets.height_px),
+            limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
+            is_begin: self.slabs == 0 && i == 0,
+            frame: layers[i].parts.frame,
+        })
     }
 
     /// Takes what has been drawn for the volume between two layers of meshes, the first between the eye and the first layer. Whether
@@ -148,22 +295,23 @@ impl Passes<'_> {
         if matches!(self.next, Next::Picture | Next::All) {
             return Ok(false);
         }
-        if self.lists == 0 {
-            self.draw(&DrawList::default())?;
-        }
-        let (targets, pipelines) = self.target()?;
-        let GpuRenderer { gpu, layers: Some(layers), .. } = &*self.renderer else { return Err(no_target()) };
-        layers.compose(gpu, &pipelines.resolve, &self.resolve_bindings(targets));
+        self.draw_nothing()?;
+        let bindings = self.resolve_bindings()?;
+        let GpuRenderer { gpu, peeled: Some(peeled), pipelines, .. } = &*self.renderer else {
+            return Err(no_target());
+        };
+        let pipeline = pipelines.resolve(self.course.seen(), Shown::Slab).ok_or_else(no_target)?;
+        peeled.compose(gpu, pipeline, &bindings);
         if self.next == Next::End {
             self.next = Next::All;
             return Ok(false);
         }
-        let GpuRenderer { gpu, meshes: Some(meshes), layers: Some(layers), .. } = &mut *self.renderer else {
+        let GpuRenderer { gpu, meshes: Some(meshes), peeled: Some(peeled), .. } = &mut *self.renderer else {
             return Err(no_target());
         };
-        layers.turn();
+        peeled.turn();
         // Where no ray has met anything more, the volume behind the layers found is still to come.
-        self.next = if meshes.peel(gpu, self.frame, layers)? { Next::Slab } else { Next::End };
+        self.next = if meshes.peel(gpu, self.framed[0].settings, peeled)? { Next::Slab } else { Next::End };
         (self.lists, self.slabs) = (0, self.slabs + 1);
         Ok(true)
     }
@@ -176,56 +324,96 @@ impl Passes<'_> {
         if self.next_slab()? {
             return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));
         }
-        if self.next == Next::Picture && self.lists == 0 {
-            self.draw(&DrawList::default())?;
+        if self.next == Next::Picture {
+            self.draw_nothing()?;
         }
-        let marked = self.marked();
-        let (targets, pipelines) = self.target()?;
-        let GpuRenderer { gpu, shared, meshes, layers, .. } = &*self.renderer;
-        let bindings = self.resolve_bindings(targets);
-        let show = |pass: &mut wgpu::RenderPass<'_>| match (meshes, layers) {
-            (Some(meshes), Some(layers)) if self.variant.has_meshes => meshes.show(pass, layers),
-            _ => draw_over_all(pass, &pipelines.resolve, &bindings),
+        let (copied, counts) = self.show()?;
+        let found = self.targets()?.read(&self.renderer.gpu, copied, counts.iter().sum())?;
+        let is_marked = self.marked().is_some();
+        let last_frame_ms = self.frame_ms(&found);
+        let Found { picture, marks, .. } = found;
+        let mut rest = &marks[..];
+        let mut of_layer = |&count: &usize| {
+            let (own, others) = rest.split_at(count);
+            rest = others;
+            // Bricks are numbered from front to back, cells from back to front.
+            own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect()
         };
-        let copied = shared.resolve(gpu, targets, show, |encoder| {
-            if let Some(raycast) = marked {
-                raycast.take_marks(encoder, self.cells, targets);
-            }
-        });
-        let count = marked.map_or(0, |_| self.cells);
-        let Found { picture, ticks, marks } = targets.read(&self.renderer.gpu, copied, count)?;
-        // Bricks are numbered from front to back, cells from back to front.
-        let transmittance = |&steps: &u32| steps as f32 / MARK_STEPS as f32;
-        let entered = marked.map(|_| marks.iter().rev().map(transmittance).collect());
-        let renderer = self.renderer;
-        renderer.entered = entered;
-        renderer.last_frame_ms = match renderer.shared.timestamps {
-            Some(_) => {
-                let period_ns = renderer.gpu.queue.get_timestamp_period() as f64;
-                ticks[1].wrapping_sub(ticks[0]) as f64 * period_ns * 1e-6
-            }
-            None => self.start.elapsed().as_secs_f64() * 1e3,
-        };
+        let entered = is_marked.then(|| counts.iter().map(&mut of_layer).collect());
+        self.renderer.entered = entered;
+        self.renderer.last_frame_ms = last_frame_ms;
         Ok(picture)
     }
 
-    /// What the picture is drawn into, and with what; both made before.
-    fn target(&self) -> Result<(&Targets, &Pipelines), GpuError> {
-        match (&self.renderer.targets, &self.renderer.pipelines.get(&self.variant)) {
-            (Some(targets), Some(pipelines)) => Ok((targets, pipelines)),
-            _ => Err(no_target()),
+    /// Queues the pass to display colours and the way back, with so many marks of each layer.
+    fn show(&self) -> Result<(wgpu::SubmissionIndex, Vec<usize>), GpuError> {
+        let GpuRenderer { gpu, shared, meshes, peeled, pipelines, layers, .. } = &*self.renderer;
+        let (targets, marked) = (self.targets()?, self.marked());
+        let counts: Vec<usize> = self.cells.iter().map(|&cells| marked.map_or(0, |_| cells)).collect();
+        let also = |encoder: &mut wgpu::CommandEncoder| {
+            if let Some(raycast) = marked {
+                raycast.take_marks(encoder, layers, &counts, targets);
+            }
+        };
+        let copied = match (meshes, peeled) {
+            (Some(meshes), Some(peeled)) if self.has_meshes() => {
+                shared.resolve(gpu, targets, |pass| meshes.show(pass, peeled), also)
+            }
+            _ => {
+                let pipeline = pipelines.resolve(self.course.seen(), Shown::Picture).ok_or_else(no_target)?;
+                let bindings = self.resolve_bindings()?;
+                shared.resolve(gpu, targets, |pass| draw_over_all(pass, pipeline, &bindings), also)
+            }
+        };
+        Ok((copied, counts))
+    }
+
+    /// Draws no cells, if nothing has been drawn.
+    fn draw_nothing(&mut self) -> Result<(), GpuError> {
+        let none = DrawList::default();
+        let nothing = vec![&none; self.framed.len()];
+        if self.lists == 0 { self.draw_all(&nothing) } else { Ok(()) }
+    }
+
+    /// Milliseconds on the GPU where it has timestamps, else since the picture was begun.
+    fn frame_ms(&self, found: &Found) -> f64 {
+        let GpuRenderer { gpu, shared, .. } = &*self.renderer;
+        match shared.timestamps {
+            Some(_) => {
+                let ticks = found.ticks[1].wrapping_sub(found.ticks[0]);
+                ticks as f64 * gpu.queue.get_timestamp_period() as f64 * 1e-6
+            }
+            None => self.start.elapsed().as_secs_f64() * 1e3,
         }
     }
 
-    /// What makes colours of what has been gathered.
-    fn resolve_bindings(&self, targets: &Targets) -> wgpu::BindGroup {
-        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
-        shared.resolve_bindings(gpu, &layouts.resolve, targets)
+    fn has_meshes(&self) -> bool {
+        !self.framed[0].settings.meshes.is_empty()
     }
 
-    /// The compositor, if it marks bricks in this frame.
+    /// What the picture is drawn into; made before.
+    fn targets(&self) -> Result<&Targets, GpuError> {
+        self.renderer.targets.as_ref().ok_or_else(no_target)
+    }
+
+    /// By what a march is drawn; made before.
+    fn pipeline(&self, shader: &Shader) -> Result<&MarchPipeline, GpuError> {
+        self.renderer.pipelines.march(shader).ok_or_else(no_target)
+    }
+
+    /// What makes colours of what has been gathered, or joined.
+    fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
+        let GpuRenderer { gpu, shared, layouts, layers, .. } = &*self.renderer;
+        let (targets, parts) = (self.targets()?, &layers[0].parts);
+        Ok(match &targets.sums {
+            Some(sums) if self.course.is_joined() => shared.joined_bindings(gpu, &layouts.joined, parts, sums),
+            _ => shared.resolve_bindings(gpu, &layouts.resolve, parts, targets),
+        })
+    }
+
+    /// The compositor, if it marks bricks in this picture.
     fn marked(&self) -> Option<&Raycast> {
-        let marks = self.variant.gather.occludes() && self.renderer.gpu.report.feedback;
+        let marks = self.course.gather().occludes() && self.renderer.gpu.report.feedback;
         match &self.renderer.march {
             March::Raycast(raycast) if marks => Some(raycast),
             _ => None,

@@ -3,11 +3,13 @@
 
 use crate::adapter::{Gpu, GpuFormats};
 use crate::compositor::Compositor;
+use crate::frame::Framed;
 use brickyard_shaders::{
-    Curve, ExpressionShader, FIRST_ATLAS, FIRST_GRADIENTS, Gather, Light, Medium, Stage, Surfaces, Variant,
-    VolumeShader, raycast, raycast_together, resolve, sorted,
+    Curve, Gather, JointVariant, Light, Medium, Seen, Shown, Stage, Surfaces, Variant, bindings, raycast,
+    raycast_joint, resolve, sorted,
 };
 use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
+use std::collections::HashMap;
 use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
 };
@@ -16,7 +18,7 @@ use wgpu::{
 pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
 /// How a frame gathers.
-fn gather_of(frame: &FrameSettings) -> Gather {
+pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     match frame.mode {
         Mode::Mip | Mode::MinIp => Gather::Project,
         Mode::Average => Gather::Average,
@@ -25,8 +27,8 @@ fn gather_of(frame: &FrameSettings) -> Gather {
     }
 }
 
-/// How a composite's segments become media.
-fn medium_of(frame: &FrameSettings) -> Medium {
+/// How a composite's segments become media, where there are surfaces, and classes by value and gradient, or not.
+pub(crate) fn medium_of(frame: &FrameSettings, has_surfaces: bool, has_grid: bool) -> Medium {
     let method = frame.sampling.method;
     let curve = match method.curve() {
         sampling::Curve::Middle => Curve::Middle,
@@ -37,11 +39,10 @@ fn medium_of(frame: &FrameSettings) -> Medium {
     let light = light_of(&frame.lighting);
     let surfaces = match frame.mode {
         Mode::Isosurface => Surfaces::Alone,
-        _ if frame.surfaces.is_empty() => Surfaces::None,
-        _ => Surfaces::InFog,
+        _ if has_surfaces => Surfaces::InFog,
+        _ => Surfaces::None,
     };
     // Where a gradient is asked for by nothing there is no variant of its own for each.
-    let has_grid = frame.grid().is_some();
     let has_gradients = light != Light::Unlit || surfaces != Surfaces::None || has_grid;
     let gradient = gradient_of(&frame.lighting, has_gradients);
     if surfaces == Surfaces::Alone {
@@ -53,7 +54,7 @@ fn medium_of(frame: &FrameSettings) -> Medium {
 }
 
 /// How colours become lit ones.
-pub(crate) fn light_of(lighting: &Lighting) -> Light {
+fn light_of(lighting: &Lighting) -> Light {
     match lighting.model {
         LightingModel::None => Light::Unlit,
         LightingModel::Phong => Light::Phong,
@@ -63,7 +64,7 @@ pub(crate) fn light_of(lighting: &Lighting) -> Light {
 }
 
 /// How gradients are found; the same where none is asked for.
-pub(crate) fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
+fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
     match lighting.gradient {
         Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
         Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
@@ -71,16 +72,18 @@ pub(crate) fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shader
     }
 }
 
-/// The march that a frame needs.
-pub(crate) fn variant_of(frame: &FrameSettings) -> Variant {
+/// The march that one layer needs by itself.
+pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
+    let frame = framed.settings;
     let gather = gather_of(frame);
     let medium = match gather {
-        Gather::Composite => medium_of(frame),
+        Gather::Composite => medium_of(frame, !frame.surfaces.is_empty(), frame.grid().is_some()),
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
     let is_cubic = frame.sampling.filter == Filter::Tricubic;
     let has_meshes = !frame.meshes.is_empty();
-    Variant { gather, has_invalid: frame.encoding.has_invalid, is_cubic, medium, has_meshes }
+    let (has_invalid, is_placed) = (frame.encoding.has_invalid, !frame.placement.is_identity());
+    Variant { gather, has_invalid, is_cubic, medium, has_meshes, is_placed }
 }
 
 /// The format that a gathering needs.
@@ -115,8 +118,12 @@ pub(crate) enum MarchPipeline {
 /// The bind group layouts that all variants share.
 #[derive(Debug)]
 pub(crate) struct Layouts {
+    /// Of a march through one layer.
     pub(crate) march: wgpu::BindGroupLayout,
+    /// Of a march through all of them.
+    pub(crate) joint: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
+    pub(crate) joined: wgpu::BindGroupLayout,
 }
 
 /// The bind group layouts that marches and slabs need besides their own.
@@ -125,11 +132,18 @@ pub(crate) struct MeshLayouts<'a> {
     pub(crate) layer: &'a wgpu::BindGroupLayout,
 }
 
-/// The two pipelines of one way to gather.
-#[derive(Debug)]
+/// What gathers: one layer's samples, or those of all.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Shader {
+    Single(Variant),
+    Joint(JointVariant),
+}
+
+/// All pipelines made so far.
+#[derive(Debug, Default)]
 pub(crate) struct Pipelines {
-    pub(crate) march: MarchPipeline,
-    pub(crate) resolve: wgpu::RenderPipeline,
+    marches: HashMap<Shader, MarchPipeline>,
+    resolves: HashMap<(Seen, Shown), wgpu::RenderPipeline>,
 }
 
 fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
@@ -168,47 +182,45 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Those of one volume, with stored gradients or without.
-    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, has_gradients: bool) -> Self {
-        let stage = match compositor {
-            Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
-            Compositor::Compute => ShaderStages::COMPUTE,
-        };
-        let mut march = vec![
-            (0, ShaderStages::VERTEX | stage, storage()),
-            (2, stage, texture(TextureViewDimension::D3, true)),
-            (3, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            (4, stage, storage()),
-        ];
-        march.extend(has_gradients.then_some((10, stage, texture(TextureViewDimension::D3, true))));
-        match compositor {
-            Compositor::Sorted => march.push((1, ShaderStages::VERTEX, storage())),
-            Compositor::Raycast | Compositor::Compute => {
-                march.extend([1, 6, 7, 8].map(|binding| (binding, stage, storage())));
-                let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
-                march.extend(gpu.report.feedback.then_some((9, stage, written)));
-            }
+    /// Those of so many layers, with stored gradients or without.
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, layers: usize, has_gradients: bool) -> Self {
+        let fragment = ShaderStages::FRAGMENT;
+        let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));
+        let frames = (bindings::FRAMES, fragment, storage());
+        let glow = (bindings::GLOW, fragment, texture(TextureViewDimension::D2, false));
+        let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
+        Self {
+            march: march_layout(gpu, compositor, 1, has_gradients),
+            joint: march_layout(gpu, compositor, layers, has_gradients),
+            resolve: bind_group_layout(gpu, "resolve", &resolve),
+            joined: bind_group_layout(gpu, "joined", &[frames, gathered, glow]),
         }
-        Self::of(gpu, &march)
     }
+}
 
-    /// Those of several volumes, whose atlases begin at [`FIRST_ATLAS`], with stored gradients from [`FIRST_GRADIENTS`] on or without.
-    pub(crate) fn together(gpu: &Gpu, volumes: usize, has_gradients: bool) -> Self {
-        let fragment = ShaderStages::FRAGMENT;
-        let mut march: Vec<_> = [0, 1, 4, 6, 7, 8].map(|binding| (binding, fragment, storage())).into();
-        march.push((3, fragment, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)));
-        let gradients = (FIRST_GRADIENTS..).take(if has_gradients { volumes } else { 0 });
-        let textures = (FIRST_ATLAS..).take(volumes).chain(gradients);
-        march.extend(textures.map(|binding| (binding, fragment, texture(TextureViewDimension::D3, true))));
-        Self::of(gpu, &march)
+fn march_layout(gpu: &Gpu, compositor: Compositor, layers: usize, has_gradients: bool) -> wgpu::BindGroupLayout {
+    let stage = match compositor {
+        Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
+        Compositor::Compute => ShaderStages::COMPUTE,
+    };
+    let mut march = vec![
+        (bindings::FRAMES, ShaderStages::VERTEX | stage, storage()),
+        (bindings::ATLAS_SAMPLER, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        (bindings::TABLE, stage, storage()),
+    ];
+    let gradients = (bindings::FIRST_GRADIENTS..).take(if has_gradients { layers } else { 0 });
+    let textures = (bindings::FIRST_ATLAS..).take(layers).chain(gradients);
+    march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
+    match compositor {
+        Compositor::Sorted => march.push((bindings::CELLS, ShaderStages::VERTEX, storage())),
+        Compositor::Raycast | Compositor::Compute => {
+            let read = [bindings::BRICKS, bindings::NODES, bindings::RANGES, bindings::OPAQUE_BEFORE];
+            march.extend(read.map(|binding| (binding, stage, storage())));
+            let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
+            march.extend(gpu.report.feedback.then_some((bindings::MARKS, stage, written)));
+        }
     }
-
-    fn of(gpu: &Gpu, march: &[(u32, ShaderStages, BindingType)]) -> Self {
-        let fragment = ShaderStages::FRAGMENT;
-        let gathered = (5, fragment, texture(TextureViewDimension::D2, false));
-        let resolve = [(0, fragment, storage()), (4, fragment, storage()), gathered];
-        Self { march: bind_group_layout(gpu, "march", march), resolve: bind_group_layout(gpu, "resolve", &resolve) }
-    }
+    bind_group_layout(gpu, "march", &march)
 }
 
 /// How cells meet: *over* from back to front, the greater, or the sum.
@@ -239,71 +251,105 @@ pub(crate) struct Shape {
     pub(crate) depth_stencil: Option<wgpu::DepthStencilState>,
 }
 
+/// The sum of what is there and what comes.
+const SUM: wgpu::BlendState = {
+    let component =
+        BlendComponent { src_factor: BlendFactor::One, dst_factor: BlendFactor::One, operation: BlendOperation::Add };
+    wgpu::BlendState { color: component, alpha: component }
+};
+
+fn write(format: TextureFormat, blend: Option<wgpu::BlendState>) -> wgpu::ColorTargetState {
+    wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL }
+}
+
 impl Pipelines {
-    /// With `meshes`, for frames that have some.
-    pub(crate) fn new(
+    /// Makes a march, if it is not there. With `meshes`, for frames that have some.
+    pub(crate) fn need_march(
+        &mut self,
         gpu: &Gpu,
         layouts: &Layouts,
         meshes: Option<&MeshLayouts<'_>>,
         compositor: Compositor,
-        variant: &Variant,
-    ) -> Self {
-        let gather = variant.gather;
-        let format = gather_format(gather, compositor, &gpu.report.formats);
-        let boxes = wgpu::PrimitiveState {
-            topology: wgpu::PrimitiveTopology::TriangleStrip,
-            cull_mode: Some(wgpu::Face::Front),
-            ..Default::default()
-        };
-        let boxes = Shape { primitive: boxes, ..Shape::default() };
-        let with = |own, other| [Some(own), other].into_iter().flatten().collect::<Vec<_>>();
-        let bindings = with(&layouts.march, meshes.map(|meshes| meshes.limits));
-        let write = |format, blend| wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
-        let march = match compositor {
-            Compositor::Sorted => {
-                let target = write(format, Some(blend(gather)));
-                let entries = ["proxy", "march"];
-                MarchPipeline::Fragment(pipeline(gpu, &sorted(variant), &bindings, entries, boxes, &[target]))
-            }
-            Compositor::Raycast => {
-                let source = raycast(variant, Stage::Fragment, gpu.report.feedback);
-                let (entries, shape) = (["fullscreen", "raycast"], Shape::default());
-                MarchPipeline::Fragment(pipeline(gpu, &source, &bindings, entries, shape, &[format.into()]))
-            }
-            Compositor::Compute => {
-                let source = raycast(variant, Stage::Compute(texel_format(format)), gpu.report.feedback);
-                let limits = meshes.map(|meshes| meshes.limits);
-                MarchPipeline::Compute(compute_pipeline(gpu, &source, &layouts.march, limits, format))
-            }
-        };
-        let target = match meshes {
-            None => DISPLAY_FORMAT.into(),
-            Some(_) => write(gpu.report.formats.composite, Some(BEHIND)),
-        };
-        let bindings = with(&layouts.resolve, meshes.map(|meshes| meshes.layer));
-        let (source, entries) = (resolve(gather, variant.has_meshes), ["fullscreen", "resolve"]);
-        Self { march, resolve: pipeline(gpu, &source, &bindings, entries, Shape::default(), &[target]) }
+        shader: &Shader,
+    ) {
+        if !self.marches.contains_key(shader) {
+            let limits = meshes.map(|meshes| meshes.limits);
+            self.marches.insert(shader.clone(), MarchPipeline::new(gpu, layouts, limits, compositor, shader));
+        }
     }
 
-    /// Those of several volumes.
-    pub(crate) fn together(
+    /// Makes a resolving pass, if it is not there.
+    pub(crate) fn need_resolve(
+        &mut self,
         gpu: &Gpu,
         layouts: &Layouts,
-        volumes: &[VolumeShader],
-        expression: Option<&ExpressionShader>,
+        meshes: Option<&MeshLayouts<'_>>,
+        (seen, shown): (Seen, Shown),
+    ) {
+        self.resolves.entry((seen, shown)).or_insert_with(|| {
+            let own = if seen == Seen::Joined { &layouts.joined } else { &layouts.resolve };
+            let slab = meshes.filter(|_| shown == Shown::Slab).map(|meshes| meshes.layer);
+            let layouts: Vec<_> = [Some(own), slab].into_iter().flatten().collect();
+            let composite = gpu.report.formats.composite;
+            let targets = match shown {
+                Shown::Picture => vec![DISPLAY_FORMAT.into()],
+                Shown::Slab => vec![write(composite, Some(BEHIND))],
+                Shown::Sums => vec![write(composite, Some(SUM)); 2],
+            };
+            let entries = ["fullscreen", "resolve"];
+            pipeline(gpu, &resolve(seen, shown), &layouts, entries, Shape::default(), &targets)
+        });
+    }
+
+    /// A march that was made.
+    pub(crate) fn march(&self, shader: &Shader) -> Option<&MarchPipeline> {
+        self.marches.get(shader)
+    }
+
+    /// A resolving pass that was made.
+    pub(crate) fn resolve(&self, seen: Seen, shown: Shown) -> Option<&wgpu::RenderPipeline> {
+        self.resolves.get(&(seen, shown))
+    }
+}
+
+impl MarchPipeline {
+    fn new(
+        gpu: &Gpu,
+        layouts: &Layouts,
+        limits: Option<&wgpu::BindGroupLayout>,
+        compositor: Compositor,
+        shader: &Shader,
     ) -> Self {
-        let format = gather_format(Gather::Composite, Compositor::Raycast, &gpu.report.formats);
-        let make = |source: &str, bindings: &wgpu::BindGroupLayout, fragment: &'static str, target: TextureFormat| {
-            pipeline(gpu, source, &[bindings], ["fullscreen", fragment], Shape::default(), &[target.into()])
+        let (gather, own) = match shader {
+            Shader::Single(variant) => (variant.gather, &layouts.march),
+            Shader::Joint(_) => (Gather::Composite, &layouts.joint),
         };
-        Self {
-            march: MarchPipeline::Fragment(make(
-                &raycast_together(volumes, expression),
-                &layouts.march,
-                "raycast",
-                format,
-            )),
-            resolve: make(&resolve(Gather::Composite, false), &layouts.resolve, "resolve", DISPLAY_FORMAT),
+        let format = gather_format(gather, compositor, &gpu.report.formats);
+        let bindings: Vec<_> = [Some(own), limits].into_iter().flatten().collect();
+        let cast = |stage| match shader {
+            Shader::Single(variant) => raycast(variant, stage, gpu.report.feedback),
+            Shader::Joint(variant) => raycast_joint(variant, stage, gpu.report.feedback),
+        };
+        match (compositor, shader) {
+            (Compositor::Sorted, Shader::Single(variant)) => {
+                let primitive = wgpu::PrimitiveState {
+                    topology: wgpu::PrimitiveTopology::TriangleStrip,
+                    cull_mode: Some(wgpu::Face::Front),
+                    ..Default::default()
+                };
+                let boxes = Shape { primitive, ..Shape::default() };
+                let (target, entries) = (write(format, Some(blend(gather))), ["proxy", "march"]);
+                Self::Fragment(pipeline(gpu, &sorted(variant), &bindings, entries, boxes, &[target]))
+            }
+            (Compositor::Compute, _) => {
+                let source = cast(Stage::Compute(texel_format(format)));
+                Self::Compute(compute_pipeline(gpu, &source, own, limits, format))
+            }
+            (Compositor::Raycast | Compositor::Sorted, _) => {
+                let entries = ["fullscreen", "raycast"];
+                let source = cast(Stage::Fragment);
+                Self::Fragment(pipeline(gpu, &source, &bindings, entries, Shape::default(), &[format.into()]))
+            }
         }
     }
 }
@@ -318,7 +364,7 @@ fn compute_pipeline(
 ) -> wgpu::ComputePipeline {
     let access = wgpu::StorageTextureAccess::WriteOnly;
     let written = BindingType::StorageTexture { access, format, view_dimension: TextureViewDimension::D2 };
-    let texels = bind_group_layout(gpu, "texels", &[(0, ShaderStages::COMPUTE, written)]);
+    let texels = bind_group_layout(gpu, "texels", &[(bindings::TEXELS, ShaderStages::COMPUTE, written)]);
     let (module, layout) = shader(&gpu.device, "raycast", source, &[Some(march), limits, Some(&texels)]);
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some("raycast"),

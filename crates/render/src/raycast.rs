@@ -1,4 +1,4 @@
-//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over the draw list, ending where nothing
+//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list, ending where nothing
 //! behind can be seen and leaping over what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
 //!
 //! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
@@ -8,132 +8,109 @@
 //! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
 use crate::adapter::Gpu;
-use crate::atlas::{Atlas, AtlasPlan};
 use crate::error::GpuError;
-use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
+use crate::gathering::{SharedBuffers, buffer, entry};
+use crate::layer::{Ends, GpuLayer, Part, Parts};
 use crate::memory::RaycastPlan;
-use crate::pipelines::MarchPipeline;
+use crate::pipelines::Layouts;
 use crate::targets::Targets;
-use crate::tree::{GROUP, Slots, Tree, Visibility, pack_range};
-use brickyard_pager::{DrawList, Slot};
-use brickyard_shaders::RayBrick;
-use brickyard_volume::macrocells::{self, per_axis};
-use brickyard_volume::{FrameSettings, MacroCells, Needs, OpaqueCodes, Pyramid, SlotEncoding, TransferTable};
+use crate::tree::GROUP;
+use brickyard_shaders::{RayBrick, bindings};
+use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
-/// Its buffers and bindings, and the range of codes of each slot's brick.
+/// Its buffers, which have a part for each layer.
+#[derive(Debug)]
+pub(crate) struct RayBuffers {
+    pub(crate) nodes: wgpu::Buffer,
+    pub(crate) bricks: wgpu::Buffer,
+    pub(crate) ranges: wgpu::Buffer,
+    pub(crate) opaque_before: wgpu::Buffer,
+    /// By brick, how it was entered; all zero between frames.
+    pub(crate) marks: wgpu::Buffer,
+}
+
+/// Its buffers and bindings.
 #[derive(Debug)]
 pub(crate) struct Raycast {
-    plan: RaycastPlan,
-    nodes: wgpu::Buffer,
-    bricks: wgpu::Buffer,
-    ranges: wgpu::Buffer,
-    opaque_before: wgpu::Buffer,
-    /// By brick, how it was entered; all zero between frames.
-    marks: wgpu::Buffer,
-    bindings: wgpu::BindGroup,
-    slot_ranges: Vec<[u16; 2]>,
-    /// Of the frame's table.
-    opaque: OpaqueCodes,
+    pub(crate) buffers: RayBuffers,
+    /// Of each layer by itself.
+    pub(crate) bindings: Vec<wgpu::BindGroup>,
+    /// Of all of them.
+    pub(crate) joint: wgpu::BindGroup,
 }
 
 impl Raycast {
     pub(crate) fn new(
         gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
+        layouts: &Layouts,
         shared: &SharedBuffers,
-        atlas: &Atlas,
-        plan: RaycastPlan,
+        layers: &[GpuLayer],
+        ends: &Ends,
     ) -> Result<Self, GpuError> {
-        let slots = atlas.plan.slots();
-        let buffers = [
-            ("octree", plan.nodes_bytes(slots)),
-            ("bricks", plan.bricks_bytes(slots)),
-            ("macro-cells", plan.ranges_bytes(slots)),
-            ("opaque entries", plan.opaque_bytes),
-            ("marks", plan.marks_bytes(slots)),
+        let sizes = [
+            ("octrees", ends.nodes),
+            ("bricks", ends.bricks),
+            ("macro-cells", ends.ranges),
+            ("opaque entries", ends.counts),
+            ("marks", ends.marks),
         ];
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let make = |device: &wgpu::Device| buffers.map(|(label, bytes)| buffer(device, label, bytes, usage));
-        let total = buffers.iter().map(|(_, bytes)| bytes).sum();
+        let make = |device: &wgpu::Device| sizes.map(|(label, bytes)| buffer(device, label, bytes, usage));
+        let total = sizes.iter().map(|(_, bytes)| bytes).sum();
         let [nodes, bricks, ranges, opaque_before, marks] =
-            gpu.allocate("the octree and the macro-cells", total, make)?;
-        let mut own = vec![
-            entry(1, bricks.as_entire_binding()),
-            entry(6, nodes.as_entire_binding()),
-            entry(7, ranges.as_entire_binding()),
-            entry(8, opaque_before.as_entire_binding()),
-        ];
-        if gpu.report.feedback {
-            own.push(entry(9, marks.as_entire_binding()));
-        }
-        let bindings = shared.bindings(gpu, layout, atlas, &own);
-        let slot_ranges = vec![macrocells::NONE; slots as usize];
-        let opaque = OpaqueCodes::new(&TransferTable::from_entries(Vec::new(), 1.0));
-        Ok(Self { plan, nodes, bricks, ranges, opaque_before, marks, bindings, slot_ranges, opaque })
-    }
-
-    /// Takes note of what a brick that goes into a slot holds.
-    pub(crate) fn upload(&mut self, gpu: &Gpu, Slot(slot): Slot, codes: &[u8], encoding: &SlotEncoding, needs: Needs) {
-        let edge = self.plan.edge as usize;
-        let cells = match self.plan.leaps {
-            true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge, needs),
-            false => MacroCells::of_anything(encoding.format, edge),
+            gpu.allocate("the octrees and the macro-cells", total, make)?;
+        let buffers = RayBuffers { nodes, bricks, ranges, opaque_before, marks };
+        let of = |layer: &GpuLayer| {
+            let own = buffers.entries(gpu, shared, Some(&layer.parts));
+            shared.bindings(gpu, &layouts.march, std::slice::from_ref(layer), own)
         };
-        let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();
-        gpu.queue.write_buffer(&self.ranges, self.plan.ranges_bytes(slot), bytemuck::cast_slice(&packed));
-        self.slot_ranges[slot as usize] = cells.whole();
+        let own = layers.iter().map(of).collect();
+        let joint = shared.bindings(gpu, &layouts.joint, layers, buffers.entries(gpu, shared, None));
+        Ok(Self { buffers, bindings: own, joint })
     }
 
-    /// Takes note of a new table.
-    pub(crate) fn set_table(&mut self, gpu: &Gpu, table: &TransferTable) {
-        self.opaque = OpaqueCodes::new(table);
-        gpu.queue.write_buffer(&self.opaque_before, 0, bytemuck::cast_slice(self.opaque.before()));
-    }
-
-    /// Draws the list, some rows of the picture per submission.
-    ///
-    /// # Errors
-    /// If the list has more cells than there are slots, or its pyramid more levels than this was made for.
-    pub(crate) fn draw(
+    /// Queues the copy of the first so many marks of each layer, one layer's behind the other's, and the end of all.
+    pub(crate) fn take_marks(
         &self,
-        gpu: &Gpu,
-        (gathering, pipeline): (&Gathering<'_>, &MarchPipeline),
-        frame: &FrameSettings,
-        pyramid: &Pyramid,
-        draw: &DrawList,
-        (atlas, apron): (&AtlasPlan, u32),
-    ) -> Result<(), GpuError> {
-        let macro_cells = per_axis(self.plan.edge as usize).pow(3) as u32;
-        let slots = Slots { atlas, apron, macro_cells, ranges: &self.slot_ranges };
-        let (mode, has_invalid) = (frame.mode, frame.encoding.has_invalid);
-        let visibility = Visibility { mode, has_invalid, opaque: &self.opaque, leaps: self.plan.leaps };
-        let tree = Tree::new(pyramid, draw, &visibility, &slots);
-        let (nodes, bricks): (&[u8], &[u8]) = (bytemuck::cast_slice(&tree.nodes), bytemuck::cast_slice(&tree.bricks));
-        if nodes.len() as u64 > self.nodes.size() || bricks.len() as u64 > self.bricks.size() {
-            return Err(GpuError::Mismatch(format!(
-                "draw list of {} entries and {} octree nodes: this renderer was made for {} slots and {} levels",
-                tree.bricks.len(),
-                tree.nodes.len() / GROUP,
-                atlas.slots(),
-                self.plan.levels
-            )));
+        encoder: &mut wgpu::CommandEncoder,
+        layers: &[GpuLayer],
+        counts: &[usize],
+        to: &Targets,
+    ) {
+        let mut at = to.marks_offset();
+        for (layer, count) in layers.iter().zip(counts).filter(|(_, count)| **count > 0) {
+            let bytes = (count * size_of::<u32>()) as u64;
+            encoder.copy_buffer_to_buffer(&self.buffers.marks, layer.parts.marks.at, &to.read_back, at, bytes);
+            at += bytes;
         }
-        gpu.queue.write_buffer(&self.nodes, 0, nodes);
-        gpu.queue.write_buffer(&self.bricks, 0, bricks);
-        gathering.cast_rays(gpu, pipeline, &self.bindings, 1);
-        Ok(())
+        encoder.clear_buffer(&self.buffers.marks, 0, None);
     }
 }
 
-impl Raycast {
-    /// Queues the copy of the first `count` marks, and the end of all.
-    pub(crate) fn take_marks(&self, encoder: &mut wgpu::CommandEncoder, count: usize, to: &Targets) {
-        if count > 0 {
-            let bytes = (count * size_of::<u32>()) as u64;
-            encoder.copy_buffer_to_buffer(&self.marks, 0, &to.read_back, to.marks_offset(), bytes);
+impl RayBuffers {
+    /// A layer's parts of all that rays see, or all of it.
+    fn entries<'a>(
+        &'a self,
+        gpu: &Gpu,
+        shared: &'a SharedBuffers,
+        parts: Option<&Parts>,
+    ) -> Vec<wgpu::BindGroupEntry<'a>> {
+        let of = |buffer: &'a wgpu::Buffer, part: Option<Part>| {
+            part.map_or_else(|| buffer.as_entire_binding(), |part| part.of(buffer))
+        };
+        let mut entries = vec![
+            entry(bindings::FRAMES, of(&shared.frame, parts.map(|parts| parts.frame))),
+            entry(bindings::TABLE, of(&shared.table, parts.map(|parts| parts.table))),
+            entry(bindings::BRICKS, of(&self.bricks, parts.map(|parts| parts.bricks))),
+            entry(bindings::NODES, of(&self.nodes, parts.map(|parts| parts.nodes))),
+            entry(bindings::RANGES, of(&self.ranges, parts.map(|parts| parts.ranges))),
+            entry(bindings::OPAQUE_BEFORE, of(&self.opaque_before, parts.map(|parts| parts.counts))),
+        ];
+        if gpu.report.feedback {
+            entries.push(entry(bindings::MARKS, of(&self.marks, parts.map(|parts| parts.marks))));
         }
-        encoder.clear_buffer(&self.marks, 0, None);
+        entries
     }
 }
 

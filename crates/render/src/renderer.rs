@@ -1,27 +1,23 @@
-//! The GPU renderer: slots on the GPU, a compositor that gathers their samples, and the picture read back.
+//! The GPU renderer: slots of layers on the GPU, a compositor that gathers their samples, and the picture read back.
 //!
-//! A frame (see `passes`) writes one block of settings, what the compositor needs to know of its cells and, when it changed, the
-//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside the
-//! budget given at the start. Everything happens on the thread that calls.
+//! A frame (see `passes`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
+//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
+//! the budget given at the start. Everything happens on the thread that calls.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
-use crate::atlas::Atlas;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::gathering::SharedBuffers;
-use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan, RaycastPlan};
-use crate::meshes::{Layers, Meshes};
+use crate::layer::{Ends, GpuLayer, Part, Parts};
+use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan};
+use crate::meshes::{Meshes, Peeled};
 use crate::pipelines::{Layouts, Pipelines};
-use crate::raycast::Raycast;
+use crate::raycast::{RayBuffers, Raycast};
 use crate::sorted::Sorted;
-use crate::table::{self, Room};
 use crate::targets::Targets;
-use crate::upload::Uploader;
-use brickyard_pager::Slot;
-use brickyard_shaders::{Gather, Variant};
-use brickyard_volume::{FrameSettings, Needs, Pyramid, SlotEncoding, TransferTable};
-use std::collections::HashMap;
-use std::sync::Arc;
+use brickyard_pager::{Slot, VolumeNeeds};
+use brickyard_shaders::Gather;
+use brickyard_volume::{MAX_VOLUMES, TransferTable};
 
 /// How the GPU backend is set up.
 #[derive(Clone, Copy, Debug)]
@@ -32,10 +28,8 @@ pub struct GpuOptions {
     pub compositor: Compositor,
     /// Whether rays of `raycast` leap over what shows nothing; without, pictures are the same and take longer.
     pub leaps: bool,
-    /// Levels of the pyramid, at most: how deep an octree is made room for.
-    pub levels: u32,
-    /// No more slots than this, whatever the budget: the number of bricks there are. A slot costs its bytes from the start.
-    pub max_slots: u32,
+    /// Whether there may be expressions over the layers: their table takes a mebibyte. `sorted` has none.
+    pub expressions: bool,
     /// Allocations above this are refused as if by the device: for tests.
     #[doc(hidden)]
     pub refuse_above_bytes: u64,
@@ -44,78 +38,89 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self { preference, compositor, leaps: true, levels: 16, max_slots: u32::MAX, refuse_above_bytes: u64::MAX }
+        Self { preference, compositor, leaps: true, expressions: true, refuse_above_bytes: u64::MAX }
     }
 }
 
-/// The GPU backend: an atlas of slots and a compositor that draws from them.
+/// The GPU backend: atlases of layers, and a compositor that draws from them.
 #[derive(Debug)]
 pub struct GpuRenderer {
     pub(crate) gpu: Gpu,
     pub(crate) recipe: Recipe,
     memory: MemoryPlan,
     asked_bytes: u64,
-    pub(crate) atlas: Atlas,
-    uploader: Uploader,
+    pub(crate) layers: Vec<GpuLayer>,
     pub(crate) shared: SharedBuffers,
     pub(crate) layouts: Layouts,
     pub(crate) march: March,
     /// Made at first use.
-    pub(crate) pipelines: HashMap<Variant, Pipelines>,
+    pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     /// Where pictures may have some, and what those are drawn into besides.
     pub(crate) meshes: Option<Meshes>,
-    pub(crate) layers: Option<Layers>,
+    pub(crate) peeled: Option<Peeled>,
     /// Room for marks in the targets.
-    marks_bytes: u64,
-    /// What the table buffer holds.
-    table: Option<Arc<TransferTable>>,
-    /// See [`table::Words`].
-    pub(crate) sum_unit: f32,
-    /// How the last frame's cells were entered.
-    pub(crate) entered: Option<Vec<f32>>,
+    pub(crate) marks_bytes: u64,
+    /// The part of the tables with an expression's media, and what is there.
+    pub(crate) combined_part: Option<Part>,
+    pub(crate) combined: Option<TransferTable>,
+    /// How the last frame's cells were entered, layer by layer.
+    pub(crate) entered: Option<Vec<Vec<f32>>>,
     pub(crate) last_frame_ms: f64,
 }
 
 /// What a renderer is made from, again after every loss of the device.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Recipe {
     options: GpuOptions,
-    encoding: SlotEncoding,
-    edge: u32,
-    pub(crate) needs: Needs,
+    layers: Vec<VolumeNeeds>,
     budget_bytes: u64,
-    max_size_px: (u32, u32),
+    pub(crate) max_size_px: (u32, u32),
 }
 
 impl Recipe {
-    fn raycast(&self) -> Option<RaycastPlan> {
-        let levels = self.options.levels;
-        (self.options.compositor != Compositor::Sorted)
-            .then(|| RaycastPlan::new(self.edge, levels, self.encoding.format, self.options.leaps))
-    }
-
-    pub(crate) fn tables(&self) -> Room {
-        Room::new(self.encoding.format, &self.needs)
-    }
-
-    /// How the budget is spent on this device.
-    fn plan(&self, gpu: &Gpu, max_slots: u32) -> Result<MemoryPlan, GpuError> {
+    /// How the budget is spent on this device, with no more slots of the layers than so many.
+    fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
+        self.check_textures(gpu)?;
+        let layers: Vec<VolumeNeeds> = self
+            .layers
+            .iter()
+            .zip(most_slots)
+            .map(|(needs, &most_slots)| VolumeNeeds { most_slots, ..*needs })
+            .collect();
         MemoryPlan::new(&MemoryNeeds {
             formats: gpu.report.formats,
-            tables: self.tables(),
-            slot_edge: self.edge + 2 * self.needs.apron,
-            gradients: self.needs.gradients(self.edge),
+            layers: &layers,
             budget_bytes: self.budget_bytes,
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
-            max_slots,
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
-            raycast: self.raycast(),
-            meshes: self.needs.meshes,
+            casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.leaps),
+            has_expressions: self.has_expressions(),
         })
+    }
+
+    /// Whether a shader sees enough textures: atlases and gradients of all layers, and what cuts a picture into slabs.
+    fn check_textures(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
+        let each = if self.has_gradients() { 2 } else { 1 };
+        let needed = each * self.layers.len() + if self.layers[0].bricks.meshes.is_none() { 0 } else { 3 };
+        match self.options.compositor {
+            Compositor::Raycast | Compositor::Compute if needed > limit as usize => {
+                Err(GpuError::Textures { volumes: self.layers.len(), needed, limit })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn has_expressions(&self) -> bool {
+        self.options.expressions && self.options.compositor != Compositor::Sorted
+    }
+
+    fn has_gradients(&self) -> bool {
+        self.layers[0].bricks.gradient_layers > 0
     }
 }
 
@@ -127,38 +132,48 @@ pub(crate) enum March {
 }
 
 impl GpuRenderer {
-    /// A renderer for bricks of `edge`^3 voxels and what pictures need around them, and pictures up to `max_size_px` (width,
-    /// height), that allocates at most `gpu_memory_bytes`.
+    /// A renderer for layers of bricks and what pictures need around them, and pictures up to `max_size_px` (width, height), that
+    /// allocates at most `gpu_memory_bytes`: of one layer all that is left is for its slots, of several each has a share.
     ///
     /// The device may have less than the budget. Where it refuses an allocation there are half as many slots, again and
     /// again, down to the least that works: see [`GpuRenderer::asked_bytes`].
     ///
     /// # Errors
-    /// If there is no such adapter, the budget cannot hold a picture and two bricks, or the device refuses even those.
+    /// If there is no such adapter, its shaders see too few textures, the layers are none or do not all have gradients beside their
+    /// bricks or none, the budget cannot hold a picture and the least bricks, or the device refuses even those.
     pub fn new(
         options: &GpuOptions,
-        encoding: SlotEncoding,
-        edge: u32,
-        needs: Needs,
+        layers: &[VolumeNeeds],
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
-        let budget_bytes = gpu_memory_bytes;
-        Self::make(Recipe { options: *options, encoding, edge, needs, budget_bytes, max_size_px })
+        let is_alike = |needs: &VolumeNeeds| {
+            let (first, bricks) = (&layers[0].bricks, &needs.bricks);
+            (bricks.gradient_layers > 0) == (first.gradient_layers > 0) && bricks.meshes == first.meshes
+        };
+        if layers.is_empty() || layers.len() > MAX_VOLUMES || !layers.iter().all(is_alike) {
+            let problem = format!("{} layers: expected 1 to {MAX_VOLUMES}, of one scene", layers.len());
+            return Err(GpuError::Mismatch(problem));
+        }
+        let (layers, budget_bytes) = (layers.to_vec(), gpu_memory_bytes);
+        Self::make(Recipe { options: *options, layers, budget_bytes, max_size_px })
     }
 
     fn make(recipe: Recipe) -> Result<Self, GpuError> {
-        let (mut asked_bytes, mut max_slots) = (None, recipe.options.max_slots);
+        let mut asked_bytes = None;
+        let mut most: Vec<u32> = recipe.layers.iter().map(|needs| needs.most_slots).collect();
         loop {
             let gpu = Gpu::open(recipe.options.preference, recipe.options.refuse_above_bytes)?;
-            let memory = recipe.plan(&gpu, max_slots)?;
+            let memory = recipe.plan(&gpu, &most)?;
             let asked_bytes = *asked_bytes.get_or_insert(memory.bytes());
-            let slots = memory.atlas.slots();
-            match Self::allocate(gpu, recipe, memory, asked_bytes) {
+            let slots: Vec<u32> = memory.layers.iter().map(|plan| plan.atlas.slots()).collect();
+            match Self::allocate(gpu, recipe.clone(), memory, asked_bytes) {
                 // Some drivers lose the device over what they cannot give.
-                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) if slots > MIN_SLOTS => {
-                    max_slots = (slots / 2).max(MIN_SLOTS);
-                    tracing::warn!("{error}: trying with {max_slots} bricks instead of {slots}");
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_)))
+                    if slots.iter().any(|&slots| slots > MIN_SLOTS) =>
+                {
+                    most = slots.iter().map(|slots| (slots / 2).max(MIN_SLOTS)).collect();
+                    tracing::warn!("{error}: trying with {most:?} bricks instead of {slots:?}");
                 }
                 other => return other,
             }
@@ -166,40 +181,45 @@ impl GpuRenderer {
     }
 
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
-        let codes = recipe.encoding.format;
-        let gradients = recipe.needs.gradients(recipe.edge);
-        let atlas = Atlas::new(&gpu, memory.atlas, gpu.report.formats.atlas(codes), gradients)?;
-        let shared = SharedBuffers::new(&gpu, 1, recipe.tables().bytes())?;
-        let layouts = Layouts::new(&gpu, recipe.options.compositor, gradients.layers > 0);
-        let march = match recipe.raycast() {
-            None => March::Sorted(Sorted::new(&gpu, &layouts.march, &shared, &atlas)?),
-            Some(plan) => March::Raycast(Raycast::new(&gpu, &layouts.march, &shared, &atlas, plan)?),
+        let mut ends = Ends::default();
+        let parts: Vec<Parts> =
+            recipe.layers.iter().zip(&memory.layers).map(|(needs, plan)| ends.layer(needs, plan)).collect();
+        let (of_meshes, compositor) = (ends.frame(), recipe.options.compositor);
+        let combined_part = recipe.has_expressions().then(|| ends.combined());
+        let made = recipe.layers.iter().zip(&memory.layers).zip(&parts);
+        let layers: Vec<GpuLayer> = made
+            .map(|((needs, plan), parts)| GpuLayer::new(&gpu, *needs, *plan, memory.batch, *parts))
+            .collect::<Result<_, _>>()?;
+        let shared = SharedBuffers::new(&gpu, ends.frames, ends.table)?;
+        let layouts = Layouts::new(&gpu, compositor, layers.len(), recipe.has_gradients());
+        let march = match compositor {
+            Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, &layers)?),
+            _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, &layers, &ends)?),
         };
         // The largest there will be: a frame is no time to find out that there is no room for them.
-        let marks_bytes = recipe.raycast().map_or(0, |plan| plan.marks_bytes(atlas.plan.slots()));
-        let compositor = recipe.options.compositor;
-        let targets = Some(Targets::new(&gpu, Gather::Composite, compositor, recipe.max_size_px, marks_bytes)?);
-        let room = recipe.needs.meshes;
-        let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, room)).transpose()?;
-        let layers =
-            meshes.as_ref().map(|meshes| Layers::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
+        let marks_bytes = parts.iter().map(|parts| parts.marks.bytes).sum();
+        let largest = (Gather::Composite, layers.len() > 1);
+        let targets = Some(Targets::new(&gpu, largest, compositor, recipe.max_size_px, marks_bytes)?);
+        let room = recipe.layers[0].bricks.meshes;
+        let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, of_meshes, room)).transpose()?;
+        let peeled =
+            meshes.as_ref().map(|meshes| Peeled::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
         Ok(Self {
             recipe,
             memory,
             asked_bytes,
-            atlas,
-            uploader: Uploader::new(codes, memory.batch),
+            layers,
             shared,
             layouts,
             march,
             pipelines: Default::default(),
             targets,
             meshes,
-            layers,
+            peeled,
             marks_bytes,
-            table: None,
-            sum_unit: 0.0,
+            combined_part,
+            combined: None,
             entered: None,
             last_frame_ms: 0.0,
             gpu,
@@ -214,7 +234,7 @@ impl GpuRenderer {
     pub fn renew(&mut self) -> Result<(), GpuError> {
         // What the old device still holds must not stand beside the new one's.
         self.gpu.destroy();
-        *self = Self::make(self.recipe)?;
+        *self = Self::make(self.recipe.clone())?;
         Ok(())
     }
 
@@ -224,12 +244,15 @@ impl GpuRenderer {
         self.gpu.device.destroy();
     }
 
-    /// How many bricks fit.
-    pub fn slots(&self) -> u32 {
-        self.atlas.plan.slots()
+    /// How many bricks of a layer fit.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn slots(&self, layer: usize) -> u32 {
+        self.layers[layer].slots()
     }
 
-    /// Everything this renderer may hold on the GPU at once: atlas, targets, tables, staging, read-back.
+    /// Everything this renderer may hold on the GPU at once: atlases, targets, tables, staging, read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.memory.bytes()
     }
@@ -241,7 +264,7 @@ impl GpuRenderer {
 
     /// Bytes of slot codes uploaded so far.
     pub fn uploaded_bytes(&self) -> u64 {
-        self.uploader.bytes
+        self.layers.iter().map(|layer| layer.uploader.bytes).sum()
     }
 
     /// Milliseconds of the last frame: on the GPU where it has timestamps, else from call to picture.
@@ -259,84 +282,34 @@ impl GpuRenderer {
         &self.gpu.report
     }
 
-    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a slot. Returns before they are
-    /// there; later frames see them.
+    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a layer's slot. Returns before they
+    /// are there; later frames see them.
     ///
     /// # Errors
-    /// If the codes are not a padded brick, there is no such slot, or the device fails.
-    pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        self.uploader.check(&self.atlas, slot, codes)?;
-        if let March::Raycast(raycast) = &mut self.march {
-            raycast.upload(&self.gpu, slot, codes, &self.recipe.encoding, self.recipe.needs);
-        }
-        self.uploader.upload(&self.gpu, &self.atlas, slot, codes)
+    /// If the codes are not a padded brick of the layer, there is no such slot, or the device fails.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn upload(&mut self, layer: usize, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
+        let Self { gpu, layers, march, .. } = self;
+        layers[layer].upload(gpu, march.rays(), slot, codes)
     }
 
-    /// For each entry of the last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
+    /// For each entry of a layer's last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
     /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
     /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
-    pub fn visibility(&self) -> Option<&[f32]> {
-        self.entered.as_deref()
+    pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
+        Some(self.entered.as_ref()?.get(layer)?)
     }
+}
 
-    pub(crate) fn check(&self, frame: &FrameSettings, pyramid: &Pyramid) -> Result<(), GpuError> {
-        check_size((frame.rays.width, frame.rays.height), self.recipe.max_size_px)?;
-        if frame.encoding != self.recipe.encoding || pyramid.edge() != self.recipe.edge {
-            return Err(GpuError::Mismatch(format!(
-                "frame of {:?} in bricks of {}: this renderer was made for {:?} in bricks of {}",
-                frame.encoding,
-                pyramid.edge(),
-                self.recipe.encoding,
-                self.recipe.edge
-            )));
+impl March {
+    /// What rays see of layers.
+    pub(crate) fn rays(&self) -> Option<&RayBuffers> {
+        match self {
+            Self::Sorted(_) => None,
+            Self::Raycast(raycast) => Some(&raycast.buffers),
         }
-        if !frame.placement.is_identity() {
-            return Err(GpuError::Mismatch("one volume is drawn in its own world".into()));
-        }
-        let (asked, given) = (frame.needs(), self.recipe.needs);
-        if !given.satisfy(&asked) {
-            return Err(GpuError::Mismatch(format!("a frame of {asked:?}: this renderer's bricks have {given:?}")));
-        }
-        let entries = self.recipe.encoding.format.max_code() as usize + 1;
-        if frame.table.entries.len() != entries {
-            let found = frame.table.entries.len();
-            return Err(GpuError::Mismatch(format!("transfer table of {found} entries: expected {entries}")));
-        }
-        Ok(())
-    }
-
-    /// Pipelines, targets and table for this frame.
-    pub(crate) fn prepare(&mut self, variant: &Variant, frame: &FrameSettings) -> Result<(), GpuError> {
-        let (gpu, layouts, compositor, gather) = (&self.gpu, &self.layouts, self.compositor(), variant.gather);
-        let size_px = (frame.rays.width, frame.rays.height);
-        if let Some(meshes) = self.meshes.as_mut().filter(|_| variant.has_meshes) {
-            meshes.set(gpu, frame)?;
-            if !self.layers.as_ref().is_some_and(|layers| layers.suit(size_px)) {
-                // As with the targets.
-                self.layers = None;
-                self.layers = Some(Layers::new(gpu, meshes, &self.shared, size_px)?);
-            }
-        }
-        let of_meshes = self.meshes.as_ref().filter(|_| variant.has_meshes).map(Meshes::layouts);
-        let make = || Pipelines::new(gpu, layouts, of_meshes.as_ref(), compositor, variant);
-        self.pipelines.entry(*variant).or_insert_with(make);
-        let (width, height) = (frame.rays.width, frame.rays.height);
-        if !matches!(&self.targets, Some(t) if (t.gather, t.width_px, t.height_px) == (gather, width, height)) {
-            // The old ones go first: both together would pass the budget.
-            self.targets = None;
-            self.targets = Some(Targets::new(gpu, gather, compositor, (width, height), self.marks_bytes)?);
-        }
-        let is_there = |table: &Arc<TransferTable>| Arc::ptr_eq(table, &frame.table) || *table == frame.table;
-        if !self.table.as_ref().is_some_and(is_there) {
-            let words = table::words(&frame.table, self.recipe.tables());
-            self.gpu.queue.write_buffer(&self.shared.table, 0, bytemuck::cast_slice(&words.words));
-            self.sum_unit = words.sum_unit;
-            if let March::Raycast(raycast) = &mut self.march {
-                raycast.set_table(&self.gpu, &frame.table);
-            }
-            self.table = Some(frame.table.clone());
-        }
-        self.gpu.check()
     }
 }
 

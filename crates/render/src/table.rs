@@ -3,7 +3,7 @@
 //! the depth that an exponential takes.
 
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::{Blend, Needs, SlotFormat, TransferGrid, TransferTable};
+use brickyard_volume::{Needs, SlotFormat, TransferGrid, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
@@ -11,6 +11,9 @@ const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 /// Depth of what lets no light through: finite, because shaders need not know infinity, and after a billionth of a unit
 /// distance still more than any `f32` can tell from opaque.
 const OPAQUE: f64 = 1e30;
+
+/// The codes of an expression's table.
+pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 
 /// Places from one code to the next. Where a table of 8-bit codes jumps from clear to opaque within a code, the nearest of 64
 /// is off by less than 2/255 in one sample; 16-bit codes are as close as that already.
@@ -87,7 +90,7 @@ pub(crate) struct Words {
 
 /// A table's words.
 pub(crate) fn words(table: &TransferTable, room: Room) -> Words {
-    let mut words = places(table, room.codes, Blend::Mix);
+    let mut words = places(table, room.codes);
     let mut sum_unit = 0.0;
     if room.has_integrals {
         let integrals = table.integrals();
@@ -112,15 +115,12 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// A table's places; for what adds, with opacities where there are depths for what mixes.
-pub(crate) fn places(table: &TransferTable, codes: SlotFormat, blend: Blend) -> Vec<[u32; 2]> {
+/// A table's places.
+pub(crate) fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
     let last = last_place(codes);
     let place = |i: u32| {
         let [r, g, b, alpha] = table.lookup(i as f32 / last as f32);
-        let depth = match blend {
-            Blend::Mix => (-(1.0 - alpha as f64).log2()).min(OPAQUE) as f32,
-            Blend::Add => alpha,
-        };
+        let depth = (-(1.0 - alpha as f64).log2()).min(OPAQUE) as f32;
         [pack_color([r, g, b]), depth.to_bits()]
     };
     (0..=last).map(place).collect()
@@ -142,7 +142,7 @@ mod tests {
         for codes in [SlotFormat::U8, SlotFormat::U16] {
             let entries = (0..=codes.max_code()).map(|i| i as f32 / codes.max_code() as f32);
             let table = TransferTable::from_entries(entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), 1.0);
-            let places = places(&table, codes, Blend::Mix);
+            let places = places(&table, codes);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {
                 let room = Room { codes, has_integrals, has_grid: false };

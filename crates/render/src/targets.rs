@@ -16,6 +16,8 @@ pub(crate) struct Targets {
     pub(crate) width_px: u32,
     pub(crate) height_px: u32,
     pub(crate) gathered: wgpu::TextureView,
+    /// Of joined projections: colour times depth, and depth, of what mixes; and what adds.
+    pub(crate) sums: Option<[wgpu::TextureView; 2]>,
     pub(crate) display_view: wgpu::TextureView,
     display: wgpu::Texture,
     /// Padded rows of RGBA, two timestamps, and bricks' marks.
@@ -31,10 +33,10 @@ pub(crate) struct Found {
 }
 
 impl Targets {
-    /// Targets for pictures of this size, with room for `marks_bytes` of marks.
+    /// Targets for pictures of this size, with sums or without, and with room for `marks_bytes` of marks.
     pub(crate) fn new(
         gpu: &Gpu,
-        gather: Gather,
+        (gather, has_sums): (Gather, bool),
         compositor: Compositor,
         (width_px, height_px): (u32, u32),
         marks_bytes: u64,
@@ -54,7 +56,8 @@ impl Targets {
         };
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
-        gpu.allocate("the picture's targets", pixels * 20 + rows_bytes + marks_bytes, |device| {
+        let texel_bytes = if has_sums { 52 } else { 20 };
+        gpu.allocate("the picture's targets", pixels * texel_bytes + rows_bytes + marks_bytes, |device| {
             let format = gather_format(gather, compositor, &gpu.report.formats);
             let written = match compositor {
                 Compositor::Sorted | Compositor::Raycast => TextureUsages::RENDER_ATTACHMENT,
@@ -62,6 +65,11 @@ impl Targets {
             };
             let gathered = texture(device, format, TextureUsages::TEXTURE_BINDING | written);
             let gathered = gathered.create_view(&Default::default());
+            let sum = |_| {
+                let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT;
+                texture(device, gpu.report.formats.composite, usage).create_view(&Default::default())
+            };
+            let sums = has_sums.then(|| [0, 1].map(sum));
             let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT);
             let display_view = display.create_view(&Default::default());
             let read_back = device.create_buffer(&wgpu::BufferDescriptor {
@@ -70,8 +78,13 @@ impl Targets {
                 usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
                 mapped_at_creation: false,
             });
-            Self { gather, width_px, height_px, gathered, display_view, display, read_back }
+            Self { gather, width_px, height_px, gathered, sums, display_view, display, read_back }
         })
+    }
+
+    /// Whether they are for such pictures.
+    pub(crate) fn suit(&self, (gather, has_sums): (Gather, bool), size_px: (u32, u32)) -> bool {
+        (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
     /// Where the timestamps lie in the read-back buffer.

@@ -3,7 +3,7 @@
 
 mod bricks;
 
-use bricks::Bricks;
+use bricks::{Bricks, RenderOne};
 use brickyard_volume::*;
 use glam::DVec3;
 
@@ -94,7 +94,7 @@ fn agree(bricks: &Bricks, frames: &[FrameSettings], off: usize) {
     for mut renderer in bricks.renderers() {
         for (frame, expected) in frames.iter().zip(&mut expected) {
             let list = bricks.draw(&mut renderer, &frame.rays, &|_| false, &|_| 0);
-            let found = renderer.render(frame, &bricks.pyramid, &list).unwrap();
+            let found = renderer.render_one(frame, &bricks.pyramid, &list).unwrap();
             let transfer = if frame.table.grid.is_some() { &steep } else { &plain };
             let expected = expected.get_or_insert_with(|| bricks.reference(frame, &list, transfer));
             let difference = found.difference(expected);

@@ -2,8 +2,8 @@
 
 mod bricks;
 
-use bricks::{Bricks, MEMORY_BYTES, NEEDS};
-use brickyard_pager::{DrawCell, DrawList, Pixels};
+use bricks::{Bricks, MEMORY_BYTES, NEEDS, RenderOne};
+use brickyard_pager::{DrawCell, DrawList, Pixels, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -114,7 +114,7 @@ fn compare_views(
             let mut expected = None;
             for renderer in &mut renderers {
                 let list = bricks.draw(renderer, rays, &all_fine, &own);
-                let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
                 let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, transfer));
                 let what = format!("{name}, {mode:?}, {:?}", renderer.compositor());
                 assert_agree(mode, &what, &found, expected);
@@ -186,7 +186,7 @@ fn mixed_levels_and_ancestors_match_the_oracle() {
                 let list = bricks.draw(renderer, &rays, &stop, &coarser);
                 let levels: std::collections::BTreeSet<_> = list.cells.iter().map(|c| c.brick.level).collect();
                 assert!(levels.len() >= 3 && list.cells.iter().any(|c| c.brick.level > c.cell.level), "{levels:?}");
-                let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
                 let expected = expected.get_or_insert_with(|| bricks.reference(&frame, &list, &transfer));
                 let what = format!("{name}, {mode:?}, {:?}", renderer.compositor());
                 match (mode, renderer.compositor()) {
@@ -225,7 +225,7 @@ fn cells_that_are_not_there_show_nothing() {
                 (0..3).all(|a| low[a] < [41, 52, 33][a] && high[a] > [19, 30, 11][a])
             });
             assert!(list.cells.len() < all / 2);
-            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+            let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
             assert_close(&format!("{name}, {:?}", renderer.compositor()), &found, &expected, CONTRACT);
         }
     }
@@ -254,7 +254,7 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
             for mode in Mode::ALL {
                 let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));
                 let [fine, coarse, found] =
-                    lists.each_ref().map(|list| renderer.render(&frame, &bricks.pyramid, list).unwrap());
+                    lists.each_ref().map(|list| renderer.render_one(&frame, &bricks.pyramid, list).unwrap());
                 telling += (fine != coarse) as u32;
                 let size = fine.width;
                 let of =
@@ -281,7 +281,7 @@ fn the_brick_size_does_not_show() {
                 let list = bricks.draw(renderer, &rays, &all_fine, &own);
                 let frames = Mode::ALL.map(|mode| bricks.settings(rays, mode, &transfer, Lattice::uniform(0.5, 0)));
                 let draw =
-                    |frame: FrameSettings| (frame.mode, renderer.render(&frame, &bricks.pyramid, &list).unwrap());
+                    |frame: FrameSettings| (frame.mode, renderer.render_one(&frame, &bricks.pyramid, &list).unwrap());
                 pictures.extend(frames.map(draw));
             }
         }
@@ -322,7 +322,7 @@ fn a_constant_medium_is_beer_lambert_whatever_the_step_and_the_bricks() {
                 let list = bricks.draw(renderer, &rays, &all_fine, &own);
                 for step in [0.31, 1.0, 2.7] {
                     let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(step, 0));
-                    let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+                    let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
                     let pixel = |i: u32| {
                         let ray = rays.ray((i % 61) as f64 + 0.5, (i / 61) as f64 + 0.5);
                         let left = (1.0 - alpha).powf(chord(&bricks, &ray));
@@ -349,7 +349,7 @@ fn an_empty_list_is_the_background() {
         for mode in Mode::ALL {
             let rays = views(&bricks)[0].1;
             let frame = bricks.settings(rays, mode, &tinted(0.0, 255.0), Lattice::uniform(1.0, 0));
-            let found = renderer.render(&frame, &bricks.pyramid, &Default::default()).unwrap();
+            let found = renderer.render_one(&frame, &bricks.pyramid, &Default::default()).unwrap();
             let is_empty = found.rgb.iter().all(|&p| p == Picture::quantise(frame.background));
             assert!(is_empty, "{mode:?} {:?}", renderer.compositor());
         }
@@ -367,7 +367,7 @@ fn a_new_transfer_function_uploads_no_brick() {
         let steep = TransferFunction { opacity: vec![[40.0, 0.4], [60.0, 0.2], [80.0, 0.0]], ..tinted(0.0, 255.0) };
         for transfer in [tinted(0.0, 255.0), steep, tinted(100.0, 200.0), tinted(0.0, 255.0)] {
             let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
-            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+            let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
             let expected = bricks.reference(&frame, &list, &transfer);
             assert_close(&format!("edited, {:?}", renderer.compositor()), &found, &expected, CONTRACT);
         }
@@ -387,7 +387,7 @@ fn a_slot_forgets_the_brick_before() {
     for renderer in &mut clear.renderers() {
         for bricks in [&clear, &full, &clear, &full] {
             let list = bricks.draw(renderer, &rays, &all_fine, &own);
-            let found = renderer.render(&frame, &bricks.pyramid, &list).unwrap();
+            let found = renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
             assert_close(
                 &format!("{:?}", renderer.compositor()),
                 &found,
@@ -406,12 +406,12 @@ fn what_does_not_fit_is_a_typed_error() {
 
 fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     assert!(renderer.gpu_bytes() <= MEMORY_BYTES);
-    assert!(matches!(renderer.upload(brickyard_pager::Slot(0), &[0; 7]), Err(GpuError::Mismatch(_))));
+    assert!(matches!(renderer.upload(0, brickyard_pager::Slot(0), &[0; 7]), Err(GpuError::Mismatch(_))));
     let camera = look(DVec3::ZERO, DVec3::ONE, 40.0);
     let frame =
         |w, h| bricks.settings(camera.rays(w, h).unwrap(), Mode::Dvr, &tinted(0.0, 255.0), Lattice::uniform(1.0, 0));
     let render = |renderer: &mut GpuRenderer, frame: &FrameSettings| {
-        renderer.render(frame, &bricks.pyramid, &Default::default()).map(|_| ())
+        renderer.render_one(frame, &bricks.pyramid, &Default::default()).map(|_| ())
     };
     assert!(matches!(render(&mut renderer, &frame(513, 8)), Err(GpuError::PictureTooLarge { .. })));
     let mut wrong = frame(8, 8);
@@ -420,7 +420,8 @@ fn check_limits(bricks: &Bricks, mut renderer: GpuRenderer) {
     assert_eq!(render(&mut renderer, &frame(8, 8)), Ok(()), "the renderer still works");
 
     let options = GpuOptions { compositor: renderer.compositor(), ..Default::default() };
-    let new = |bytes| GpuRenderer::new(&options, u8_codes(), 64, NEEDS, bytes, (512, 512)).map(|_| ());
+    let needs = VolumeNeeds { edge: 64, levels: 16, bricks: NEEDS, most_slots: u32::MAX, ..bricks.volume_needs() };
+    let new = |bytes| GpuRenderer::new(&options, &[needs], bytes, (512, 512)).map(|_| ());
     let Err(GpuError::Budget { least_bytes, .. }) = new(1 << 20) else { panic!("1 MiB is not enough") };
     assert_eq!(new(least_bytes), Ok(()));
 }
@@ -433,15 +434,15 @@ fn a_list_may_have_more_entries_than_there_are_slots() {
     let transfer = tinted(0.0, 255.0);
     let frame = bricks.settings(rays, Mode::Dvr, &transfer, Lattice::uniform(0.7, 0));
     for renderer in bricks.renderers() {
-        let levels = bricks.pyramid.levels().len() as u32;
-        let options = GpuOptions { compositor: renderer.compositor(), levels, max_slots: 8, ..Default::default() };
-        let mut few = GpuRenderer::new(&options, u8_codes(), 8, NEEDS, MEMORY_BYTES, (64, 64)).expect("a renderer");
+        let needs = VolumeNeeds { most_slots: 8, ..bricks.volume_needs() };
+        let options = GpuOptions { compositor: renderer.compositor(), ..Default::default() };
+        let mut few = GpuRenderer::new(&options, &[needs], MEMORY_BYTES, (64, 64)).expect("a renderer");
         let list = bricks.draw(&mut few, &rays, &all_fine, &|_| 1);
-        assert!(few.slots() == 8 && list.cells.len() == 64);
-        let found = few.render(&frame, &bricks.pyramid, &list).expect("a picture");
+        assert!(few.slots(0) == 8 && list.cells.len() == 64);
+        let found = few.render_one(&frame, &bricks.pyramid, &list).expect("a picture");
         let expected = bricks.reference(&frame, &list, &transfer);
         assert_close(&format!("{:?}", few.compositor()), &found, &expected, 1);
-        assert!(few.visibility().is_none_or(|seen| seen.len() == 64));
+        assert!(few.visibility(0).is_none_or(|seen| seen.len() == 64));
     }
 }
 
@@ -454,19 +455,19 @@ fn refused_memory_ends_in_fewer_slots() {
     for mut ample in bricks.renderers() {
         let compositor = ample.compositor();
         let new = |refuse_above_bytes| {
-            let levels = bricks.pyramid.levels().len() as u32;
-            let options = GpuOptions { compositor, levels, max_slots: 2000, refuse_above_bytes, ..Default::default() };
-            GpuRenderer::new(&options, u8_codes(), 8, NEEDS, MEMORY_BYTES, (64, 64))
+            let needs = VolumeNeeds { most_slots: 2000, ..bricks.volume_needs() };
+            let options = GpuOptions { compositor, refuse_above_bytes, ..Default::default() };
+            GpuRenderer::new(&options, &[needs], MEMORY_BYTES, (64, 64))
         };
         // 2000 slots of 12^3 texels of 1 or 2 bytes; of 500 or 250 one texture takes less than a megabyte.
         let whole = new(u64::MAX).unwrap();
-        assert_eq!((whole.slots(), whole.asked_bytes()), (2000, whole.gpu_bytes()));
+        assert_eq!((whole.slots(0), whole.asked_bytes()), (2000, whole.gpu_bytes()));
         let mut less = new(1 << 20).unwrap();
-        assert!((240..1050).contains(&less.slots()), "{compositor:?}: {} slots", less.slots());
+        assert!((240..1050).contains(&less.slots(0)), "{compositor:?}: {} slots", less.slots(0));
         assert!(less.gpu_bytes() < whole.gpu_bytes() && less.asked_bytes() == whole.gpu_bytes());
         let pictures = [&mut ample, &mut less].map(|renderer| {
             let list = bricks.draw(renderer, &rays, &all_fine, &own);
-            renderer.render(&frame, &bricks.pyramid, &list).unwrap()
+            renderer.render_one(&frame, &bricks.pyramid, &list).unwrap()
         });
         assert_eq!(pictures[0], pictures[1], "{compositor:?}");
         // Even the least atlas is too much here.
@@ -486,8 +487,8 @@ fn layers(
     let rays = Camera { projection: Projection::Orthographic { height: 40.0 }, ..camera }.rays(77, 61).unwrap();
     let frame = bricks.settings(rays, mode, transfer, Lattice::uniform(0.5, 0));
     let list = bricks.draw(renderer, &rays, &all_fine, &own);
-    renderer.render(&frame, &bricks.pyramid, &list).unwrap();
-    let visibility = renderer.visibility()?;
+    renderer.render_one(&frame, &bricks.pyramid, &list).unwrap();
+    let visibility = renderer.visibility(0)?;
     assert_eq!(visibility.len(), list.cells.len());
     let mut layers = vec![Vec::new(); 5];
     for (cell, entered) in list.cells.iter().zip(visibility) {

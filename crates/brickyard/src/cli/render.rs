@@ -144,7 +144,7 @@ impl Pictures<'_> {
         (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
         stats.compositor = exact.renderer().compositor().name();
         stats.gpu_bytes_asked = exact.renderer().asked_bytes();
-        eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots());
+        eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots(0));
         let mut frame_ms = Vec::new();
         for (scene, output) in self.views.iter() {
             let resolved = self.resolve(&scene)?;

@@ -1,6 +1,6 @@
 //! A volume cut into padded bricks in memory, with the same values as whole arrays for the oracle.
 
-use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
 use brickyard_reference::{Array, ReferenceVolume, mean_levels};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
@@ -13,6 +13,18 @@ pub(crate) mod missing;
 /// Enough for every mode.
 pub(crate) const NEEDS: Needs = Needs { apron: 2, ..Needs::PLAIN };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
+
+/// Pictures of one volume in its own world.
+pub(crate) trait RenderOne {
+    fn render_one(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError>;
+}
+
+impl RenderOne for GpuRenderer {
+    fn render_one(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
+        let frame = VolumeFrame { settings: frame.clone(), blend: Blend::Mix, opacity: 1.0 };
+        self.render(&[Layer { frame: &frame, pyramid, draw }], None)
+    }
+}
 
 /// A volume whose level arrays hold exactly what its slot codes stand for.
 pub(crate) struct Bricks {
@@ -82,6 +94,18 @@ impl Bricks {
         bytes
     }
 
+    /// What a renderer has to know of it.
+    pub(crate) fn volume_needs(&self) -> VolumeNeeds {
+        VolumeNeeds {
+            encoding: self.encoding,
+            edge: self.pyramid.edge(),
+            levels: self.pyramid.levels().len() as u32,
+            bricks: self.needs,
+            least_slots: 2,
+            most_slots: self.pyramid.brick_count() as u32,
+        }
+    }
+
     /// A renderer with each compositor; none (said loudly) where there is no adapter at all.
     pub(crate) fn renderers(&self) -> Vec<GpuRenderer> {
         [Compositor::Sorted, Compositor::Raycast].into_iter().filter_map(|c| self.renderer(c)).collect()
@@ -89,9 +113,8 @@ impl Bricks {
 
     /// A renderer, or `None` (said loudly) where there is no adapter at all.
     fn renderer(&self, compositor: Compositor) -> Option<GpuRenderer> {
-        let (max_slots, levels) = (self.pyramid.brick_count() as u32, self.pyramid.levels().len() as u32);
-        let options = GpuOptions { compositor, levels, max_slots, ..Default::default() };
-        let made = GpuRenderer::new(&options, self.encoding, self.pyramid.edge(), self.needs, MEMORY_BYTES, (512, 512));
+        let options = GpuOptions { compositor, ..Default::default() };
+        let made = GpuRenderer::new(&options, &[self.volume_needs()], MEMORY_BYTES, (512, 512));
         match made {
             Ok(renderer) => Some(renderer),
             Err(GpuError::NoAdapter { .. }) => {
@@ -134,7 +157,7 @@ impl Bricks {
             let brick = BrickId { level, index: self.pyramid.ancestor(cell.level, cell.index, level), ..cell };
             let next = Slot(slots.len() as u32);
             let slot = *slots.entry(brick).or_insert_with(|| {
-                renderer.upload(next, &self.padded(brick)).expect("upload");
+                renderer.upload(0, next, &self.padded(brick)).expect("upload");
                 next
             });
             let region = self.pyramid.brick_box_voxel(cell.level, cell.index);

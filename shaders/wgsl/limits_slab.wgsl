@@ -1,7 +1,8 @@
 // A slab: of each pixel's stretch what lies between two layers of meshes. The rule is written down in the volume crate's `mesh`.
-@group(1) @binding(0) var near_layer: texture_depth_2d;
-@group(1) @binding(1) var far_layer: texture_depth_2d;
-@group(1) @binding(2) var front: texture_2d<f32>;
+//!import bindings frame hidden
+@group(1) @binding(NEAR_LAYER) var near_layer: texture_depth_2d;
+@group(1) @binding(FAR_LAYER) var far_layer: texture_depth_2d;
+@group(1) @binding(FRONT) var front: texture_2d<f32>;
 
 fn limited(stretch: vec2f, position: vec2f) -> vec2f {
     let pixel = vec2i(position);

@@ -1,0 +1,133 @@
+//! What is gathered for a picture, and by which shaders.
+//!
+//! One layer by itself has shaders of its own, which know that they are alone. So have projections of several: each layer is gathered by
+//! itself, and the pictures are joined. Fog and surfaces of several layers, and of one that adds or is placed, are gathered by one ray
+//! through all of them.
+
+use crate::compositor::Compositor;
+use crate::error::GpuError;
+use crate::frame::Framed;
+use crate::layer::{GpuLayer, value_bits};
+use crate::pipelines::{Shader, gather_of, medium_of, variant_of};
+use crate::table::{COMBINED, last_place};
+use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Variant};
+use brickyard_volume::{Blend, Combination, Filter, Method, Mode};
+
+/// How a picture's layers are gathered.
+#[derive(Clone, Debug)]
+pub(crate) enum Course {
+    /// The one layer there is.
+    Single(Shader),
+    /// Each by itself, into one target after the other's part is taken.
+    Each(Gather, Vec<Shader>),
+    /// All of them by one ray.
+    Joint(Shader),
+}
+
+impl Course {
+    /// What these frames, or an expression over them whose media have their first place there, need of a compositor.
+    ///
+    /// # Errors
+    /// If the compositor does not have it, or an expression is asked for what it has not.
+    pub(crate) fn new(
+        layers: &[GpuLayer],
+        framed: &[Framed<'_>],
+        (combination, first_place): (Option<&Combination>, Option<u32>),
+        compositor: Compositor,
+    ) -> Result<Self, GpuError> {
+        let is_projected = !gather_of(framed[0].settings).occludes();
+        let single = |framed: &Framed<'_>| Shader::Single(variant_of(framed));
+        match framed {
+            [only] if combination.is_none() && (is_projected || is_plain(only)) => Ok(Self::Single(single(only))),
+            several if combination.is_none() && is_projected => {
+                Ok(Self::Each(gather_of(several[0].settings), several.iter().map(single).collect()))
+            }
+            _ if compositor == Compositor::Sorted => {
+                Err(GpuError::Mismatch("`sorted` has no order for cells of several layers".into()))
+            }
+            all => {
+                let expression = match (combination, first_place) {
+                    (None, _) => None,
+                    (Some(combination), Some(first_place)) => Some(expression(all, combination, first_place)?),
+                    (Some(_), None) => {
+                        return Err(GpuError::Mismatch("this renderer was made without room for expressions".into()));
+                    }
+                };
+                Ok(Self::Joint(Shader::Joint(joint(layers, all, expression))))
+            }
+        }
+    }
+
+    /// What a target is for.
+    pub(crate) fn gather(&self) -> Gather {
+        match self {
+            Self::Single(Shader::Single(Variant { gather, .. })) => *gather,
+            Self::Each(gather, _) => *gather,
+            Self::Single(Shader::Joint(_)) | Self::Joint(_) => Gather::Composite,
+        }
+    }
+
+    /// The marches.
+    pub(crate) fn shaders(&self) -> &[Shader] {
+        match self {
+            Self::Single(shader) | Self::Joint(shader) => std::slice::from_ref(shader),
+            Self::Each(_, shaders) => shaders,
+        }
+    }
+
+    /// Whether layers' pictures are joined.
+    pub(crate) fn is_joined(&self) -> bool {
+        matches!(self, Self::Each(..))
+    }
+
+    /// What colours are made of.
+    pub(crate) fn seen(&self) -> Seen {
+        if self.is_joined() { Seen::Joined } else { Seen::Gathered(self.gather()) }
+    }
+}
+
+/// Whether a layer is what shaders of one layer take it for.
+fn is_plain(framed: &Framed<'_>) -> bool {
+    framed.blend == Blend::Mix && framed.settings.placement.is_identity()
+}
+
+/// An expression in place of the layers' media.
+fn expression(
+    framed: &[Framed<'_>],
+    combination: &Combination,
+    first_place: u32,
+) -> Result<ExpressionShader, GpuError> {
+    let has_gradient = |framed: &Framed<'_>| {
+        framed.is_lit() || !framed.settings.surfaces.is_empty() || framed.settings.grid().is_some()
+    };
+    let is_plain =
+        |framed: &Framed<'_>| framed.settings.mode == Mode::Dvr && framed.settings.sampling.method == Method::Udvr;
+    if framed.iter().any(has_gradient) {
+        return Err(GpuError::Mismatch("what an expression makes has no gradient".into()));
+    }
+    if !framed.iter().all(is_plain) {
+        return Err(GpuError::Mismatch("an expression is drawn as fog, and sampled plainly".into()));
+    }
+    Ok(ExpressionShader {
+        wgsl: combination.expression.wgsl(framed.len()),
+        first_place,
+        last_place: last_place(COMBINED),
+        values: value_bits(&combination.encoding),
+    })
+}
+
+/// The ray through all layers.
+fn joint(layers: &[GpuLayer], framed: &[Framed<'_>], expression: Option<ExpressionShader>) -> JointVariant {
+    let settings = framed[0].settings;
+    JointVariant {
+        medium: medium_of(
+            settings,
+            framed.iter().any(|framed| !framed.settings.surfaces.is_empty()),
+            framed.iter().any(|framed| framed.settings.grid().is_some()),
+        ),
+        is_cubic: settings.sampling.filter == Filter::Tricubic,
+        has_meshes: !settings.meshes.is_empty(),
+        layers: layers.iter().zip(framed).map(|(layer, framed)| layer.shader(framed)).collect(),
+        expression,
+    }
+}

@@ -1,0 +1,105 @@
+//! Composition: a shader is some files and all that those import.
+//!
+//! A line `//!import a b` of a file, behind its head comment, names what it needs: a file beside it, or a *part* that the variant
+//! chooses (a file too, or text made for the variant). Each is taken once; what is not imported is not there.
+
+use crate::bindings;
+use std::collections::{HashMap, HashSet};
+
+macro_rules! files {
+    ($($name:literal)*) => { &[$(($name, include_str!(concat!("../wgsl/", $name, ".wgsl")))),*] };
+}
+
+/// All files, by name.
+pub(crate) const FILES: &[(&str, &str)] = files! {
+    "alone" "average" "axes" "axes_own" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "field" "frame"
+    "fullscreen" "gathered" "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "lattice" "lighting"
+    "limits_none" "limits_slab" "macrocells" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour"
+    "opaque" "part_media" "part_value" "peel" "project" "projected" "ranks" "ray" "raycast_compute" "raycast_fragment"
+    "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined"
+    "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_valid" "sample_valid"
+    "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
+    "sorted" "surface" "surfaces" "surfaces_none" "through" "together" "tree" "way"
+};
+
+const IMPORT: &str = "//!import";
+
+/// What a variant chooses for parts that files import by a name of their own.
+#[derive(Debug, Default)]
+pub(crate) struct Parts(HashMap<&'static str, String>);
+
+impl Parts {
+    /// With what is bound where.
+    pub(crate) fn new() -> Self {
+        Self::default().text("bindings", bindings::wgsl())
+    }
+
+    /// With a file for a part, which has another name than any file.
+    pub(crate) fn file(self, part: &'static str, file: &str) -> Self {
+        self.text(part, format!("{IMPORT} {file}\n"))
+    }
+
+    /// With text for a part, which may import what it needs.
+    pub(crate) fn text(mut self, part: &'static str, text: String) -> Self {
+        self.0.insert(part, text);
+        self
+    }
+
+    /// These files, and all that they import.
+    ///
+    /// # Panics
+    /// If one of them imports what there is not; a test composes every variant.
+    pub(crate) fn compose(&self, roots: &[&str]) -> String {
+        self.gather(roots).unwrap_or_else(|name| panic!("no shader file or part `{name}`"))
+    }
+
+    /// The same, or the name of what is missing.
+    pub(crate) fn gather(&self, roots: &[&str]) -> Result<String, String> {
+        let (mut taken, mut source) = (HashSet::new(), String::new());
+        let mut wanted: Vec<&str> = roots.to_vec();
+        while let Some(name) = wanted.pop() {
+            if taken.insert(name) {
+                let text = self.find(name).ok_or_else(|| name.to_string())?;
+                wanted.extend(imports(text));
+                source.push_str(text);
+                source.push('\n');
+            }
+        }
+        Ok(source)
+    }
+
+    fn find(&self, name: &str) -> Option<&str> {
+        let file = || FILES.iter().find(|(file, _)| *file == name).map(|(_, text)| *text);
+        self.0.get(name).map(String::as_str).or_else(file)
+    }
+}
+
+/// What a text imports.
+fn imports(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| line.strip_prefix(IMPORT)).flat_map(str::split_whitespace)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_taken_once_and_parts_stand_for_files() {
+        let parts =
+            Parts::default().text("context", "// C".into()).text("a", "//!import b b\nA".into()).file("b", "dither");
+        let source = parts.compose(&["a", "b", "context"]);
+        assert_eq!(source.matches("fn dither").count(), 1);
+        assert!(source.contains("// C") && source.contains("\nA"), "{source}");
+    }
+
+    #[test]
+    fn the_table_names_all_files() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/wgsl");
+        let mut found: Vec<String> =
+            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        found.sort();
+        let mut named: Vec<String> = FILES.iter().map(|(name, _)| format!("{name}.wgsl")).collect();
+        named.sort();
+        assert_eq!(found, named);
+    }
+}

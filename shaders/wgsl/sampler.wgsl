@@ -1,0 +1,3 @@
+// How atlases are sampled.
+//!import bindings
+@group(0) @binding(ATLAS_SAMPLER) var atlas_sampler: sampler;
