@@ -5,7 +5,7 @@
 //! drivers fold what is constant.
 
 use crate::compose::Parts;
-use crate::{Light, Medium, Stage, Surfaces, margin, sample};
+use crate::{Curve, Light, Medium, Stage, Surfaces, margin, sample};
 use std::fmt::Write;
 
 /// Where a layer begins in the buffers that all layers share, in their own units.
@@ -106,7 +106,7 @@ impl JointVariant {
         format!(
             "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\nconst CURVE: u32 = {}u;\nconst PARTS: u32 = {parts}u;\n\
              const IS_PRE_INTEGRATED: bool = {is_pre_integrated};\nconst SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n\
-             const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\n\
+             const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
              var<private> FIRST_MARK: u32;\nvar<private> HAS_INVALID: bool;\nvar<private> ADDS: bool;\n\
@@ -116,7 +116,8 @@ impl JointVariant {
             curve as u32,
             self.medium.surface_light() as u32,
             surfaces != Surfaces::Alone,
-            curve == crate::Curve::Middle && !is_cut,
+            curve == Curve::Middle && !is_cut,
+            curve == Curve::Middle || (curve != Curve::Field && parts == 1),
         )
     }
 

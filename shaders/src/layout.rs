@@ -101,8 +101,8 @@ pub struct FrameUniform {
     pub reach: [f32; 3],
     /// The depth of a medium of that opacity, finite.
     pub flat_depth: f32,
-    /// Of entries over values and gradients the first row's code, rows from one code to the next, columns from one gradient to the next where that is the
-    /// differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
+    /// Of entries over values and gradients the first row's code, rows from one code to the next, columns from one gradient to the
+    /// next where that is the differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
     pub grid: [f32; 4],
     /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
     pub thresholds: [[f32; 4]; 2],

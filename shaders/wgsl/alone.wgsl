@@ -1,7 +1,8 @@
 // What a layer shows of a piece of a segment by itself. The rule is written down beside its CPU twin, the volume crate's `Alone`.
-//!import classify
+//!import classify context
 struct Pixel {
-    // Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through.
+    // Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through. Of a single sample
+    // (`IS_ONE_SAMPLE`) it is colour times depth, which is what it will be needed as.
     color: vec3f,
     depth: f32,
     // What a layer that adds gives.
@@ -28,5 +29,8 @@ fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
         return Pixel(vec3f(0.0), 0.0, pixel.glow + color * (hidden_by(medium.depth) * distance));
     }
     let depth = medium.depth * distance;
+    if (IS_ONE_SAMPLE) {
+        return Pixel(color * depth, depth, vec3f(0.0));
+    }
     return Pixel(pixel.color + color * (exp2(-pixel.depth) * hidden_by(depth)), pixel.depth + depth, vec3f(0.0));
 }

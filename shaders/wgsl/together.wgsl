@@ -17,7 +17,10 @@ struct Together {
 // With a share of what a layer shows of a piece.
 fn with_share(before: Together, shown: Pixel, share: f32) -> Together {
     // A medium's colour times its depth is what is seen of it in its own light times this.
-    let thinned = select(shown.depth / hidden_by(shown.depth), 1.0 / LN_2, shown.depth * LN_2 < THIN);
+    var thinned = 1.0;
+    if (!IS_ONE_SAMPLE) {
+        thinned = select(shown.depth / hidden_by(shown.depth), 1.0 / LN_2, shown.depth * LN_2 < THIN);
+    }
     let color = before.color + shown.color * (thinned * share);
     return Together(color, before.depth + shown.depth * share, before.glow + shown.glow * share);
 }
