@@ -105,10 +105,12 @@ def report_of(results):
 def main():
     a = arguments()
     enter_environment(a.out)
-    from differential_cases import all_cases
+    from differential_cases import all_collection_cases
+    from differential_written import written_cases
     from differential_check import Checker
 
-    cases = [c for c in all_cases(DATA, a.out / "written", a.random, a.seed) if not a.names or any(n in c.name for n in a.names)]
+    cases = all_collection_cases(DATA) + list(written_cases(a.out / "written", a.random, a.seed))
+    cases = [c for c in cases if not a.names or any(n in c.name for n in a.names)]
     checker = Checker(a.brickyard, a.out / "work", a.memory, a.timeout)
     results = []
     with concurrent.futures.ThreadPoolExecutor(a.jobs) as pool, open(a.out / "cases.tsv", "w") as log:

@@ -67,15 +67,13 @@ def fetch(data):
         shutil.rmtree(part, ignore_errors=True)
 
 
-def all_cases(data, written, random_count, seed):
-    from differential_written import written_cases
-
+def all_collection_cases(data):
     fetch(data)
     cases = []
     for requirement in COLLECTIONS:
         name = requirement.replace("==", "-")
         cases += collection_cases(name, data / name)
-    return cases + list(written_cases(written, random_count, seed))
+    return cases
 
 
 def collection_cases(collection, root):

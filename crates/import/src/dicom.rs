@@ -20,6 +20,7 @@ mod tests;
 use crate::axes::Sizes;
 use crate::element::smallest_type;
 use crate::error::ImportError;
+use crate::files::{first_bytes, is_file};
 use crate::options::OpenOptions;
 use crate::placement;
 use crate::raw::identity;
@@ -112,7 +113,7 @@ pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
         let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if !hidden && crate::open::is_file(&path)? && is_dicom(&crate::open::first_bytes(&path)?) {
+        if !hidden && is_file(&path)? && is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {
             paths.push(path);
         }
     }

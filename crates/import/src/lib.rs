@@ -11,6 +11,7 @@ mod dicom;
 mod element;
 mod error;
 mod file_order;
+mod files;
 mod foreign;
 mod losses;
 mod mapped;

@@ -3,13 +3,13 @@
 
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
+use crate::files::{first_bytes, is_file};
 use crate::options::OpenOptions;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelBox;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,7 +126,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
     // The file must exist before its name means anything.
-    let start = first_bytes(path)?;
+    let start = first_bytes(path, dicom::MAGIC_BYTES)?;
     if dicom::is_dicom(&start) {
         return Ok(Format::Dicom);
     }
@@ -145,19 +145,6 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
         return Ok(Format::Raw);
     }
     Err(ImportError::options(path, format!("not a format that is read: {READ}")))
-}
-
-/// As many bytes as the formats need to be told apart.
-pub(crate) fn first_bytes(path: &Path) -> Result<Vec<u8>, ImportError> {
-    let mut start = Vec::new();
-    let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
-    file.take(dicom::MAGIC_BYTES as u64).read_to_end(&mut start).map_err(ImportError::io(path))?;
-    Ok(start)
-}
-
-/// Whether a name in a folder is a file's. Where that cannot be known, leaving it out could leave out a slice.
-pub(crate) fn is_file(path: &Path) -> Result<bool, ImportError> {
-    Ok(std::fs::metadata(path).map_err(ImportError::io(path))?.is_file())
 }
 
 fn is_tiff_name(path: &Path) -> bool {

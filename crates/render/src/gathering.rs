@@ -1,41 +1,16 @@
-//! What both compositors share: the buffers that every march reads, and the pass that it draws into.
+//! What all compositors share: the bindings of every march, and the pass that it draws into.
 
 use crate::adapter::Gpu;
-use crate::error::GpuError;
-use crate::layer::{GpuLayer, Part, Parts};
+use crate::buffers::{SharedBuffers, entry};
+use crate::layer::GpuLayer;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::parts::{Part, Parts};
 use crate::pipelines::{MarchPipeline, TEXELS_GROUP};
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
-use wgpu::{BindingResource, BufferUsages};
-
-/// Frames, transfer tables and timestamps.
-#[derive(Debug)]
-pub(crate) struct SharedBuffers {
-    pub(crate) frame: wgpu::Buffer,
-    pub(crate) table: wgpu::Buffer,
-    /// Query set and the buffer it resolves to, where the adapter has timestamps.
-    pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
-}
+use wgpu::BindingResource;
 
 impl SharedBuffers {
-    /// Those of frames and tables of so many bytes in all.
-    pub(crate) fn new(gpu: &Gpu, frame_bytes: u64, table_bytes: u64) -> Result<Self, GpuError> {
-        gpu.allocate("the transfer table", table_bytes, |device| {
-            let timestamps = gpu.report.timestamps.then(|| {
-                let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
-                let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
-                (device.create_query_set(&descriptor), buffer(device, "timestamps", TIMESTAMP_BYTES, usage))
-            });
-            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-            Self {
-                frame: buffer(device, "frames", frame_bytes, storage),
-                table: buffer(device, "transfer tables", table_bytes, storage),
-                timestamps,
-            }
-        })
-    }
-
     /// The bindings of a march through some layers: frames, tables and the compositor's own, and the layers' textures.
     pub(crate) fn bindings(
         &self,
@@ -262,12 +237,4 @@ pub(crate) fn attachment(
 ) -> Option<wgpu::RenderPassColorAttachment<'_>> {
     let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
     Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })
-}
-
-pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource }
-}
-
-pub(crate) fn buffer(device: &wgpu::Device, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }

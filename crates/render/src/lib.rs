@@ -12,6 +12,7 @@
 
 mod adapter;
 mod atlas;
+mod buffers;
 mod compositor;
 mod course;
 mod error;
@@ -20,6 +21,7 @@ mod gathering;
 mod layer;
 mod memory;
 mod meshes;
+mod parts;
 mod passes;
 mod pipelines;
 mod raycast;

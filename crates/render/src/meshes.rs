@@ -9,10 +9,11 @@
 //! pictures will have meshes at all, and made anew with the device.
 
 use crate::adapter::Gpu;
+use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
-use crate::gathering::{SharedBuffers, attachment, buffer, entry};
-use crate::layer::Part;
+use crate::gathering::attachment;
 use crate::memory::{COLOR_FORMAT, NUMBER_FORMAT, QUERY_BYTES, geometry_bytes, mesh_bytes};
+use crate::parts::Part;
 use crate::pipelines::{MeshLayouts, Shape, bind_group_layout, pipeline, storage, texture, texture_of};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};

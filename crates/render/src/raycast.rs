@@ -8,27 +8,17 @@
 //! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
 use crate::adapter::Gpu;
+use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
 use crate::error::GpuError;
-use crate::gathering::{SharedBuffers, buffer, entry};
-use crate::layer::{Ends, GpuLayer, Part, Parts};
+use crate::layer::GpuLayer;
 use crate::memory::RaycastPlan;
+use crate::parts::{Ends, Part, Parts};
 use crate::pipelines::Layouts;
 use crate::targets::Targets;
 use crate::tree::GROUP;
 use brickyard_shaders::{RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
-
-/// Its buffers, which have a part for each layer.
-#[derive(Debug)]
-pub(crate) struct RayBuffers {
-    pub(crate) nodes: wgpu::Buffer,
-    pub(crate) bricks: wgpu::Buffer,
-    pub(crate) ranges: wgpu::Buffer,
-    pub(crate) opaque_before: wgpu::Buffer,
-    /// By brick, how it was entered; all zero between frames.
-    pub(crate) marks: wgpu::Buffer,
-}
 
 /// Its buffers and bindings.
 #[derive(Debug)]

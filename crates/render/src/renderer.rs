@@ -5,14 +5,16 @@
 //! the budget given at the start. Everything happens on the thread that calls.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
+use crate::buffers::RayBuffers;
+use crate::buffers::SharedBuffers;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
-use crate::gathering::SharedBuffers;
-use crate::layer::{Ends, GpuLayer, Part, Parts};
+use crate::layer::GpuLayer;
 use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan};
 use crate::meshes::{Meshes, Peeled};
+use crate::parts::{Ends, Part, Parts};
 use crate::pipelines::{Layouts, Pipelines};
-use crate::raycast::{RayBuffers, Raycast};
+use crate::raycast::Raycast;
 use crate::sorted::Sorted;
 use crate::targets::Targets;
 use brickyard_pager::{Slot, VolumeNeeds};

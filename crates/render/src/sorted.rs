@@ -1,9 +1,10 @@
 //! The `sorted` compositor: the draw list as instanced boxes, back to front, blended one over the other.
 
 use crate::adapter::Gpu;
+use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::frame::cell_instance;
-use crate::gathering::{Gathering, SharedBuffers, buffer, entry};
+use crate::gathering::Gathering;
 use crate::layer::GpuLayer;
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pipelines::Layouts;

@@ -152,7 +152,7 @@ impl<'a> Frame<'a> {
         };
         let ticks = Ticks::new(&settings.lattice);
         let zones = if settings.mode == Mode::Dvr && by_itself { ticks.zones } else { 0 };
-        let lit = if occludes(settings.mode) { list.cells.len() } else { 0 };
+        let lit = if settings.mode.is_projection() { 0 } else { list.cells.len() };
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
@@ -177,14 +177,6 @@ impl<'a> Frame<'a> {
             is_lit: layer.is_lit(),
             is_one_opaque_surface,
         }
-    }
-}
-
-/// Whether what is in front takes light from what is behind.
-pub(crate) fn occludes(mode: Mode) -> bool {
-    match mode {
-        Mode::Dvr | Mode::Isosurface => true,
-        Mode::Mip | Mode::MinIp | Mode::Average => false,
     }
 }
 

@@ -29,6 +29,7 @@ mod media;
 mod medium;
 mod meshes;
 mod mixture;
+mod options;
 mod packet;
 mod path;
 mod pieces;
@@ -45,4 +46,5 @@ mod tile;
 mod tiles;
 mod together;
 
-pub use renderer::{SoftwareError, SoftwareOptions, SoftwareRenderer};
+pub use options::SoftwareOptions;
+pub use renderer::{SoftwareError, SoftwareRenderer};

@@ -1,28 +1,16 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of layers' draw lists over them.
 
-use crate::frame::{Frame, occludes};
+use crate::frame::Frame;
 use crate::meshes::MeshTree;
+use crate::options::SoftwareOptions;
 use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
-use crate::tile::{Scene, is_projection};
+use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
-use brickyard_volume::{Blend, Combination, Jitter, Method, Mode, Picture};
+use brickyard_volume::{Combination, Jitter, Method, Mode, Picture};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-
-/// What a renderer may use, and how it draws; fixed for its life.
-#[derive(Clone, Copy, Debug)]
-pub struct SoftwareOptions {
-    /// The most that slots and everything else of the renderer may take.
-    pub memory_bytes: u64,
-    /// Width and height of the largest picture.
-    pub max_picture_px: [u32; 2],
-    /// Threads that draw; at least 1.
-    pub threads: usize,
-    /// Whether rays leap over what shows nothing; without, pictures are the same and take longer.
-    pub leaps: bool,
-}
 
 /// Why a renderer cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -155,7 +143,7 @@ impl SoftwareRenderer {
         let is_mixed = is_mixed(layers, combination);
         let meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
         let (drawn, visibility) = self.pool.install(|| {
-            let by_itself = !is_mixed || is_projection(settings.mode);
+            let by_itself = !is_mixed || settings.mode.is_projection();
             let frames = layers.iter().zip(&self.layers).map(|(layer, slots)| frame(layer, slots, by_itself)).collect();
             let scene = Scene::new(frames, meshes, is_mixed, combination);
             let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
@@ -164,7 +152,7 @@ impl SoftwareRenderer {
             };
             (drawn, scene.frames().iter().map(light).collect::<Vec<_>>())
         });
-        self.visibility = if occludes(settings.mode) { visibility } else { Vec::new() };
+        self.visibility = if settings.mode.is_projection() { Vec::new() } else { visibility };
         tiles::picture(size, &tiles, &drawn)
     }
 
@@ -183,9 +171,7 @@ fn frame<'a>(layer: &Layer<'a>, slots: &'a Slots, by_itself: bool) -> Frame<'a> 
 
 /// Whether the layers need more than the loops of one.
 fn is_mixed(layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
-    let [Layer { frame, .. }] = layers else { return true };
-    let is_opaque = frame.opacity >= 1.0 || !is_projection(frame.settings.mode);
-    combination.is_some() || frame.blend != Blend::Mix || !is_opaque
+    combination.is_some() || !matches!(layers, [layer] if layer.frame.is_plain())
 }
 
 fn check(layer: &Layer<'_>, slots: &Slots, is_read: bool) {

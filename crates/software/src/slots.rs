@@ -3,7 +3,7 @@
 use crate::frame::{Cell, Resident};
 use crate::macrocells::boxes;
 use crate::meshes;
-use crate::renderer::SoftwareOptions;
+use crate::options::SoftwareOptions;
 use crate::steps;
 use crate::tile;
 use crate::tiles::{TILE_PX, Tile, TilePixels};

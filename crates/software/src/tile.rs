@@ -8,7 +8,7 @@ use crate::mixture::{Mixture, OPAQUE};
 use crate::sample::Chunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use crate::together::Together;
-use brickyard_volume::{Blend, Combination, Mode, Picture};
+use brickyard_volume::{Blend, Combination, Picture};
 use glam::{Vec4, Vec4Swizzles};
 
 /// What a thread needs besides the frames.
@@ -43,7 +43,7 @@ impl<'a> Scene<'a> {
     ) -> Self {
         let drawn = if !is_mixed {
             Drawn::Alone(for_frame(&frames[0]))
-        } else if is_projection(frames[0].settings.mode) {
+        } else if frames[0].settings.mode.is_projection() {
             Drawn::Projected(frames.iter().map(for_frame).collect())
         } else {
             Drawn::Together(Together::new(&frames, combination))
@@ -105,13 +105,5 @@ impl<'a> Scene<'a> {
                 places(tile).for_each(|i| seen[i] = mixtures[i].flat());
             }
         }
-    }
-}
-
-/// Whether a mode shows one value of a ray.
-pub(crate) fn is_projection(mode: Mode) -> bool {
-    match mode {
-        Mode::Dvr | Mode::Isosurface => false,
-        Mode::Mip | Mode::MinIp | Mode::Average => true,
     }
 }

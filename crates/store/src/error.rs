@@ -37,7 +37,7 @@ pub enum OpenError {
     #[error(
         "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}): \
          'brickyard pack INPUT {store} --overwrite'",
-        store = store.display(), now = crate::metadata::FORMAT_VERSION
+        store = store.display(), now = crate::version::FORMAT_VERSION
     )]
     OldFormat {
         /// The store.

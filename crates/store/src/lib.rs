@@ -24,6 +24,7 @@ mod test_store;
 mod value_counts;
 mod value_table;
 pub mod verify;
+mod version;
 
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};

@@ -8,14 +8,12 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
+use crate::version::FORMAT_VERSION;
 use brickyard_volume::{Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Pyramid, VoxelType};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
-
-/// The version of the `brickyard` attribute that is written and read.
-pub const FORMAT_VERSION: u32 = 2;
 
 /// Bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;

@@ -4,13 +4,12 @@
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::Downsample;
 use crate::layout::{Layout, ShardId};
-use crate::metadata::{
-    ChannelStatistics, FORMAT_VERSION, Kind, StoreInfo, document_bytes, level_document, root_document,
-};
+use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, level_document, root_document};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
 use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
+use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
     BrickId, Extent, Geometry, Level, PageId, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
 };

@@ -102,6 +102,11 @@ impl VolumeFrame {
         Self { settings, blend: Blend::Mix, opacity: 1.0 }
     }
 
+    /// Whether the picture of this layer, if there is no other, is what the layer shows by itself.
+    pub fn is_plain(&self) -> bool {
+        self.blend == Blend::Mix && (self.opacity >= 1.0 || !self.settings.mode.is_projection())
+    }
+
     /// Whether its colours are lit.
     pub fn is_lit(&self) -> bool {
         self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None

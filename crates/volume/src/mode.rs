@@ -21,3 +21,13 @@ pub enum Mode {
 }
 
 every!(Mode: Dvr Mip MinIp Average Isosurface);
+
+impl Mode {
+    /// Whether a picture shows one value of each ray.
+    pub const fn is_projection(self) -> bool {
+        match self {
+            Self::Mip | Self::MinIp | Self::Average => true,
+            Self::Dvr | Self::Isosurface => false,
+        }
+    }
+}

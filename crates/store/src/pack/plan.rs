@@ -30,12 +30,12 @@ use crate::layout::{Layout, check_size};
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
-use crate::pack::side_pages::waiting_bytes;
 use crate::pack::{PackError, PackOptions};
+use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
-use brickyard_volume::{Level, LevelGrid, Pyramid, VoxelType};
+use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Pyramid, VoxelType};
 use std::path::Path;
 
 const MIB: u64 = 1 << 20;
@@ -376,4 +376,15 @@ pub(crate) fn least_shells(stage: &Stage) -> u64 {
     let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
     let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
     across(0, size[0]) * across(1, size[1]) * across(2, 1)
+}
+
+/// Layers of bricks that wait for their neighbours and children, at most.
+const WAITING_LAYERS: u32 = 4;
+
+/// Bytes that side data on their way take for a stage, whose voxels have so many bytes.
+fn waiting_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
+    let (bricks, shards) = (stage.grid().bricks, stage.layout.shard_grid(stage.level));
+    let cells = |grid: Extent, layers: u32| grid.x as u64 * grid.y as u64 * grid.z.min(layers) as u64;
+    cells(bricks, PAGE_EDGE_BRICKS + WAITING_LAYERS) * (4 * voxel_bytes + size_of::<u128>() as u64)
+        + cells(shards, PAGE_EDGE_BRICKS) * size_of::<Fingerprint>() as u64
 }

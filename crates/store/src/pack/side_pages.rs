@@ -11,23 +11,12 @@ use crate::pack::plan::{PackPlan, Stage};
 use crate::shard::Fingerprint;
 use crate::side::{SideArray, core_hash};
 use crate::stats::{Measure, Range};
-use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PAGE_EDGE_BRICKS, PageId};
+use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PageId};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 /// A file of side data: path and content.
 pub(crate) type PageFile = (PathBuf, Vec<u8>);
-
-/// Layers of bricks that wait for their neighbours and children, at most.
-const WAITING_LAYERS: u32 = 4;
-
-/// Bytes that side data on their way take for a stage, whose voxels have so many bytes.
-pub(crate) fn waiting_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
-    let (bricks, shards) = (stage.grid().bricks, stage.layout.shard_grid(stage.level));
-    let cells = |grid: Extent, layers: u32| grid.x as u64 * grid.y as u64 * grid.z.min(layers) as u64;
-    cells(bricks, PAGE_EDGE_BRICKS + WAITING_LAYERS) * (4 * voxel_bytes + size_of::<u128>() as u64)
-        + cells(shards, PAGE_EDGE_BRICKS) * size_of::<Fingerprint>() as u64
-}
 
 /// The ranges and hashes of all stages' bricks, on their way to pages.
 pub(crate) struct BrickPages<'a, T> {

@@ -1,0 +1,53 @@
+//! The buffers that all layers share: what every march reads, and what rays read besides.
+
+use crate::adapter::Gpu;
+use crate::error::GpuError;
+use crate::memory::TIMESTAMP_BYTES;
+use wgpu::{BindingResource, BufferUsages};
+
+/// Frames, transfer tables and timestamps.
+#[derive(Debug)]
+pub(crate) struct SharedBuffers {
+    pub(crate) frame: wgpu::Buffer,
+    pub(crate) table: wgpu::Buffer,
+    /// Query set and the buffer it resolves to, where the adapter has timestamps.
+    pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
+}
+
+impl SharedBuffers {
+    /// Those of frames and tables of so many bytes in all.
+    pub(crate) fn new(gpu: &Gpu, frame_bytes: u64, table_bytes: u64) -> Result<Self, GpuError> {
+        gpu.allocate("the transfer table", table_bytes, |device| {
+            let timestamps = gpu.report.timestamps.then(|| {
+                let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
+                let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
+                (device.create_query_set(&descriptor), buffer(device, "timestamps", TIMESTAMP_BYTES, usage))
+            });
+            let storage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+            Self {
+                frame: buffer(device, "frames", frame_bytes, storage),
+                table: buffer(device, "transfer tables", table_bytes, storage),
+                timestamps,
+            }
+        })
+    }
+}
+
+/// What rays read and write besides, with a part for each layer.
+#[derive(Debug)]
+pub(crate) struct RayBuffers {
+    pub(crate) nodes: wgpu::Buffer,
+    pub(crate) bricks: wgpu::Buffer,
+    pub(crate) ranges: wgpu::Buffer,
+    pub(crate) opaque_before: wgpu::Buffer,
+    /// By brick, how it was entered; all zero between frames.
+    pub(crate) marks: wgpu::Buffer,
+}
+
+pub(crate) fn entry(binding: u32, resource: BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource }
+}
+
+pub(crate) fn buffer(device: &wgpu::Device, label: &str, size: u64, usage: BufferUsages) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+}
