@@ -9,8 +9,8 @@ use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, V
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
-    Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
+    Blend, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES,
+    Method, Mode, Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
 };
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, read_png, resolved};
 use glam::DVec3;
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 const SIZE: (u32, u32) = (56, 44);
 
-/// Every way to draw several volumes.
+/// The ways to draw several volumes that have an order of their own.
 const WAYS: [(BackendChoice, CompositorChoice); 2] =
     [(BackendChoice::Cpu, CompositorChoice::Auto), (BackendChoice::Gpu, CompositorChoice::Raycast)];
 
@@ -257,7 +257,14 @@ fn what_several_volumes_cannot_do_is_refused() {
         let error = resolve(&volumes, &scene, SIZE).expect_err(word).to_string();
         assert!(error.contains(word), "{word}: {error}");
     };
-    refused(Scene { mode: Mode::Mip, ..scene() }, "--mode dvr");
+    let combined = |scene: Scene| Scene { expression: Some("a + 1".into()), volumes: Vec::new(), ..scene };
+    refused(combined(Scene { mode: Mode::Mip, ..scene() }), "--mode dvr");
+    let sampled = |method, jitter| Sampling { method, jitter, ..Sampling::default() };
+    refused(combined(Scene { sampling: sampled(Method::Lvs, Jitter::None), ..scene() }), "--method udvr");
+    refused(combined(Scene { sampling: sampled(Method::Udvr, Jitter::Blue), ..scene() }), "--jitter");
+    let steep = TransferFunction { gradient_opacity: vec![[0.0, 0.0], [9.0, 1.0]], ..transfer([0.9, 0.3, 0.1], 0.4) };
+    refused(combined(Scene { transfer: Some(steep), ..scene() }), "gradient_opacity");
+    refused(Scene { mode: Mode::Isosurface, ..scene() }, "--isovalue");
     refused(Scene { volumes: vec![VolumeLook::default(); 3], ..scene() }, "3 volumes");
     refused(Scene { volumes: vec![VolumeLook { opacity: 1.5, ..look_askew() }], ..scene() }, "volume 0");
     refused(Scene { volumes: vec![VolumeLook { crop: Some([DVec3::ONE; 2]), ..look_askew() }], ..scene() }, "crop");

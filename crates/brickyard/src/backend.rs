@@ -62,7 +62,7 @@ pub trait Renderer: Send {
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError>;
 
     /// For each cell of a layer's last list drawn, in its order, how much light was left where a ray entered it, the most of all
-    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, of `sorted`, and of several layers.
+    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, and of `sorted`.
     fn visibility(&self, _layer: usize) -> Option<&[f32]> {
         None
     }
@@ -167,8 +167,7 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) ->
     }
 }
 
-/// Makes the chosen backend for layers, and says which in one line. One layer that stands alone, in its own world, has renderers of
-/// its own.
+/// Makes the chosen backend for layers, and says which in one line. With room for expressions over them, unless a layer `is_alone`.
 ///
 /// # Errors
 /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and

@@ -1,5 +1,6 @@
 //! The expression of a scene over its volumes, and how its values look.
 
+use crate::scene_check::check_expression;
 use crate::session_error::SessionError;
 use crate::volume_source::{VolumeSource, default_transfer};
 use brickyard_volume::{Blend, Combination, Expression, Scene, VolumeLook};
@@ -11,6 +12,7 @@ pub(crate) fn expression(
     scene: &Scene,
 ) -> Result<Option<Expression>, SessionError> {
     let Some(text) = &scene.expression else { return Ok(None) };
+    check_expression(scene)?;
     let of_expression = |problem: String| SessionError::Scene(format!("expression: {problem}"));
     let expression = Expression::parse(text, volumes.len()).map_err(|error| of_expression(error.to_string()))?;
     let read = expression.volumes();

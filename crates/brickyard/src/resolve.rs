@@ -2,13 +2,13 @@
 //! frames that are drawn. Costs a transfer table for each function of which none is kept.
 
 use crate::expression::{combination, expression};
-use crate::scene_check::{check_layer, check_mixed, check_volumes};
+use crate::scene_check::{check_layer, check_volumes};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Blend, Camera, Clip, Combination, Expression, FrameSettings, Lattice, LevelPolicy, LightingModel, Mode, Occupancy,
+    Camera, Clip, Combination, Expression, FrameSettings, Lattice, LevelPolicy, LightingModel, Mode, Occupancy,
     Picture, Region, Scene, ShownMesh, SlotEncoding, StereoLayout, Surface, TransferFunction, TransferTable, ViewRays,
     VolumeFrame, VolumeLook,
 };
@@ -74,12 +74,16 @@ impl ResolvedScene {
         scene
     }
 
-    /// Whether it is a single layer in its own world, which is mixed with nothing: for those there are renderers of their own.
+    /// Whether it is a single layer in its own world, of which the picture shows what the layer shows by itself.
     pub fn is_alone(&self) -> bool {
         let in_its_own_world = |layer: &ResolvedLayer| layer.view.placement.is_identity();
-        let is_mixed = |layer: &ResolvedLayer| layer.frames[0].blend == Blend::Mix;
-        let alone = matches!(&self.layers[..], [layer] if in_its_own_world(layer) && is_mixed(layer));
+        let alone = matches!(&self.layers[..], [layer] if in_its_own_world(layer) && layer.frames[0].is_plain());
         alone && self.combination.is_none()
+    }
+
+    /// Whether the cells of its layers need an order: those of projections do not, nor does one layer's list, which has one.
+    pub(crate) fn has_no_order(&self) -> bool {
+        !self.is_alone() && !self.layers[0].frames[0].settings.mode.is_projection()
     }
 }
 
@@ -119,11 +123,6 @@ pub(crate) fn resolve_with(
     let mut looks = scene.volumes.clone();
     looks.resize(volumes.len(), VolumeLook::default());
     let visible: Vec<usize> = (0..volumes.len()).filter(|&i| looks[i].visible).collect();
-    let is_in_place = |look: &VolumeLook| look.world_from_volume.is_identity() && look.blend == Blend::Mix;
-    let is_alone = matches!(visible[..], [i] if scene.expression.is_none() && is_in_place(&looks[i]));
-    if !is_alone {
-        check_mixed(scene)?;
-    }
     let read = expression(volumes, &looks, scene)?;
     let shown = read.as_ref().map_or(visible, Expression::volumes);
     if shown.is_empty() {
@@ -132,10 +131,11 @@ pub(crate) fn resolve_with(
     let combination = read.map(|read| combination(read, volumes, scene));
     let is_named = volumes.len() > 1 || !scene.volumes.is_empty();
     let named = |i: usize, error| if is_named { of_volume(i, error) } else { error };
+    let has_surfaces = looks.iter().any(|look| !look.isosurfaces.is_empty());
     let own = |&i: &usize| {
         let mut own = own_scene(&volumes[i], &looks[i], scene, volumes.len());
         own.transfer = combination.as_ref().map(Combination::of_each).or(own.transfer);
-        check_layer(&*volumes[i].source, &own).map_err(|error| named(i, error)).map(|()| own)
+        check_layer(&*volumes[i].source, &own, has_surfaces).map_err(|error| named(i, error)).map(|()| own)
     };
     let scenes = shown.iter().map(own).collect::<Result<Vec<Scene>, _>>()?;
     let camera = scene.camera_for(world_box(volumes, &looks), size_px);
@@ -171,7 +171,7 @@ fn own_scene(volume: &VolumeSource, look: &VolumeLook, scene: &Scene, volumes: u
     let mut lighting = scene.lighting.clone();
     let has_surfaces = scene.volumes.iter().any(|look| !look.isosurfaces.is_empty());
     if lighting.model == LightingModel::None && isosurfaces.is_empty() && has_surfaces {
-        // They are for the surfaces of others.
+        // The lights are for the surfaces of others.
         lighting.lights.clear();
     }
     Scene {

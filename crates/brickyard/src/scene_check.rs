@@ -33,42 +33,33 @@ pub(crate) fn check_volumes(volumes: &[VolumeSource], scene: &Scene) -> Result<(
     Err(SessionError::Scene(problem))
 }
 
-/// Whether layers that are mixed, or placed, can be shown so.
-pub(crate) fn check_mixed(scene: &Scene) -> Result<(), SessionError> {
+/// Whether an expression can be shown so: its value is one number in each place, of no gradient.
+pub(crate) fn check_expression(scene: &Scene) -> Result<(), SessionError> {
+    let transfer = scene.transfer.as_ref();
     let problem = if scene.mode != Mode::Dvr {
-        format!("several volumes are shown with --mode dvr, not {:?}: leave it out", scene.mode)
+        format!("an expression is shown with --mode dvr, not {:?}: leave it out", scene.mode)
     } else if scene.sampling.method != Method::Udvr {
-        format!("several volumes are sampled with --method udvr, not {:?}: leave it out", scene.sampling.method)
-    } else if scene.lighting.model != LightingModel::None && scene.expression.is_some() {
+        format!("an expression is sampled with --method udvr, not {:?}: leave it out", scene.sampling.method)
+    } else if scene.lighting.model != LightingModel::None {
         let problem = "the gradient of an expression's value is no volume's: it is not lit, and the scene asks for";
         format!("{problem} {:?}: leave one of both out", scene.lighting.model)
     } else if scene.sampling.jitter != Jitter::None {
-        "several volumes are not jittered: leave --jitter out".into()
-    } else if let Some(problem) = by_gradient(scene) {
-        problem
-    } else if !scene.meshes.is_empty() {
-        "meshes stand in one volume: leave --mesh out, or give one store".into()
+        "an expression is not jittered: leave --jitter out".into()
+    } else if transfer.is_some_and(TransferFunction::is_by_gradient) {
+        let problem = "the transfer function is one of value and gradient, and an expression is classified by value";
+        format!("{problem} alone: leave its gradient_opacity and regions out")
     } else {
         return Ok(());
     };
     Err(SessionError::Scene(problem))
 }
 
-/// What is wrong with the transfer functions, if one of them depends on gradients.
-fn by_gradient(scene: &Scene) -> Option<String> {
-    let depends = |transfer: &Option<TransferFunction>| transfer.as_ref().is_some_and(TransferFunction::is_by_gradient);
-    let problem = "several volumes are classified by value alone: leave its gradient_opacity and regions out";
-    match scene.volumes.iter().position(|look| depends(&look.transfer)) {
-        Some(i) => Some(format!("volume {i} has a transfer function of value and gradient, and {problem}")),
-        None if depends(&scene.transfer) => {
-            Some(format!("the transfer function is one of value and gradient, and {problem}"))
-        }
-        None => None,
-    }
-}
-
-/// Whether a volume can be shown by the scene that it would have alone.
-pub(crate) fn check_layer(source: &dyn BrickSource, scene: &Scene) -> Result<(), SessionError> {
+/// Whether a volume can be shown by the scene that it would have alone, where others have surfaces or not.
+pub(crate) fn check_layer(
+    source: &dyn BrickSource,
+    scene: &Scene,
+    others_have_surfaces: bool,
+) -> Result<(), SessionError> {
     let past = |what: &str, asked: u64, count: u64| {
         let problem = format!("{what} {asked} does not exist: the store has {count}, numbered from 0");
         if asked < count { Ok(()) } else { Err(SessionError::Scene(problem)) }
@@ -84,7 +75,7 @@ pub(crate) fn check_layer(source: &dyn BrickSource, scene: &Scene) -> Result<(),
         }
     }
     check_look(scene)?;
-    check_surfaces(scene)?;
+    check_surfaces(scene, others_have_surfaces)?;
     scene.check_slice().map_err(|error| SessionError::Scene(error.to_string()))?;
     if let Some(transfer) = &scene.transfer {
         transfer.validate().map_err(|error| SessionError::Scene(format!("transfer function: {error}")))?;
@@ -92,10 +83,10 @@ pub(crate) fn check_layer(source: &dyn BrickSource, scene: &Scene) -> Result<(),
     Ok(())
 }
 
-fn check_surfaces(scene: &Scene) -> Result<(), SessionError> {
+fn check_surfaces(scene: &Scene, others_have_some: bool) -> Result<(), SessionError> {
     let surfaces = &scene.isosurfaces;
     let has_two_of = |surface: &Isosurface| surfaces.iter().filter(|other| other.value == surface.value).count() > 1;
-    let problem = if scene.mode == Mode::Isosurface && surfaces.is_empty() {
+    let problem = if scene.mode == Mode::Isosurface && surfaces.is_empty() && !others_have_some {
         "an isosurface needs the value whose surface it is: give --isovalue, in stored units".to_string()
     } else if surfaces.is_empty() {
         return Ok(());

@@ -17,6 +17,7 @@ use brickyard_pager::{
     BrickSource, DrawList, Layer, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View, VolumeNeeds,
     Wish, share,
 };
+use brickyard_render::Compositor;
 use brickyard_volume::{Needs, Picture, Scene, SlotEncoding, TransferFunction};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -83,6 +84,7 @@ impl Session {
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
         let shown: Vec<usize> = scene.layers.iter().map(|layer| layer.volume).collect();
+        check_order(scene, options.compositor == CompositorChoice::Sorted)?;
         Self::make(volumes, &shown, scene.is_alone(), options)
     }
 
@@ -92,9 +94,6 @@ impl Session {
         is_alone: bool,
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
-        if !is_alone {
-            check_compositor(options.compositor)?;
-        }
         let sources: Vec<_> = shown.iter().map(|&i| volumes[i].source.clone()).collect();
         let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, options)).collect();
         let (backend, backend_line) = backend::open(&needs, is_alone, options)?;
@@ -140,6 +139,7 @@ impl Session {
             let problem = "the session was made for other layers: make another one with Session::of_scene";
             return Err(SessionError::Scene(problem.into()));
         }
+        check_order(&resolved, self.backend.compositor() == Compositor::Sorted.name())?;
         for layer in &mut resolved.layers {
             layer.view.opaque = layer.view.opaque.filter(|_| self.leaps);
         }
@@ -312,14 +312,14 @@ impl Session {
     }
 }
 
-/// Several layers are drawn by casting rays.
-fn check_compositor(compositor: CompositorChoice) -> Result<(), SessionError> {
-    let problem = match compositor {
-        CompositorChoice::Auto | CompositorChoice::Raycast => return Ok(()),
-        CompositorChoice::Sorted => "the sorted compositor draws one volume: several are not in one order",
-        CompositorChoice::Compute => "the compute compositor draws one volume",
-    };
-    Err(SessionError::Scene(format!("{problem}; use --compositor raycast")))
+/// Cells of several layers are in no one order from back to front: their fog and surfaces take rays.
+fn check_order(scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionError> {
+    if !(is_sorted && scene.has_no_order()) {
+        return Ok(());
+    }
+    let problem =
+        "the sorted compositor has no order for the cells of several layers, of one that is placed or of one that adds";
+    Err(SessionError::Scene(format!("{problem}; use --compositor raycast or compute")))
 }
 
 /// A pager for each source, all within the host budget.

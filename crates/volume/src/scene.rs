@@ -152,9 +152,10 @@ impl Scene {
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
     }
 
-    /// Whether what is shown depends on the gradient.
+    /// Whether what is shown of any volume depends on the gradient.
     pub fn is_by_gradient(&self) -> bool {
-        self.transfer.as_ref().is_some_and(TransferFunction::is_by_gradient)
+        let transfers = self.volumes.iter().map(|look| &look.transfer).chain([&self.transfer]);
+        transfers.flatten().any(TransferFunction::is_by_gradient)
     }
 
     /// Whether a method can show its transfer function: what is pre-integrated is so over values alone.

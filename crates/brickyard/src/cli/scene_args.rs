@@ -220,9 +220,6 @@ impl SceneArguments {
     /// The scene of several stores, or of one that is placed among none.
     fn scene_of_several(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
         let mut scene = self.without_stores()?;
-        if self.gradient_opacity.is_some() {
-            return Err(Failure::usage("--gradient-opacity is for one store: several are classified by value alone"));
-        }
         if stores.len() > MAX_VOLUMES {
             let problem = format!("{} volumes in one picture: expected at most {MAX_VOLUMES}", stores.len());
             return Err(Failure::usage(problem));
@@ -261,6 +258,15 @@ impl SceneArguments {
             if let Some(name) = transfers[i].or(of_all) {
                 look.transfer = Some(transfer(name, &subject_of(store, channel))?);
             }
+            if let Some(GradientOpacity(points)) = self.gradient_opacity.as_ref().filter(|_| scene.expression.is_none())
+            {
+                let of_values = look.transfer.take().or_else(|| scene.transfer.clone());
+                let of_values = of_values.map_or_else(|| default_transfer(&subject_of(store, channel)), Ok)?;
+                look.transfer = Some(TransferFunction { gradient_opacity: points.clone(), ..of_values });
+            }
+        }
+        if self.gradient_opacity.is_some() && scene.expression.is_some() {
+            return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
         }
         if let (Some(text), Some(name)) = (&scene.expression, &self.transfer) {
             let expression = Expression::parse(text, stores.len());
