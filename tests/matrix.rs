@@ -2,12 +2,19 @@
 //! gradients and layouts are complete by construction (`every!` of the volume crate), so a new one that a backend, or the oracle,
 //! takes for another fails here until all know it.
 
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::oracle::render_reference;
+use brickyard::render::GpuError;
+use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource, resolve};
+use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, Method, Mode, Projection,
-    Region, Sampling, Scene, Shape, Stereo, StereoLayout, TransferFunction,
+    Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, MAX_VOLUMES,
+    Method, Mode, Placement, Projection, Region, Sampling, Scene, Shape, Stereo, StereoLayout, TransferFunction,
+    VolumeLook,
 };
 use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, assert_same, assert_same_surface, oracle, session_for_scene, settled,
+    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, leave_out, options, oracle,
+    session_for_scene, settled,
 };
 use glam::DVec3;
 
@@ -117,6 +124,82 @@ fn every_way_to_look_is_the_oracle_s_by_every_way_to_draw() {
                 let (picture, _) = settled(&mut session, scene, SIZE);
                 let same = if scene.isosurfaces.is_empty() { assert_same } else { assert_same_surface };
                 same(&picture, expected, &format!("{name}, the {i}th, {way:?}"));
+            }
+        }
+    }
+}
+
+/// The scene of so many layers: as it is, beside it, leaning and in other colours, and glowing, again and again.
+fn of_layers(scene: &Scene, count: usize) -> Scene {
+    let turned = TransferFunction {
+        color: vec![[0.0, 0.9, 0.1, 0.1], [255.0, 0.2, 0.3, 1.0]],
+        ..scene.transfer.clone().unwrap_or_default()
+    };
+    let look = |i: usize| match i % 3 {
+        0 => VolumeLook { isosurfaces: scene.isosurfaces.clone(), ..VolumeLook::default() },
+        1 => {
+            let aside = format!("0.9 -0.3 0 {}  0.3 1 0.1 {}  0 0 1.1 -3", 9 + i % 7, i % 5);
+            let world_from_volume = Placement::from_text(&aside).expect("a map");
+            VolumeLook { world_from_volume, transfer: Some(turned.clone()), ..VolumeLook::default() }
+        }
+        _ => VolumeLook { blend: Blend::Add, opacity: 0.4, ..VolumeLook::default() },
+    };
+    Scene { isosurfaces: Vec::new(), volumes: (0..count).map(look).collect(), ..scene.clone() }
+}
+
+/// Whether a scene, the `i`th of a group, is tried with so many layers by a way to draw: on the CPU all with three layers, elsewhere some of
+/// each group. (A rasteriser in software takes seconds to compile a shader of several layers.)
+fn is_tried(count: usize, (backend, compositor): Way, group: usize, i: usize) -> bool {
+    match (count, backend, compositor) {
+        (3, BackendChoice::Cpu, _) => true,
+        (3, _, CompositorChoice::Sorted) => true,
+        (3, _, CompositorChoice::Compute) => (group + i) % 8 == 1,
+        (3, ..) => (group + i).is_multiple_of(5),
+        (2, BackendChoice::Cpu, _) => (group + i).is_multiple_of(3),
+        (2, _, CompositorChoice::Raycast) => (group + i) % 9 == 2,
+        (_, BackendChoice::Cpu, _) => (group + i).is_multiple_of(7),
+        _ => false,
+    }
+}
+
+/// The same for several layers: two stores of unlike grids, in turns.
+#[test]
+fn layers_are_the_oracle_s_by_every_way_to_draw() {
+    let other = |_, _, [x, y, z]: [u32; 3]| {
+        let [x, y, z] = [x, y, z].map(f64::from);
+        ((0.5 + 0.3 * (0.21 * x - 0.35 * z).cos() + 0.19 * (0.4 * y).sin()) * 255.0) as u16
+    };
+    let wide = Geometry { spacing: DVec3::new(1.5, 1.1, 0.8), ..Geometry::default() };
+    let stores = [store(), TestStore::pack(&FunctionSource::new(Extent::new(29, 34, 41), wide, other), 16)];
+    for (count, size) in [(3, (40, 32)), (2, (40, 32)), (MAX_VOLUMES, (20, 16))] {
+        let shown: Vec<&Store> = (0..count).map(|i| &*stores[i % 2].store).collect();
+        let volumes: Vec<VolumeSource> = (0..count).map(|i| VolumeSource::of_store(&stores[i % 2].store, 0)).collect();
+        for (group, (name, scenes)) in groups().into_iter().enumerate() {
+            for (i, scene) in scenes.iter().enumerate().map(|(i, scene)| (i, of_layers(scene, count))) {
+                let what = |way| format!("{name}, the {i}th of {count} layers, {way:?}");
+                let resolved = resolve(&volumes, &scene, size).unwrap_or_else(|error| panic!("{name} {i}: {error}"));
+                let mut expected = None;
+                for way in WAYS.into_iter().filter(|way| is_tried(count, *way, group, i)) {
+                    let options = SessionOptions { bricks: scene.needs(), ..options(way, size, 256 << 20, 256 << 20) };
+                    let mut session = match Session::of_scene(volumes.clone(), &resolved, &options) {
+                        Ok(session) => session,
+                        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
+                            leave_out("gpu", error);
+                            continue;
+                        }
+                        Err(error) => {
+                            let has_no_order = way.1 == CompositorChoice::Sorted && !scene.mode.is_projection();
+                            assert!(has_no_order && error.to_string().contains("no order"), "{}: {error}", what(way));
+                            continue;
+                        }
+                    };
+                    let (picture, _) = settled(&mut session, &scene, size);
+                    let expected = expected
+                        .get_or_insert_with(|| render_reference(&shown, &resolved, 1 << 30).expect("the levels"));
+                    let has_surfaces = scene.volumes.iter().any(|look| !look.isosurfaces.is_empty());
+                    let same = if has_surfaces { assert_same_surface } else { assert_same };
+                    same(&picture, expected, &what(way));
+                }
             }
         }
     }
