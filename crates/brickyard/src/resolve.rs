@@ -132,12 +132,13 @@ pub(crate) fn resolve_with(
     let is_named = volumes.len() > 1 || !scene.volumes.is_empty();
     let named = |i: usize, error| if is_named { of_volume(i, error) } else { error };
     let has_surfaces = looks.iter().any(|look| !look.isosurfaces.is_empty());
-    let own = |&i: &usize| {
+    let windows: Vec<[f64; 2]> = shown.iter().map(|&i| volumes[i].source.value_range().into()).collect();
+    let own = |(place, &i): (usize, &usize)| {
         let mut own = own_scene(&volumes[i], &looks[i], scene, volumes.len());
-        own.transfer = combination.as_ref().map(Combination::of_each).or(own.transfer);
+        own.transfer = combination.as_ref().map(|read| read.of_volume(place, &windows)).or(own.transfer);
         check_layer(&*volumes[i].source, &own, has_surfaces).map_err(|error| named(i, error)).map(|()| own)
     };
-    let scenes = shown.iter().map(own).collect::<Result<Vec<Scene>, _>>()?;
+    let scenes = shown.iter().enumerate().map(own).collect::<Result<Vec<Scene>, _>>()?;
     let camera = scene.camera_for(world_box(volumes, &looks), size_px);
     let eyes = Eyes::new(scene, &camera, size_px)?;
     let lattice = lattice(volumes, &looks, &shown, scene, &eyes.rays[0]);
@@ -145,8 +146,32 @@ pub(crate) fn resolve_with(
         let table = |transfer: &_, encoding: &_| table(i, transfer, encoding);
         layer(i, &volumes[i], &looks[i], own, &eyes, lattice, table).map_err(|error| named(i, error))
     };
-    let layers = shown.iter().zip(&scenes).map(layer).collect::<Result<_, _>>()?;
+    let mut layers = shown.iter().zip(&scenes).map(layer).collect::<Result<Vec<ResolvedLayer>, _>>()?;
+    if layers.len() > 1 || combination.is_some() {
+        let appearance = joint_appearance(&layers, combination.as_ref());
+        layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
+    }
     Ok(ResolvedScene { layers, stereo: eyes.layout, camera, combination })
+}
+
+/// A number of all in a picture of several layers that decides which bricks of one hide those of another.
+fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    for ResolvedLayer { volume, view, frames, .. } in layers {
+        (volume, view.appearance, view.channel, frames[0].blend).hash(&mut hasher);
+        view.placement.rows().as_flattened().iter().for_each(|number| number.to_bits().hash(&mut hasher));
+        if let Some(clip) = &view.clip {
+            let planes = clip.planes().iter().flat_map(|plane| [plane.point, plane.normal]);
+            for point in clip.corners().into_iter().chain(planes) {
+                point.to_array().map(f64::to_bits).hash(&mut hasher);
+            }
+        }
+    }
+    if let Some(Combination { expression, table, .. }) = combination {
+        (expression.text(), table.unit_distance.to_bits()).hash(&mut hasher);
+        table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
+    }
+    hasher.finish()
 }
 
 fn of_volume(i: usize, error: SessionError) -> SessionError {

@@ -325,7 +325,10 @@ fn expressions_match_the_oracle() {
     for text in EXPRESSIONS {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
-        members.iter_mut().for_each(|member| member.transfer = combination.of_each());
+        let windows = [[0.0, 255.0], [0.0, 65535.0], [-1.0, 1.0]];
+        for (i, member) in members.iter_mut().enumerate() {
+            member.transfer = combination.of_volume(i, &windows);
+        }
         let frames =
             frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
         let found = renderer.render(&layers(&members, &frames, &draws), Some(&combination)).expect("a picture");

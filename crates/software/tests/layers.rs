@@ -252,7 +252,10 @@ fn expressions_match_the_oracle() {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
         let mut members = members();
-        members.iter_mut().for_each(|member| member.transfer = combination.of_each());
+        let windows = [[0.0, 255.0], [0.0, 65535.0], [-1.0, 1.0]];
+        for (i, member) in members.iter_mut().enumerate() {
+            member.transfer = combination.of_volume(i, &windows);
+        }
         for (camera, step, filter) in [
             (camera(false, [-40.0, -25.0, 60.0]), 0.7, Filter::Trilinear),
             (camera(true, [70.0, 35.0, 20.0]), 1.3, Filter::Tricubic),

@@ -4,7 +4,7 @@
 //! value, has none. Where the expression has a value, the segment has its medium, over the longest of the parts with a value.
 
 use crate::code::{SlotEncoding, SlotFormat};
-use crate::expression::Expression;
+use crate::expression::{Expression, Range};
 use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
 
@@ -41,14 +41,77 @@ impl Combination {
         (!value.is_nan()).then(look).filter(|look| look[3] > 0.0)
     }
 
-    /// How each of its volumes is shown to a renderer: as if all of it could be seen, for that decides what is read.
-    pub fn of_each(&self) -> TransferFunction {
-        let unit_distance = self.transfer.unit_distance;
+    /// How one of its volumes is shown to pagers and renderers: opaque where the expression may show something, given that the volumes have
+    /// values in these windows or none, and else clear, so that bricks of such values are neither read nor sampled. A clear value is
+    /// as good as none, for the expression shows nothing there with it or without.
+    pub fn of_volume(&self, volume: usize, windows: &[[f64; 2]]) -> TransferFunction {
+        let [low, high] = windows[volume];
+        let width = (high - low) / PARTS as f64;
+        let has_parts = width > 0.0 && width.is_finite();
+        let parts: Vec<bool> = match has_parts {
+            true => (0..PARTS).map(|part| self.may_show(volume, part as f64, windows)).collect(),
+            false => vec![true; PARTS],
+        };
+        let is_shown = |edge: usize| edge > 0 && parts[edge - 1] || edge < PARTS && parts[edge];
+        let point = |edge: usize| [low + width * edge as f64, is_shown(edge) as u8 as f64];
         TransferFunction {
             color: vec![[0.0, 1.0, 1.0, 1.0]],
-            opacity: vec![[0.0, 1.0]],
-            unit_distance,
+            opacity: if has_parts { (0..=PARTS).map(point).collect() } else { vec![[0.0, 1.0]] },
+            unit_distance: self.transfer.unit_distance,
             ..TransferFunction::default()
+        }
+    }
+
+    /// Whether anything may be shown where a volume has values in one of its window's parts. It is taken for wider by one to each side: by
+    /// more than rounding moves a value.
+    fn may_show(&self, volume: usize, part: f64, windows: &[[f64; 2]]) -> bool {
+        let [low, high] = windows[volume];
+        let width = (high - low) / PARTS as f64;
+        let mut ranges: Vec<Range> = windows.iter().map(|window| Some(*window)).collect();
+        ranges[volume] = Some([low + (part - 1.0) * width, low + (part + 2.0) * width]);
+        let is_clear = |[low, high]: [f64; 2]| low <= high && self.transfer.max_alpha(low, high) <= 0.0;
+        !self.expression.range(&ranges).is_none_or(is_clear)
+    }
+}
+
+/// Parts of a volume's window, of each of which it is known whether it may show something.
+const PARTS: usize = 256;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_clear_shows_nothing_with_its_values_or_without() {
+        let transfer = TransferFunction {
+            color: vec![[0.0, 1.0, 1.0, 1.0]],
+            opacity: vec![[0.2, 0.0], [0.3, 0.5], [0.6, 0.5], [0.7, 0.0]],
+            ..TransferFunction::default()
+        };
+        let windows = [[0.0, 1.0], [-0.5, 2.0], [0.0, 0.1]];
+        let values = |i: usize| {
+            let [low, high] = windows[i];
+            (0..=40).map(move |k| low + (high - low) * k as f64 / 40.0).chain([f64::NAN])
+        };
+        for (text, shown) in [
+            ("a", 0.2..0.8),
+            ("a + c", 0.2..0.9),
+            ("a > 0.5 ? a + c : -1", 0.1..0.4),
+            ("default(a, 0) * b", 0.5..1.1),
+            ("valid(a) ? 9 : c", 0.9..1.1),
+            ("a * 0 - 1", -0.1..0.1),
+        ] {
+            let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer.clone());
+            let of_a = combination.of_volume(0, &windows);
+            let count = values(0).filter(|a| !a.is_nan() && of_a.alpha(*a) > 0.0).count();
+            assert!(shown.contains(&(count as f64 / 41.0)), "{text}: {count} of 41");
+            for a in values(0).filter(|a| !a.is_nan() && of_a.alpha(*a) == 0.0) {
+                for b in values(1) {
+                    for (a, c) in [a, f64::NAN].into_iter().flat_map(|a| values(2).map(move |c| (a, c))) {
+                        assert_eq!(combination.look(&[a, b, c]), None, "{text} of {a}, {b} and {c}");
+                    }
+                }
+            }
         }
     }
 }
