@@ -1,6 +1,6 @@
-//! The WGSL of the renderer, by concern, composed by [imports](compose): a variant holds just what it uses, so what is off costs
+//! The WGSL of the renderer, by concern, composed by imports (`compose`): a variant holds just what it uses, so what is off costs
 //! nothing. What is bound where is in [`bindings`]. Shared code is about one layer at a time, which it finds in its *context*: of one
-//! layer that is all constants; of several see [`joint`].
+//! layer that is all constants; of several see `joint`.
 
 pub mod bindings;
 mod compose;

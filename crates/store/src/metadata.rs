@@ -8,7 +8,7 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
-use crate::version::FORMAT_VERSION;
+pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::{Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Pyramid, VoxelType};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

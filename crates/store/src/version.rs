@@ -1,4 +1,4 @@
 //! The version of the store's format.
 
 /// The version of the `brickyard` attribute that is written and read.
-pub(crate) const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 2;
