@@ -329,6 +329,8 @@ fn what_several_volumes_cannot_do_is_refused() {
     let steep = TransferFunction { gradient_opacity: vec![[0.0, 0.0], [9.0, 1.0]], ..transfer([0.9, 0.3, 0.1], 0.4) };
     refused(combined(Scene { transfer: Some(steep), ..scene() }), "gradient_opacity");
     refused(Scene { mode: Mode::Isosurface, ..scene() }, "--isovalue");
+    let unseen = VolumeLook { isosurfaces: vec![Isosurface::at(7.0)], visible: false, ..VolumeLook::default() };
+    refused(Scene { mode: Mode::Isosurface, volumes: vec![unseen], ..scene() }, "--isovalue");
     refused(Scene { volumes: vec![VolumeLook::default(); 3], ..scene() }, "3 volumes");
     refused(Scene { volumes: vec![VolumeLook { opacity: 1.5, ..look_askew() }], ..scene() }, "volume 0");
     refused(Scene { volumes: vec![VolumeLook { crop: Some([DVec3::ONE; 2]), ..look_askew() }], ..scene() }, "crop");

@@ -131,7 +131,7 @@ pub(crate) fn resolve_with(
     let combination = read.map(|read| combination(read, volumes, scene));
     let is_named = volumes.len() > 1 || !scene.volumes.is_empty();
     let named = |i: usize, error| if is_named { of_volume(i, error) } else { error };
-    let has_surfaces = looks.iter().any(|look| !look.isosurfaces.is_empty());
+    let has_surfaces = shown.iter().any(|&i| !looks[i].isosurfaces.is_empty());
     let windows: Vec<[f64; 2]> = shown.iter().map(|&i| volumes[i].source.value_range().into()).collect();
     let own = |(place, &i): (usize, &usize)| {
         let mut own = own_scene(&volumes[i], &looks[i], scene, volumes.len());
