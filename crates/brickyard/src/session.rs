@@ -245,7 +245,7 @@ impl Session {
             let layer = |(shown, layer)| {
                 let (shown, layer): (&Shown, &ResolvedLayer) = (shown, layer);
                 let draw = shown.draws.get(eye).or(shown.draws.first()).unwrap_or(&nothing);
-                Layer { frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw }
+                Layer { frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: 0 }
             };
             let layers: Vec<Layer<'_>> = shown.iter().zip(&scene.layers).map(layer).collect();
             let picture = backend.render(&layers, scene.combination.as_ref())?;

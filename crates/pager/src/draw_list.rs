@@ -28,6 +28,9 @@ pub struct DrawCell {
     pub brick: BrickId,
     /// Where that brick is.
     pub slot: Slot,
+    /// The cell's place among all cells in sight of its cut, back to front. Where several volumes share a cut, their entries of the
+    /// same cell have the same rank.
+    pub rank: u32,
 }
 
 /// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty; none before the volume's
@@ -51,11 +54,11 @@ impl DrawList {
         mut fading: impl FnMut(BrickId, usize) -> Option<(Fading, Slot)>,
     ) -> Self {
         let (mut cells, mut pairs) = (Vec::with_capacity(sight.cells.len()), 0);
-        for &position in &sight.cells {
+        for (&position, rank) in sight.cells.iter().zip(0..) {
             let Some((stand_in, slot)) = stand_ins.of(position) else { continue };
             let (cell, brick) = (cut.id(position), cut.id(stand_in));
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
-            let mut own = DrawCell { cell, region, pixels: Pixels::ALL, brick, slot };
+            let mut own = DrawCell { cell, region, pixels: Pixels::ALL, brick, slot, rank };
             if let Some((Fading { before, share }, slot)) = fading(brick, pairs) {
                 cells.push(DrawCell { pixels: Pixels { from: share, ..Pixels::ALL }, brick: before, slot, ..own });
                 own.pixels.to = share;
@@ -70,8 +73,13 @@ impl DrawList {
     pub(crate) fn reordered(&self, cut: &Cut, order: &[u32]) -> Self {
         let entries: HashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
-        let in_order = order.iter().filter_map(|&position| entries.get(&cut.id(position)));
-        Self { cells: in_order.copied().flatten().copied().collect() }
+        let in_order =
+            order.iter().zip(0..).filter_map(|(&position, rank)| Some((*entries.get(&cut.id(position))?, rank)));
+        Self {
+            cells: in_order
+                .flat_map(|(cells, rank)| cells.iter().map(move |cell| DrawCell { rank, ..*cell }))
+                .collect(),
+        }
     }
 
     /// Whether any brick fades in.

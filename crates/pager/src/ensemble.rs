@@ -23,6 +23,29 @@ pub struct VolumeNeeds {
     pub most_slots: u32,
 }
 
+impl VolumeNeeds {
+    /// Whether bricks of another volume fit this one's slots: then the two share one pool of them, and a brick of either can be in
+    /// any.
+    pub fn shares_slots_with(&self, other: &Self) -> bool {
+        let slot = |needs: &Self| (needs.encoding.format, needs.encoding.has_invalid, needs.edge, needs.bricks);
+        slot(self) == slot(other)
+    }
+}
+
+/// Of each volume the number of its pool of slots: pools are numbered from 0 in the order of the first volume of each.
+pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
+    let mut firsts: Vec<&VolumeNeeds> = Vec::new();
+    let mut pools = Vec::with_capacity(volumes.len());
+    for needs in volumes {
+        let known = firsts.iter().position(|first| needs.shares_slots_with(first));
+        pools.push(known.unwrap_or(firsts.len()));
+        if known.is_none() {
+            firsts.push(needs);
+        }
+    }
+    pools
+}
+
 /// One volume's part of a picture of several, which come in the order that the renderer was made for.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
@@ -32,6 +55,8 @@ pub struct Layer<'a> {
     pub pyramid: &'a Pyramid,
     /// What is drawn of it.
     pub draw: &'a DrawList,
+    /// Which cut that is drawn from: layers of the same number share one, so their [ranks](crate::DrawCell::rank) are of one order.
+    pub cut: u32,
 }
 
 /// A number of things of one size that somebody wants.

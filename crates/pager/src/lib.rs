@@ -46,7 +46,7 @@ pub use assemble::PaddedReader;
 pub use budget::{PagerConfig, PagerError};
 pub use cut::{Cut, View, cut_capacity};
 pub use draw_list::{DrawCell, DrawList, Slot};
-pub use ensemble::{Layer, VolumeNeeds, Wish, share};
+pub use ensemble::{Layer, VolumeNeeds, Wish, pools, share};
 pub use governor::UploadLimits;
 pub use pager::{Counters, Frame, Pager, Status};
 pub use passes::{ExactError, ExactPasses, Next};

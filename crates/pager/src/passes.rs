@@ -214,7 +214,7 @@ impl ExactPasses {
         let (cell, place) = (self.cells[at], at - self.start);
         let slot = Slot(place as u32);
         let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
-        self.draw[place] = Some(DrawCell { cell, region, pixels: Pixels::ALL, brick, slot });
+        self.draw[place] = Some(DrawCell { cell, region, pixels: Pixels::ALL, brick, slot, rank: at as u32 });
         self.placed += 1;
         self.counters.uploaded += 1;
         self.counters.bytes_uploaded += codes.len() as u64;

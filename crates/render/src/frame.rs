@@ -201,7 +201,7 @@ mod tests {
         let id = |level, x, y, z| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, y, z) };
         let brick = id(1, 4, 2, 1);
         let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);
-        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(17) };
+        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(17), rank: 0 };
         let instance = cell_instance(&cell, &pyramid, &atlas, 1);
         // Voxel (5, 0, 31) of the brick, level 1: its centre in level-0 voxels.
         let voxel = [4 * 32 + 5, 2 * 32, 32 + 31].map(|v| (v as f32 + 0.5) * 2.0);

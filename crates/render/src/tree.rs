@@ -182,7 +182,7 @@ mod tests {
             let id = BrickId { time: 0, channel: 0, level, index };
             let slot = Slot(cells.len() as u32);
             let region = pyramid.brick_box_voxel(level, index);
-            cells.push(DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot });
+            cells.push(DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot, rank: 0 });
         };
         for i in 0..grid.volume() as u32 {
             let index = BrickIndex::new(i % grid.x, i / grid.x % grid.y, i / grid.x / grid.y);
@@ -256,7 +256,7 @@ mod tests {
             .map(|(index, slot)| {
                 let brick = BrickId { time: 0, channel: 0, level: Level(0), index };
                 let region = pyramid.brick_box_voxel(brick.level, index);
-                DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(slot) }
+                DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(slot), rank: slot }
             })
             .collect();
         let list = DrawList { cells };
@@ -284,7 +284,7 @@ mod tests {
             let index = pyramid.ancestor(Level(0), cell.index, Level(level));
             let brick = BrickId { level: Level(level), index, ..cell };
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
-            DrawCell { cell, region, pixels: Pixels { from, to }, brick, slot: Slot(slot) }
+            DrawCell { cell, region, pixels: Pixels { from, to }, brick, slot: Slot(slot), rank: slot }
         };
         // Far away the one fades in, nearer the other is whole.
         let list = DrawList { cells: vec![entry(1, 1, 0, 20, 64), entry(1, 0, 1, 0, 20), entry(0, 0, 2, 0, 64)] };

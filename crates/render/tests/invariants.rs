@@ -102,7 +102,7 @@ impl<'a> Stage<'a> {
     fn try_render(&mut self, frames: &[VolumeFrame]) -> Result<Picture, GpuError> {
         let all = frames.iter().zip(&self.volumes).zip(&self.lists);
         let layers: Vec<_> =
-            all.map(|((frame, volume), draw)| Layer { frame, pyramid: &volume.pyramid, draw }).collect();
+            all.map(|((frame, volume), draw)| Layer { frame, pyramid: &volume.pyramid, draw, cut: 0 }).collect();
         self.renderer.render(&layers, None)
     }
 

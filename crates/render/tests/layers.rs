@@ -124,6 +124,7 @@ impl Member {
             pixels: Pixels::ALL,
             brick: id,
             slot: Slot(slot),
+            rank: slot,
         };
         DrawList { cells: (0..).zip(self.cells()).map(cell).collect() }
     }
@@ -174,7 +175,7 @@ fn frames(
 
 fn layers<'a>(members: &'a [Member], frames: &'a [VolumeFrame], draws: &'a [DrawList]) -> Vec<Layer<'a>> {
     let all = members.iter().zip(frames).zip(draws);
-    all.map(|((member, frame), draw)| Layer { frame, pyramid: &member.bricks.pyramid, draw }).collect()
+    all.map(|((member, frame), draw)| Layer { frame, pyramid: &member.bricks.pyramid, draw, cut: 0 }).collect()
 }
 
 /// A renderer with all bricks in it; `None`, said loudly, where there is no adapter at all.

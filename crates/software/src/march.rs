@@ -294,7 +294,7 @@ mod tests {
         let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);
-        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0) };
+        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0), rank: 0 };
         let layer = VolumeFrame::alone(settings);
         let list = DrawList { cells: vec![cell] };
         let frame = Frame::new(&layer, &pyramid, &list, &needs, true, |_| &resident);

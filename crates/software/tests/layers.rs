@@ -145,8 +145,9 @@ fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combina
         }
     }
     let layers = members.iter().zip(frames).zip(&loaded);
-    let layers: Vec<Layer<'_>> =
-        layers.map(|((member, frame), (_, draw))| Layer { frame, pyramid: &member.volume.pyramid, draw }).collect();
+    let layers: Vec<Layer<'_>> = layers
+        .map(|((member, frame), (_, draw))| Layer { frame, pyramid: &member.volume.pyramid, draw, cut: 0 })
+        .collect();
     renderer.render(&layers, combination)
 }
 

@@ -22,7 +22,7 @@ pub(crate) trait RenderOne {
 impl RenderOne for GpuRenderer {
     fn render_one(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
         let frame = VolumeFrame { settings: frame.clone(), blend: Blend::Mix, opacity: 1.0 };
-        self.render(&[Layer { frame: &frame, pyramid, draw }], None)
+        self.render(&[Layer { frame: &frame, pyramid, draw, cut: 0 }], None)
     }
 }
 
@@ -150,8 +150,8 @@ impl Bricks {
         self.visit(BrickId { time: 0, channel: 0, level: top, index: BrickIndex::default() }, rays, stop, &mut cells);
         let mut slots = BTreeMap::new();
         let mut list = DrawList::default();
-        for (cell, (coarser, pixels)) in
-            cells.into_iter().flat_map(|cell| entries(cell).into_iter().map(move |e| (cell, e)))
+        for (rank, cell, (coarser, pixels)) in
+            (0..).zip(cells).flat_map(|(rank, cell)| entries(cell).into_iter().map(move |e| (rank, cell, e)))
         {
             let level = Level((cell.level.0 + coarser).min(top.0));
             let brick = BrickId { level, index: self.pyramid.ancestor(cell.level, cell.index, level), ..cell };
@@ -161,7 +161,7 @@ impl Bricks {
                 next
             });
             let region = self.pyramid.brick_box_voxel(cell.level, cell.index);
-            list.cells.push(DrawCell { cell, region, pixels, brick, slot });
+            list.cells.push(DrawCell { cell, region, pixels, brick, slot, rank });
         }
         list
     }

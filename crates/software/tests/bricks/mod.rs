@@ -138,7 +138,7 @@ impl Volume {
         let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
         bricks.sort();
         bricks.dedup();
-        let draw = |c: &CutCell| {
+        let draw = |(c, rank): (&CutCell, u32)| {
             let brick = self.brick(c);
             DrawCell {
                 cell: BrickId { level: c.level, index: c.index, ..brick },
@@ -146,10 +146,11 @@ impl Volume {
                 pixels: Pixels::ALL,
                 brick,
                 slot: Slot(bricks.binary_search(&brick).unwrap() as u32),
+                rank,
             }
         };
         let padded = bricks.iter().map(|id| self.padded(id.level, id.index, needs)).collect();
-        (padded, DrawList { cells: cut.iter().map(draw).collect() })
+        (padded, DrawList { cells: cut.iter().zip(0..).map(draw).collect() })
     }
 
     fn brick(&self, c: &CutCell) -> BrickId {
@@ -166,7 +167,7 @@ impl Volume {
     /// The picture of a list over the bricks that a renderer holds.
     pub(crate) fn draw(&self, renderer: &mut SoftwareRenderer, frame: &FrameSettings, draw: &DrawList) -> Picture {
         let frame = &VolumeFrame::alone(frame.clone());
-        renderer.render(&[Layer { frame, pyramid: &self.pyramid, draw }], None)
+        renderer.render(&[Layer { frame, pyramid: &self.pyramid, draw, cut: 0 }], None)
     }
 
     /// What the volume needs of a renderer, whose bricks need so much.
