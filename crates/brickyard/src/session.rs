@@ -1,7 +1,8 @@
 //! A session: the paged volumes of one picture, shown through one backend. A scene becomes a view for each pager and frames for the
 //! renderer; every step moves bricks towards what the views want; a picture can be drawn at any moment.
 //!
-//! Slots and host memory are shared out among layers once, by what each could use ([`share`]).
+//! Layers whose bricks fit each other's slots share a pool of them, and a pager, which splits the worst cell of any of them first. Budgets
+//! are shared out among pools once, by what each could use ([`share`]).
 
 use crate::backend::{self, BackendError, Renderer, layer_needs};
 pub use crate::expression::expression_window;
@@ -15,7 +16,7 @@ use crate::tables::Tables;
 pub use crate::volume_source::{VolumeSource, shown_window, subject};
 use brickyard_pager::{
     BrickSource, DrawList, Layer, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View, VolumeNeeds,
-    Wish, share,
+    Wish, pools, share,
 };
 use brickyard_render::Compositor;
 use brickyard_volume::{Needs, Picture, Scene, SlotEncoding, TransferFunction};
@@ -28,14 +29,21 @@ const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duratio
 /// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
 const LIVE_FADE: Duration = Duration::from_millis(200);
 
-/// A volume that is shown.
+/// A layer, and what of it is drawn now.
 struct Shown {
-    /// Its place among the session's volumes.
+    /// Its volume's place among the session's.
     volume: usize,
     source: Arc<dyn BrickSource>,
-    pager: Pager,
-    /// What is drawn now: a list for each eye of the last step's view.
+    /// A list for each eye of the last step's view.
     draws: Vec<DrawList>,
+    /// Which cut they are drawn from: the number of the first layer that shares it.
+    cut: u32,
+}
+
+/// Layers that share slots, by their numbers, and their pager.
+struct Pool {
+    layers: Vec<usize>,
+    pager: Pager,
     is_settled: bool,
 }
 
@@ -43,6 +51,7 @@ struct Shown {
 pub struct Session {
     volumes: Vec<VolumeSource>,
     shown: Vec<Shown>,
+    pools: Vec<Pool>,
     /// Whether the backend is one for a layer that stands alone.
     is_alone: bool,
     /// What bricks have.
@@ -97,19 +106,15 @@ impl Session {
         let sources: Vec<_> = shown.iter().map(|&i| volumes[i].source.clone()).collect();
         let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, options)).collect();
         let (backend, backend_line) = backend::open(&needs, is_alone, options)?;
-        let pagers = pagers(&sources, &*backend, options)?;
-        let shown = shown.iter().zip(sources).zip(pagers).map(|((&volume, source), pager)| Shown {
-            volume,
-            source,
-            pager,
-            draws: Vec::new(),
-            is_settled: false,
-        });
+        let pools = pools_of(&needs, &sources, &*backend, options)?;
+        let shown =
+            shown.iter().zip(sources).map(|(&volume, source)| Shown { volume, source, draws: Vec::new(), cut: 0 });
         let bricks = options.bricks;
         let tables = volumes.iter().map(|volume| Tables::new(volume.encoding(), bricks.is_pre_integrated)).collect();
         Ok(Self {
             tables,
             shown: shown.collect(),
+            pools,
             volumes,
             is_alone,
             bricks,
@@ -180,17 +185,23 @@ impl Session {
         }
     }
 
-    /// What all layers are together, after their uploads.
+    /// How far all layers are together, after their uploads.
     fn try_step(&mut self, views: &[View]) -> Result<Option<Status>, BackendError> {
         let at = self.clock.map_or(Duration::ZERO, |began| began.elapsed());
         let mut whole: Option<Status> = None;
-        for (i, (shown, view)) in self.shown.iter_mut().zip(views).enumerate() {
-            let frame = shown.pager.frame(view, at);
+        for pool in &mut self.pools {
+            let of_pool: Vec<View> = pool.layers.iter().map(|&layer| views[layer].clone()).collect();
+            let frame = pool.pager.frame(&of_pool, at);
             let begun = Instant::now();
-            frame.uploads.iter().try_for_each(|upload| self.backend.upload(i, upload))?;
-            shown.pager.uploads_took(begun.elapsed());
-            shown.draws = std::iter::once(frame.draw).chain(frame.draw_other_eye).collect();
-            shown.is_settled = frame.status.settled;
+            let mut uploads = frame.uploads.iter();
+            uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
+            pool.pager.uploads_took(begun.elapsed());
+            for (&layer, drawn) in pool.layers.iter().zip(frame.volumes) {
+                let shown = &mut self.shown[layer];
+                shown.draws = std::iter::once(drawn.draw).chain(drawn.draw_other_eye).collect();
+                shown.cut = pool.layers[drawn.cut] as u32;
+            }
+            pool.is_settled = frame.status.settled;
             whole = Some(match whole {
                 None => frame.status,
                 Some(before) => before.and(&frame.status),
@@ -201,14 +212,14 @@ impl Session {
 
     /// Waits until a brick has arrived, at most this long.
     pub fn wait(&mut self, timeout: Duration) {
-        if let [shown] = &mut self.shown[..] {
-            shown.pager.wait(timeout);
+        if let [pool] = &mut self.pools[..] {
+            pool.pager.wait(timeout);
             return;
         }
         // One after the other: what comes for another one meanwhile is taken in soon.
         let patience = (timeout / 16).max(Duration::from_millis(1));
-        for shown in self.shown.iter_mut().filter(|shown| !shown.is_settled) {
-            if shown.pager.wait(patience) {
+        for pool in self.pools.iter_mut().filter(|pool| !pool.is_settled) {
+            if pool.pager.wait(patience) {
                 return;
             }
         }
@@ -245,7 +256,7 @@ impl Session {
             let layer = |(shown, layer)| {
                 let (shown, layer): (&Shown, &ResolvedLayer) = (shown, layer);
                 let draw = shown.draws.get(eye).or(shown.draws.first()).unwrap_or(&nothing);
-                Layer { frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: 0 }
+                Layer { frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: shown.cut }
             };
             let layers: Vec<Layer<'_>> = shown.iter().zip(&scene.layers).map(layer).collect();
             let picture = backend.render(&layers, scene.combination.as_ref())?;
@@ -257,8 +268,10 @@ impl Session {
             }
             Ok::<_, BackendError>(picture)
         })?;
-        for (shown, seen) in shown.iter_mut().zip(seen) {
-            seen.into_iter().for_each(|seen| shown.pager.feedback(&seen));
+        for Pool { layers, pager, .. } in &mut self.pools {
+            for (volume, &layer) in layers.iter().enumerate() {
+                seen[layer].iter().for_each(|seen| pager.feedback(volume, seen));
+            }
         }
         Ok(picture)
     }
@@ -267,10 +280,10 @@ impl Session {
     fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
         self.losses.record(error)?;
         self.backend.renew()?;
-        for (i, shown) in self.shown.iter_mut().enumerate() {
-            shown.pager.forget_slots(self.backend.slots(i))?;
-            shown.draws.clear();
+        for Pool { layers, pager, .. } in &mut self.pools {
+            pager.forget_slots(self.backend.slots(layers[0]))?;
         }
+        self.shown.iter_mut().for_each(|shown| shown.draws.clear());
         Ok(())
     }
 
@@ -303,7 +316,7 @@ impl Session {
 
     /// Bricks of all layers that fit at once.
     pub fn slots(&self) -> u64 {
-        (0..self.shown.len()).map(|i| self.backend.slots(i) as u64).sum()
+        self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
     }
 
     /// What is drawn now of each layer, for the one eye or the left one.
@@ -322,38 +335,46 @@ fn check_order(scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionErro
     Err(SessionError::Scene(format!("{problem}; use --compositor raycast or compute")))
 }
 
-/// A pager for each source, all within the host budget.
-fn pagers(
+/// The pools of layers with these needs, all within the host budget.
+fn pools_of(
+    needs: &[VolumeNeeds],
     sources: &[Arc<dyn BrickSource>],
     backend: &dyn Renderer,
     options: &SessionOptions,
-) -> Result<Vec<Pager>, SessionError> {
-    let (count, bricks) = (sources.len(), options.bricks);
+) -> Result<Vec<Pool>, SessionError> {
+    let pool_of = pools(needs);
+    let count = pool_of.iter().max().map_or(0, |last| last + 1);
+    let members: Vec<Vec<usize>> =
+        (0..count).map(|pool| (0..needs.len()).filter(|&layer| pool_of[layer] == pool).collect()).collect();
+    let bricks = options.bricks;
     let uploads = UploadLimits { bytes: LIVE_UPLOADS.bytes / count as u64, time: LIVE_UPLOADS.time / count as u32 };
-    let config = |i: usize| PagerConfig {
-        slots: backend.slots(i),
+    let config = |layers: &Vec<usize>| PagerConfig {
+        slots: backend.slots(layers[0]),
         apron: bricks.apron,
         gradient_layers: bricks.gradient_layers,
         host_bytes: 0,
         // Twice as many as there are threads, in all: some wait while others read.
-        workers: (2 * options.threads).div_ceil(count).min(options.threads).max(1) as u32,
+        workers: (2 * options.threads).div_ceil(needs.len()).min(options.threads).max(1) as u32,
         planning: if options.live { Planning::Thread } else { Planning::Inline },
         prefetch: options.live,
         uploads: options.live.then_some(uploads),
         fade: options.live.then_some(LIVE_FADE),
     };
-    let configs: Vec<PagerConfig> = (0..count).map(config).collect();
+    let configs: Vec<PagerConfig> = members.iter().map(config).collect();
+    let of_pool = |layers: &Vec<usize>| layers.iter().map(|&layer| sources[layer].clone()).collect::<Vec<_>>();
     let given = options.host_memory_bytes.saturating_sub(bricks.meshes.bytes());
     let shares = match count {
         1 => vec![given],
         _ => {
-            let wishes = sources.iter().zip(&configs).map(|(source, config)| Pager::host_wish(&**source, config));
+            let wishes =
+                members.iter().zip(&configs).map(|(layers, config)| Pager::host_wish(&of_pool(layers), config));
             let wishes = wishes.collect::<Result<Vec<Wish>, _>>()?;
             share(given, &wishes).map_err(|least| PagerError::HostMemory { given, least })?
         }
     };
-    let pager = |((source, config), host_bytes): ((&Arc<dyn BrickSource>, PagerConfig), u64)| {
-        Pager::new(source.clone(), PagerConfig { host_bytes, ..config })
+    let pool = |((layers, config), host_bytes): ((Vec<usize>, PagerConfig), u64)| {
+        let pager = Pager::new(&of_pool(&layers), PagerConfig { host_bytes, ..config })?;
+        Ok(Pool { layers, pager, is_settled: false })
     };
-    Ok(sources.iter().zip(configs).zip(shares).map(pager).collect::<Result<_, _>>()?)
+    members.into_iter().zip(configs).zip(shares).map(pool).collect()
 }

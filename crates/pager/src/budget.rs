@@ -21,7 +21,7 @@ pub struct PagerConfig {
     pub gradient_layers: u32,
     /// Limit for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
     pub host_bytes: u64,
-    /// Decoding threads; fewer are started where the host budget cannot feed them.
+    /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
     pub workers: u32,
     /// Where cuts are made.
     pub planning: Planning,
@@ -117,7 +117,7 @@ impl Meter {
 /// Sizes of the buffers a budget is split into.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferSizes {
-    /// Tables that are there whatever is read.
+    /// What the source and its pages of occupancy take, whatever is read.
     pub(crate) fixed: u64,
     /// What a worker needs to decode, besides the core's own buffer.
     pub(crate) scratch: u64,
@@ -138,7 +138,7 @@ pub(crate) struct HostSplit {
 }
 
 /// What the slot table, the cuts, the plan and the draw list take for a slot, rounded up: each is linear in the slots. Most
-/// of it are up to four cuts (drawn, last, being made, foreseen) with about two nodes of 80 bytes for a cell.
+/// of it are up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell.
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.

@@ -6,13 +6,16 @@
 //! [`Sight`](crate::sight::Sight)).
 //!
 //! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
-//! it in linear passes. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.
+//! it in linear passes. Volumes that stand on one grid in one place, as the channels of an image do, share one tree: a node is split for
+//! all that see it. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.
 
 use crate::source::BrickSource;
 use brickyard_volume::{
     BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
 };
 use glam::DVec3;
+use std::ops::Index;
+use std::sync::Arc;
 
 /// What is to be shown: everything besides the data that decides a cut.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,6 +124,24 @@ pub fn cut_capacity(slots: u32, roots: usize) -> usize {
     (slots as usize * 9 / 10).max(roots)
 }
 
+/// A node's place in the arena.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct NodeId(pub(crate) u32);
+
+impl NodeId {
+    pub(crate) fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// The ids of so many neighbours in the arena.
+    pub(crate) fn range(first: Self, count: usize) -> impl Iterator<Item = Self> + Clone {
+        (first.0..first.0 + count as u32).map(Self)
+    }
+}
+
+/// Volumes that share a tree, by their places among them: bit by bit.
+pub(crate) type Members = u32;
+
 /// A node of the arena: a cell of the cut, or one that was split.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
@@ -130,39 +151,33 @@ pub(crate) struct Node {
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
     pub(crate) error_px: f64,
-    /// Position of the parent; the node's own position for a root.
-    pub(crate) parent: u32,
-    /// Position of the first child. [`LEAF`] for a cell of the cut.
-    pub(crate) first_child: u32,
+    /// The parent; the node's own id for a root.
+    pub(crate) parent: NodeId,
+    /// The first child. `None` for a cell of the cut.
+    pub(crate) first_child: Option<NodeId>,
     pub(crate) children: u8,
-    /// In the frustum and not empty.
-    pub(crate) is_visible: bool,
     /// What a ray brings here at most, as a weight (see [`visibility`](crate::visibility)); 0 where none comes.
     pub(crate) weight: u8,
+    /// The volumes for which it is in the frustum and not empty.
+    pub(crate) visible: Members,
 }
 
 /// [Weight](Node::weight) of what is seen in the open, and of what nothing is known about.
 pub(crate) const OPEN: u8 = 9;
 
-pub(crate) const LEAF: u32 = u32::MAX;
-
 impl Node {
     pub(crate) fn is_cell(&self) -> bool {
-        self.first_child == LEAF
+        self.first_child.is_none()
     }
 
-    /// Whether it is visible and not hidden.
-    pub(crate) fn is_seen(&self) -> bool {
-        self.is_visible && self.weight > 0
+    /// The ids of its children.
+    pub(crate) fn children(&self) -> impl Iterator<Item = NodeId> + use<> {
+        NodeId::range(self.first_child.unwrap_or(self.parent), self.children as usize)
     }
 
-    pub(crate) fn is_wanted(&self) -> bool {
-        self.is_cell() && self.is_seen()
-    }
-
-    /// Whether it is in sight, but behind what lets nothing through.
-    pub(crate) fn is_hidden(&self) -> bool {
-        self.is_visible && self.weight == 0
+    /// The volumes for which it is visible and not hidden.
+    pub(crate) fn seen(&self) -> Members {
+        if self.weight > 0 { self.visible } else { 0 }
     }
 }
 
@@ -170,7 +185,10 @@ impl Node {
 #[derive(Clone, Debug)]
 pub struct Cut {
     pub(crate) view: View,
-    pub(crate) nodes: Vec<Node>,
+    /// The tree, which other volumes may share.
+    pub(crate) nodes: Arc<Vec<Node>>,
+    /// The volume's own bit among those that share the tree.
+    pub(crate) member: Members,
     /// Number of roots: the first nodes.
     pub(crate) roots: usize,
     pub(crate) wanted: usize,
@@ -178,10 +196,34 @@ pub struct Cut {
     pub(crate) memory_bound: bool,
 }
 
+impl Index<NodeId> for Cut {
+    type Output = Node;
+
+    fn index(&self, id: NodeId) -> &Node {
+        &self.nodes[id.index()]
+    }
+}
+
 impl Cut {
+    /// The view's cut of a tree, for the volume with this bit.
+    pub(crate) fn of_tree(
+        view: View,
+        nodes: &Arc<Vec<Node>>,
+        member: Members,
+        roots: usize,
+        memory_bound: bool,
+    ) -> Self {
+        let (nodes, wanted, effective_error_px) = (nodes.clone(), 0, 0.0);
+        let mut cut = Self { view, nodes, member, roots, wanted, effective_error_px, memory_bound };
+        let improvable = |id: NodeId| if cut[id].level.0 > 0 { cut[id].error_px } else { 0.0 };
+        let errors = cut.wanted_cells().map(improvable);
+        (cut.wanted, cut.effective_error_px) = errors.fold((0, 0.0), |(n, most), error| (n + 1, error.max(most)));
+        cut
+    }
+
     /// The cells that the view wants: those in its frustum that are not empty and not known to be hidden. In no particular order.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
-        self.nodes.iter().filter(|node| node.is_wanted()).map(|node| self.view.id(node.level, node.index))
+        self.wanted_cells().map(|node| self.id(node))
     }
 
     /// The number of cells that the view wants.
@@ -200,32 +242,38 @@ impl Cut {
         self.memory_bound
     }
 
-    /// The same cells at another time step or channel. A guess at what the view wants there.
-    pub(crate) fn at(&self, source: &dyn BrickSource, time: u32, channel: u32) -> Self {
-        let mut cut = Self { view: View { time, channel, ..self.view.clone() }, ..self.clone() };
-        let frusta = cut.view.frusta();
-        for node in &mut cut.nodes {
-            let id = cut.view.id(node.level, node.index);
-            let is_in_sight = frusta.meet_box(node.low, node.high) && cut.view.is_inside_clip(node.low, node.high);
-            node.is_visible = is_in_sight && cut.view.shows(source, id);
-            node.weight = OPEN;
-        }
-        cut.wanted = cut.wanted_cells().count();
-        cut
+    /// Whether another volume's cut is made of the same tree.
+    pub(crate) fn shares_tree_with(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.nodes, &other.nodes)
     }
 
-    /// Positions of the wanted cells, coarse first.
-    pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = u32> {
-        self.nodes.iter().zip(0..).filter(|(node, _)| node.is_wanted()).map(|(_, position)| position)
+    /// Whether a node is in the frustum and not empty.
+    pub(crate) fn is_visible(&self, node: NodeId) -> bool {
+        self[node].visible & self.member != 0
     }
 
-    pub(crate) fn error_px(&self, position: u32) -> f64 {
-        self.nodes[position as usize].error_px
+    /// Whether a node is in sight, but behind what lets nothing through.
+    pub(crate) fn is_hidden(&self, node: NodeId) -> bool {
+        self.is_visible(node) && self[node].weight == 0
     }
 
-    pub(crate) fn id(&self, position: u32) -> BrickId {
-        let Node { level, index, .. } = self.nodes[position as usize];
-        self.view.id(level, index)
+    /// Whether a node is a cell that is visible and not hidden.
+    pub(crate) fn is_wanted(&self, node: NodeId) -> bool {
+        self[node].is_cell() && self[node].seen() & self.member != 0
+    }
+
+    /// The ids of all nodes, parents before children.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = NodeId> + use<> {
+        NodeId::range(NodeId(0), self.nodes.len())
+    }
+
+    /// The wanted cells, coarse first.
+    pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = NodeId> {
+        self.ids().filter(|&node| self.is_wanted(node))
+    }
+
+    pub(crate) fn id(&self, node: NodeId) -> BrickId {
+        self.view.id(self[node].level, self[node].index)
     }
 }
 

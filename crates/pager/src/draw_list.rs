@@ -4,10 +4,10 @@
 //! down the cut's tree finds all of them: one look-up a node. A brick that [fades in](crate::fade) shares its cell with what it
 //! takes the place of: of the pixels, each of the two has some.
 
-use crate::cut::{Cut, Node};
+use crate::cut::{Cut, NodeId};
 use crate::fade::Fading;
 use crate::pixels::Pixels;
-use crate::sight::Sight;
+use crate::sight::{Ranked, Sight};
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 use std::collections::HashMap;
 
@@ -54,9 +54,9 @@ impl DrawList {
         mut fading: impl FnMut(BrickId, usize) -> Option<(Fading, Slot)>,
     ) -> Self {
         let (mut cells, mut pairs) = (Vec::with_capacity(sight.cells.len()), 0);
-        for (&position, rank) in sight.cells.iter().zip(0..) {
-            let Some((stand_in, slot)) = stand_ins.of(position) else { continue };
-            let (cell, brick) = (cut.id(position), cut.id(stand_in));
+        for &Ranked { cell, rank } in &sight.cells {
+            let Some((stand_in, slot)) = stand_ins.of(cell) else { continue };
+            let (cell, brick) = (cut.id(cell), cut.id(stand_in));
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
             let mut own = DrawCell { cell, region, pixels: Pixels::ALL, brick, slot, rank };
             if let Some((Fading { before, share }, slot)) = fading(brick, pairs) {
@@ -70,16 +70,12 @@ impl DrawList {
     }
 
     /// The same entries with their cells in another order.
-    pub(crate) fn reordered(&self, cut: &Cut, order: &[u32]) -> Self {
+    pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
         let entries: HashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
-        let in_order =
-            order.iter().zip(0..).filter_map(|(&position, rank)| Some((*entries.get(&cut.id(position))?, rank)));
-        Self {
-            cells: in_order
-                .flat_map(|(cells, rank)| cells.iter().map(move |cell| DrawCell { rank, ..*cell }))
-                .collect(),
-        }
+        let ranked = order.iter().filter_map(|ranked| Some((ranked.rank, *entries.get(&cut.id(ranked.cell))?)));
+        let cells = ranked.flat_map(|(rank, cells)| cells.iter().map(move |cell| DrawCell { rank, ..*cell }));
+        Self { cells: cells.collect() }
     }
 
     /// Whether any brick fades in.
@@ -92,35 +88,32 @@ impl DrawList {
 #[derive(Clone, Debug)]
 pub(crate) struct StandIns {
     own: Vec<Option<Slot>>,
-    /// Positions; [`NONE`] where nothing is resident.
-    nearest: Vec<u32>,
+    nearest: Vec<Option<NodeId>>,
 }
-
-const NONE: u32 = u32::MAX;
 
 impl StandIns {
     /// Looks up the nodes that `concerns` us; the others count as absent.
-    pub(crate) fn new(cut: &Cut, concerns: impl Fn(&Node) -> bool, slot_of: impl Fn(BrickId) -> Option<Slot>) -> Self {
+    pub(crate) fn new(cut: &Cut, concerns: impl Fn(NodeId) -> bool, slot_of: impl Fn(BrickId) -> Option<Slot>) -> Self {
         let mut own = Vec::with_capacity(cut.nodes.len());
-        let mut nearest: Vec<u32> = Vec::with_capacity(cut.nodes.len());
-        for (node, position) in cut.nodes.iter().zip(0..) {
-            let slot = if concerns(node) { slot_of(cut.id(position)) } else { None };
+        let mut nearest: Vec<Option<NodeId>> = Vec::with_capacity(cut.nodes.len());
+        for node in cut.ids() {
+            let slot = if concerns(node) { slot_of(cut.id(node)) } else { None };
             // A root's parent is itself: not in the list yet.
-            let inherited = nearest.get(node.parent as usize).copied().unwrap_or(NONE);
-            nearest.push(if slot.is_some() { position } else { inherited });
+            let inherited = nearest.get(cut[node].parent.index()).copied().flatten();
+            nearest.push(if slot.is_some() { Some(node) } else { inherited });
             own.push(slot);
         }
         Self { own, nearest }
     }
 
-    pub(crate) fn is_resident(&self, position: u32) -> bool {
-        self.own[position as usize].is_some()
+    pub(crate) fn is_resident(&self, node: NodeId) -> bool {
+        self.own[node.index()].is_some()
     }
 
     /// The nearest resident node on the way up from this one, and its slot.
-    pub(crate) fn of(&self, position: u32) -> Option<(u32, Slot)> {
-        let nearest = self.nearest[position as usize];
-        self.own.get(nearest as usize).copied().flatten().map(|slot| (nearest, slot))
+    pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
+        let nearest = self.nearest[node.index()]?;
+        self.own[nearest.index()].map(|slot| (nearest, slot))
     }
 }
 

@@ -96,7 +96,7 @@ mod tests {
     impl Row {
         fn new(slots: u32, fade_ms: Option<u64>) -> Self {
             let pyramid = Pyramid::new(Extent::new(32, 8, 8), [1.0; 3], 8);
-            let residency = Residency::new(slots, fade_ms.map(Duration::from_millis));
+            let residency = Residency::new(1, slots, fade_ms.map(Duration::from_millis));
             Self { source: TestSource::new(pyramid, [1.0; 3], VoxelType::U8), residency }
         }
 
@@ -105,18 +105,19 @@ mod tests {
         fn frame(&mut self, level: u8, is_seen: bool, bricks: &[(u8, u32)], at_ms: u64) -> Vec<Vec<((u8, u32), u8)>> {
             let Self { source, residency } = self;
             for &id in bricks {
-                residency.arrive(Arrival { id: brick(id), result: Ok(Arc::from([0; 9])) });
+                residency.arrive(0, Arrival { id: brick(id), result: Ok(Arc::from([0; 9])) });
             }
             let view = box_view(source, Projection::Orthographic { height: 99.0 });
             let view = View { level: LevelPolicy::Locked(level), ..view };
             let cut = Cut::new(source, &view, 99);
             let mut sight = Sight::new(source, &cut, &view);
             sight.cells.retain(|_| is_seen);
-            let (pyramid, roots, ahead) = (source.pyramid(), &roots(source, 0, 0), &[]);
-            let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead };
-            let step = residency.step(&wants, None, Duration::from_millis(at_ms));
-            assert!(!(step.settled && step.draw.is_fading()));
-            let mut cells: Vec<Vec<_>> = step.draw.cells.chunk_by(|a, b| a.cell == b.cell).map(<[_]>::to_vec).collect();
+            let (pyramid, roots) = (source.pyramid(), &roots(source, 0, 0));
+            let wants = Wants { pyramid, cut: &cut, sight: &sight, roots };
+            let step = residency.step(&[wants], &[], None, Duration::from_millis(at_ms));
+            let draw = &step.volumes[0].draw;
+            assert!(!(step.settled && draw.is_fading()));
+            let mut cells: Vec<Vec<_>> = draw.cells.chunk_by(|a, b| a.cell == b.cell).map(<[_]>::to_vec).collect();
             cells.sort_by_key(|entries| entries[0].cell.index.x);
             let entry = |pixels: Pixels| if pixels.from > 0 { pixels.from } else { pixels.to };
             let named = |id: BrickId| (id.level.0, id.index.x);

@@ -1,7 +1,7 @@
 //! The pager: decides which bricks a view wants, in which order they are drawn, read and evicted, inside hard budgets.
 //! Emits plans as values; knows nothing of the GPU, file formats or windows.
 //!
-//! How a frame passes through: the view, the last [`Cut`] of the octree and what is known of the visibility of its cells give
+//! How a frame passes through: of each volume the view, the last [`Cut`] of the octree and what is known of the visibility of its cells give
 //! the next cut; those of its cells that the view sees become a [`DrawList`] over the bricks that are resident in slots; what is
 //! missing, and what the next views may want, becomes an ordered list of requests that replaces the last one. Worker
 //! threads take from it, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which gives
@@ -20,6 +20,7 @@ mod layout;
 mod motion;
 mod order;
 mod paged_occupancy;
+mod paged_volume;
 mod pager;
 mod parts;
 mod passes;
@@ -36,6 +37,7 @@ mod sight;
 mod slots;
 mod source;
 mod split;
+mod status;
 mod store_source;
 #[cfg(test)]
 mod test_source;
@@ -48,10 +50,11 @@ pub use cut::{Cut, View, cut_capacity};
 pub use draw_list::{DrawCell, DrawList, Slot};
 pub use ensemble::{Layer, VolumeNeeds, Wish, pools, share};
 pub use governor::UploadLimits;
-pub use pager::{Counters, Frame, Pager, Status};
+pub use pager::{Frame, Pager, VolumeDraw};
 pub use passes::{ExactError, ExactPasses, Next};
 pub use pixels::Pixels;
 pub use planner::Planning;
 pub use ram_cache::{DecodeCounters, RamCache};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};
+pub use status::{Counters, Status};

@@ -5,38 +5,38 @@
 //! visited by descending distance in whole bricks, summed over the axes: exact for 8, 4 or 2 children, for a grid of
 //! roots, and for cells of mixed size, where centre distances are wrong. Cost: one pass over the visible part of the tree.
 
-use crate::cut::{Cut, Node};
+use crate::cut::{Cut, Members, Node, NodeId};
 use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 
-/// Positions of the visible cells of a cut, back to front.
+/// The cells of a tree that are visible to any of the volumes that share it, and to which, back to front.
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,
     (rays, placement): (&ViewRays, &Placement),
     cut: &Cut,
-    is_visible: impl Fn(&Node) -> bool,
-) -> Vec<u32> {
+    visible: impl Fn(&Node) -> Members,
+) -> Vec<(NodeId, Members)> {
     let origins = Origins::new(pyramid, geometry, rays, placement);
     let mut cells = Vec::with_capacity(cut.wanted);
     let mut stack = Vec::new();
-    let mut siblings: Vec<(i64, u32)> = Vec::new();
+    let mut siblings: Vec<(i64, NodeId)> = Vec::new();
     // The last is popped first.
-    let mut push_near_first = |stack: &mut Vec<u32>, positions: std::ops::Range<u32>| {
+    let mut push_near_first = |stack: &mut Vec<NodeId>, first: NodeId, count: usize| {
         siblings.clear();
-        siblings.extend(positions.map(|position| (origins.distance(&cut.nodes[position as usize]), position)));
+        siblings.extend(NodeId::range(first, count).map(|id| (origins.distance(&cut[id]), id)));
         siblings.sort_unstable();
         stack.extend(siblings.iter().map(|sibling| sibling.1));
     };
-    push_near_first(&mut stack, 0..cut.roots as u32);
-    while let Some(position) = stack.pop() {
-        let node = &cut.nodes[position as usize];
-        if !is_visible(node) {
+    push_near_first(&mut stack, NodeId(0), cut.roots);
+    while let Some(id) = stack.pop() {
+        let node = &cut[id];
+        let members = visible(node);
+        if members == 0 {
             continue;
         }
-        if node.is_cell() {
-            cells.push(position);
-        } else {
-            push_near_first(&mut stack, node.first_child..node.first_child + node.children as u32);
+        match node.first_child {
+            None => cells.push((id, members)),
+            Some(first) => push_near_first(&mut stack, first, node.children as usize),
         }
     }
     cells

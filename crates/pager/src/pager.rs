@@ -1,27 +1,24 @@
 //! The pager itself: joins the pure steps to the workers, frame by frame.
 //!
-//! Per frame: what has arrived is taken in; the newest cut is taken, and what the view sees of it; arrived bricks get slots;
-//! the draw list and the next plan follow from what is resident. The calling thread never reads or decodes.
+//! Per frame: what has arrived is taken in; the newest cuts are taken, and what the views see of them; arrived bricks get slots;
+//! the draw lists and the next plans follow from what is resident. The calling thread never reads or decodes. Several volumes whose
+//! bricks fit the same slots share them: the worst cell of any volume is split first, and what is most urgent is read first.
 
-use crate::budget::{
-    BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host, split_host,
-};
-use crate::cut::{Cut, View, roots};
+use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host};
+use crate::cut::{Cut, View};
 use crate::draw_list::DrawList;
-use crate::ensemble::Wish;
+use crate::ensemble::{Wish, share};
 use crate::governor::Governor;
 use crate::layout::Layout;
 use crate::motion::Motion;
-use crate::paged_occupancy::{self, PageReader, PagedOccupancy};
-use crate::planner::{Job, Outlook, Planner, Planning};
-use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
-use crate::residency::{Residency, Step, Upload, Wants};
+use crate::paged_volume::{PagedVolume, Seen, buffer_sizes};
+use crate::planner::{Job, Outlook, Planner};
+use crate::ram_cache::layout_of;
+use crate::residency::{Residency, Step, Upload, VolumeStep};
 use crate::sight::Sight;
-use crate::source::{BrickError, BrickSource};
-use crate::visibility::Visibility;
-use crate::workers::Workers;
-use brickyard_volume::{BrickId, SlotEncoding};
-use crossbeam_channel::{Receiver, Select};
+use crate::source::BrickSource;
+use crate::status::{Counters, Status};
+use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -31,113 +28,21 @@ pub struct Frame {
     /// Bricks to write into their slots, in order, before drawing. They replace only what this frame does not draw. A
     /// renderer may keep the codes instead of copying them (they are then its own memory, not the pager's).
     pub uploads: Vec<Upload>,
-    /// What to draw: after the uploads, every slot it names holds its brick.
-    pub draw: DrawList,
-    /// The same entries back to front for the view's other eye, if it has one.
-    pub draw_other_eye: Option<DrawList>,
-    /// How far the view is.
+    /// Volume by volume, what to draw.
+    pub volumes: Vec<VolumeDraw>,
+    /// How far the views are.
     pub status: Status,
 }
 
-/// How far a view is, and what it has cost.
+/// What to draw of a volume.
 #[derive(Clone, Debug)]
-pub struct Status {
-    /// Cells that the view sees, those aside that are known to be hidden.
-    pub wanted: usize,
-    /// Cells drawn with their own brick, at the level that the view wants.
-    pub resident: usize,
-    /// Cells whose own brick cannot be read, nor at the last try: an ancestor stands in.
-    pub failed: usize,
-    /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
-    /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
-    pub settled: bool,
-    /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`].
-    pub awaits_feedback: bool,
-    /// Whether every cell is drawn with something. False only before a volume's coarsest bricks have arrived, when nothing is
-    /// drawn, or with `error`.
-    pub covered: bool,
-    /// Share of the screen area of all cells that is drawn with the cells' own bricks, 0 to 1.
-    pub completeness: f64,
-    /// Largest error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite where the eye
-    /// is inside one.
-    pub effective_error_px: f64,
-    /// The error asked for.
-    pub pixel_error: f64,
-    /// Whether the cut would be finer with more slots.
-    pub memory_bound: bool,
-    /// A settled view has cells for which neither their brick nor any ancestor can be read: one of the reasons.
-    pub error: Option<BrickError>,
-    /// Bytes of all slots.
-    pub gpu_bytes: u64,
-    /// Bytes of host memory in use.
-    pub host_bytes: u64,
-    /// The most so far.
-    pub host_bytes_peak: u64,
-    /// Totals since the pager was made.
-    pub counters: Counters,
-}
-
-impl Status {
-    /// That of two volumes in one picture.
-    pub fn and(&self, other: &Self) -> Self {
-        let (a, b) = (self.wanted as f64, other.wanted as f64);
-        let completeness = (self.completeness * a + other.completeness * b) / (a + b);
-        Self {
-            wanted: self.wanted + other.wanted,
-            resident: self.resident + other.resident,
-            failed: self.failed + other.failed,
-            settled: self.settled && other.settled,
-            awaits_feedback: self.awaits_feedback || other.awaits_feedback,
-            covered: self.covered && other.covered,
-            completeness: if a + b > 0.0 { completeness } else { 1.0 },
-            effective_error_px: self.effective_error_px.max(other.effective_error_px),
-            pixel_error: self.pixel_error,
-            memory_bound: self.memory_bound || other.memory_bound,
-            error: self.error.clone().or_else(|| other.error.clone()),
-            gpu_bytes: self.gpu_bytes + other.gpu_bytes,
-            host_bytes: self.host_bytes + other.host_bytes,
-            // At most: they need not have come at the same time.
-            host_bytes_peak: self.host_bytes_peak + other.host_bytes_peak,
-            counters: self.counters.and(&other.counters),
-        }
-    }
-}
-
-/// Totals since the pager was made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Cores decoded, with repeats.
-    pub decoded: u64,
-    /// Encoded bytes that the source has read for them and for stored aprons, and for whoever else uses it.
-    pub bytes_read: u64,
-    /// Bytes of voxels that came out, those of stored aprons included.
-    pub bytes_decoded: u64,
-    /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron; and stored
-    /// aprons.
-    pub failed: u64,
-    /// Bricks uploaded, with repeats.
-    pub uploaded: u64,
-    /// Uploads of bricks among the last evicted ones (as many as there are slots are remembered): a measure of thrash.
-    pub reuploaded: u64,
-    /// Uploads of bricks that no view wanted yet.
-    pub uploaded_ahead: u64,
-    /// Bytes uploaded.
-    pub bytes_uploaded: u64,
-}
-
-impl Counters {
-    fn and(&self, other: &Self) -> Self {
-        Self {
-            decoded: self.decoded + other.decoded,
-            bytes_read: self.bytes_read + other.bytes_read,
-            bytes_decoded: self.bytes_decoded + other.bytes_decoded,
-            failed: self.failed + other.failed,
-            uploaded: self.uploaded + other.uploaded,
-            reuploaded: self.reuploaded + other.reuploaded,
-            uploaded_ahead: self.uploaded_ahead + other.uploaded_ahead,
-            bytes_uploaded: self.bytes_uploaded + other.bytes_uploaded,
-        }
-    }
+pub struct VolumeDraw {
+    /// After the uploads, every slot it names holds its brick.
+    pub draw: DrawList,
+    /// The same entries back to front for the view's other eye, if it has one.
+    pub draw_other_eye: Option<DrawList>,
+    /// The first volume of those that are drawn from the same cut.
+    pub cut: usize,
 }
 
 /// How far ahead bricks are fetched: about as long as a few hundred take to come from a disk.
@@ -146,92 +51,69 @@ const FETCH_TIME: Duration = Duration::from_millis(300);
 /// After how long a frame is worth its while because of what fades in: a sixtieth of a second.
 const FADE_STEP: Duration = Duration::from_millis(16);
 
-/// What feedback is about.
-#[derive(Debug, Default)]
-struct Drawn {
-    /// Of each entry of the list, and of the other eye's, its cell.
-    cells: Vec<BrickId>,
-    /// Whether nothing more was on its way.
-    is_complete: bool,
-    /// Whether a brick was fading in.
-    is_fading: bool,
-}
-
-/// Pages the bricks of one source for one view at a time.
+/// Pages the bricks of volumes that share slots, for one view of each at a time.
 pub struct Pager {
-    source: Arc<dyn BrickSource>,
-    /// What the source had read before.
-    bytes_read_before: u64,
     config: PagerConfig,
-    cache: Arc<RamCache>,
     meter: Arc<Meter>,
-    workers: Workers,
+    volumes: Vec<PagedVolume>,
     residency: Residency,
-    /// What bricks can show, where planning must not wait for it.
-    occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
     planner: Planner,
-    /// The last frame's view and cut, and what the one saw of the other.
-    sight: Option<(View, Arc<Cut>, Sight)>,
+    /// The views and cuts of the last frame, and what the ones saw of the others.
+    last: Option<(Vec<View>, Vec<Arc<Cut>>, Vec<Sight>)>,
     motion: Motion,
-    /// What has been told of the visibility of cells, and how often that has changed.
-    visibility: Option<(u64, Arc<Visibility>)>,
-    /// The number of the visibility that a complete frame of this view has confirmed.
-    confirmed: u64,
-    /// The last frame's draw list.
-    drawn: Drawn,
     governor: Governor,
     /// The last frame's time.
     last_at: Duration,
-    /// The coarsest bricks of the last view's time and channel: pinned.
-    roots: Vec<BrickId>,
-    /// The last frame's uploads: host memory until the next call.
-    handed_out: Vec<Arc<[u8]>>,
+    slot_bytes: u64,
+    /// Whether nothing more was on its way for the last frame, and whether a brick was fading in.
+    is_complete: bool,
+    is_fading: bool,
 }
 
 impl Pager {
-    /// Starts the workers; nothing is read until the first frame.
+    /// Starts the workers; nothing is read until the first frame. The host budget is shared out among the volumes once, by what
+    /// each could use.
     ///
     /// # Errors
     /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
     /// not fit, or no thread can be started.
-    pub fn new(source: Arc<dyn BrickSource>, config: PagerConfig) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, config.apron, config.gradient_layers)?;
-        check_slots(&*source, config.slots, layout.padded_bytes() as u64)?;
-        let sizes = buffer_sizes(&*source, &layout, &config);
-        let HostSplit { workers, staged, cores } = split_host(config.host_bytes, config.workers, sizes)?;
+    pub fn new(sources: &[Arc<dyn BrickSource>], config: PagerConfig) -> Result<Self, PagerError> {
+        let layouts = sources.iter().map(|source| layout_of(&**source, config.apron, config.gradient_layers));
+        let layouts = layouts.collect::<Result<Vec<Layout>, _>>()?;
+        let slot_bytes = layouts[0].padded_bytes() as u64;
+        debug_assert!(layouts.iter().all(|layout| layout.padded_bytes() as u64 == slot_bytes), "unlike slots");
+        check_slots(sources, config.slots, slot_bytes)?;
         let meter = Arc::new(Meter::new(config.host_bytes));
-        meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
-        let workers = Workers::start(&cache, workers, staged, meter.clone())?;
-        let residency = Residency::new(config.slots, config.fade);
-        let governor = Governor::new(config.uploads);
-        let occupancy = match config.planning {
-            Planning::Inline => None,
-            Planning::Thread => {
-                Some(PagedOccupancy::start(source.clone(), paged_occupancy::kept_bytes(&*source, config.host_bytes))?)
-            }
+        let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
+        let wishes = sources.iter().map(|source| volume_wish(&**source, &config)).collect::<Result<Vec<_>, _>>()?;
+        let given = config.host_bytes;
+        let shares = match sources {
+            [_] => vec![given.saturating_sub(tables)],
+            _ => share(given.saturating_sub(tables), &wishes)
+                .map_err(|least| PagerError::HostMemory { given, least: least + tables })?,
         };
-        let planner = Planner::new(&planned_source(&source, &occupancy), config.slots, config.planning)?;
-        let bytes_read_before = source.bytes_read();
+        meter.charge(tables.min(given));
+        let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
+            let started = PagedVolume::start(source, layout, host_bytes, &config, &meter);
+            started.map_err(|error| match error {
+                PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
+                other => other,
+            })
+        });
+        let volumes = volumes.collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
-            source,
-            bytes_read_before,
+            planner: planner(&volumes, &config)?,
+            residency: Residency::new(volumes.len(), config.slots, config.fade),
+            governor: Governor::new(config.uploads),
             config,
-            cache,
             meter,
-            workers,
-            residency,
-            occupancy,
-            planner,
-            sight: None,
+            volumes,
+            last: None,
             motion: Motion::default(),
-            visibility: None,
-            confirmed: 0,
-            drawn: Drawn::default(),
-            governor,
             last_at: Duration::ZERO,
-            roots: Vec::new(),
-            handed_out: Vec::new(),
+            slot_bytes,
+            is_complete: false,
+            is_fading: false,
         })
     }
 
@@ -239,103 +121,70 @@ impl Pager {
     ///
     /// # Errors
     /// If the apron does not fit.
-    pub fn host_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, PagerError> {
-        let layout = layout_of(source, config.apron, config.gradient_layers)?;
-        let sizes = buffer_sizes(source, &layout, config);
-        let BufferSizes { fixed, scratch, core, padded } = sizes;
-        let workers = config.workers.max(1) as u64;
-        // A cache of every brick, and an eighth of it all for those on their way.
-        let cores = source.pyramid().brick_count().saturating_mul(core);
-        let most = cores.saturating_add(fixed + workers * (scratch + core + padded)).saturating_mul(8) / 7;
-        Ok(Wish { bytes: 1, least: least_host(sizes), most })
+    pub fn host_wish(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<Wish, PagerError> {
+        let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
+        sources.iter().try_fold(Wish { bytes: 1, least: tables, most: tables }, |all, source| {
+            let Wish { least, most, .. } = volume_wish(&**source, config)?;
+            Ok(Wish { least: all.least + least, most: all.most.saturating_add(most), ..all })
+        })
     }
 
-    /// What to upload and draw for `view` now, where `at` is the time since some moment that stays the same: motion and fades
-    /// are measured by it. Calling it says that the last frame's uploads are done with.
+    /// What to upload and draw for a view of each volume now, where `at` is the time since some moment that stays the same: motion and
+    /// fades are measured by it. Calling it says that the last frame's uploads are done with.
     ///
     /// # Panics
-    /// If the source has no such time step or channel.
-    pub fn frame(&mut self, view: &View, at: Duration) -> Frame {
-        assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
-        assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
-        self.workers.give_back(self.handed_out.drain(..));
-        while let Some(arrival) = self.workers.try_receive() {
-            self.residency.arrive(arrival);
+    /// If there are not as many views as volumes, or a source has no such time step or channel.
+    pub fn frame(&mut self, views: &[View], at: Duration) -> Frame {
+        assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
+        for (i, (volume, view)) in self.volumes.iter_mut().zip(views).enumerate() {
+            volume.begin_frame(i, view, &mut self.residency);
         }
-        let last = self.sight.as_ref().map(|(last, ..)| last);
-        if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
-            self.roots = roots(&*self.source, view.time, view.channel);
-        }
-        let is_new = last != Some(view);
-        if is_new {
-            self.residency.forget_failures(&self.cache.renew_failures());
-            self.confirmed = 0;
-        }
-        let mut occupancy_version = 0;
-        if let Some((occupancy, _)) = &self.occupancy {
-            if is_new {
-                occupancy.begin_view();
-            }
-            occupancy_version = occupancy.version();
-        }
-        self.motion.see(at, &view.rays);
-        let visibility = self.visibility.clone();
-        let ahead = self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME));
-        let Outlook { cut, ahead } =
-            self.planner.outlook(Job { view: view.clone(), visibility, ahead, occupancy: occupancy_version });
-        let sight = match self.sight.take() {
-            Some((last, of, sight)) if last == *view && Arc::ptr_eq(&of, &cut) => sight,
-            _ => Sight::new(&*planned_source(&self.source, &self.occupancy), &cut, view),
+        self.motion.see(at, &views[0].rays);
+        let occupancy: Vec<u64> = self.volumes.iter().map(PagedVolume::occupancy_version).collect();
+        let Outlook { cuts, ahead } = self.planner.outlook(Job {
+            views: views.to_vec(),
+            visibility: self.volumes.iter().map(|volume| volume.visibility.clone()).collect(),
+            ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME)),
+            occupancy: occupancy.clone(),
+        });
+        let sights = match self.last.take() {
+            Some((last, of, sights)) if last == views && of.iter().zip(&cuts).all(|(a, b)| Arc::ptr_eq(a, b)) => sights,
+            _ => Sight::all(&planned_sources(&self.volumes), &cuts, views),
         };
-        let (pyramid, roots) = (self.source.pyramid(), &self.roots);
-        let wants = Wants { pyramid, cut: &cut, sight: &sight, roots, ahead: &ahead };
-        let step = self.residency.step(&wants, self.governor.bytes(at.saturating_sub(self.last_at)), at);
+        let wants = self.volumes.iter().zip(&cuts).zip(&sights).map(|((volume, cut), sight)| volume.wants(cut, sight));
+        let upload_bytes = self.governor.bytes(at.saturating_sub(self.last_at));
+        let Step { uploads, volumes, settled } =
+            self.residency.step(&wants.collect::<Vec<_>>(), &ahead, upload_bytes, at);
         self.last_at = at;
-        self.governor.spent(step.uploads.iter().map(|upload| upload.codes.len() as u64).sum());
-        let is_known = self
-            .occupancy
-            .as_ref()
-            .is_none_or(|(occupancy, _)| !occupancy.is_waiting() && occupancy.version() == occupancy_version);
-        let is_complete = step.settled && self.planner.is_done() && is_known;
-        let draw_other_eye = sight.for_other_eye.as_ref().map(|order| step.draw.reordered(&cut, order));
-        let lists = std::iter::once(&step.draw).chain(&draw_other_eye);
-        let cells = lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect();
-        self.drawn = Drawn { cells, is_complete, is_fading: step.draw.is_fading() };
-        let status = self.status(&cut, &sight, &step);
-        let Step { uploads, draw, requests, stale, .. } = step;
-        self.workers.give_back(stale);
-        self.workers.replace(requests);
-        self.handed_out.extend(uploads.iter().map(|upload| upload.codes.clone()));
-        self.sight = Some((view.clone(), cut, sight));
-        Frame { uploads, draw, draw_other_eye, status }
+        self.governor.spent(uploads.iter().map(|upload| upload.codes.len() as u64).sum());
+        let is_known = self.volumes.iter().zip(&occupancy).all(|(volume, &version)| volume.knows_since(version));
+        self.is_complete = settled && self.planner.is_done() && is_known;
+        self.is_fading = volumes.iter().any(|step| step.draw.is_fading());
+        let (mut drawn, mut seen) = (Vec::new(), Vec::new());
+        for (i, VolumeStep { draw, resident, requests, stale }) in volumes.into_iter().enumerate() {
+            let (volume, cut, sight) = (&mut self.volumes[i], &cuts[i], &sights[i]);
+            let draw_other_eye = sight.for_other_eye.as_ref().map(|order| draw.reordered(cut, order));
+            volume.note_drawn(std::iter::once(&draw).chain(&draw_other_eye));
+            seen.push(volume.seen(cut, sight, &resident, |cell| self.residency.failure(i, cell)));
+            let handed_out = uploads.iter().filter(|upload| upload.volume == i);
+            volume.request(requests, stale, handed_out.map(|upload| upload.codes.clone()));
+            drawn.push(VolumeDraw { draw, draw_other_eye, cut: sight.first });
+        }
+        let status = self.status(&cuts, seen);
+        self.last = Some((views.to_vec(), cuts, sights));
+        Frame { uploads, volumes: drawn, status }
     }
 
-    /// What the renderer saw of the last frame: for each entry of its draw list, in its order, the greatest transmittance with
+    /// What the renderer saw of a volume in the last frame: for each entry of its draw list, in its order, the greatest transmittance with
     /// which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open; then the same for the list of
     /// the other eye, if there is one. Cells that are hidden from all eyes are not wanted from the next plan on, and the others
     /// in the order of what is seen of them.
     ///
     /// # Panics
-    /// If there are not as many numbers as entries.
-    pub fn feedback(&mut self, visibility: &[f32]) {
-        let Drawn { cells, is_complete, .. } = &self.drawn;
-        assert_eq!(visibility.len(), cells.len(), "visibility of another draw list");
-        let Some((view, ..)) = &self.sight else { return };
-        let told = cells.iter().copied().zip(visibility.iter().copied());
-        let told = Visibility::new(self.source.pyramid(), view, told);
-        let (number, has_changed) = match &mut self.visibility {
-            // The planner may hold it: then this copies it.
-            Some((number, known)) if known.is_of(view) => (*number, Arc::make_mut(known).add(told)),
-            known => {
-                let number = known.as_ref().map_or(0, |(number, _)| *number);
-                *known = Some((number, Arc::new(told)));
-                (number, true)
-            }
-        };
-        if has_changed {
-            self.visibility.iter_mut().for_each(|(number, _)| *number += 1);
-        } else if *is_complete {
-            self.confirmed = number;
+    /// If there is no such volume, or there are not as many numbers as entries.
+    pub fn feedback(&mut self, volume: usize, visibility: &[f32]) {
+        if let Some((views, ..)) = &self.last {
+            self.volumes[volume].feedback(&views[volume], visibility, self.is_complete);
         }
     }
 
@@ -347,53 +196,40 @@ impl Pager {
     /// Waits until the next frame has something to take in, or shows more of what fades in; false if `timeout` has passed or
     /// nothing is on its way. Calling it says that the last frame's uploads are done with.
     pub fn wait(&mut self, timeout: Duration) -> bool {
-        self.workers.give_back(self.handed_out.drain(..));
+        self.volumes.iter_mut().for_each(PagedVolume::take_back);
         if self.residency.has_staged() {
             return true;
         }
-        let is_fading = self.drawn.is_fading;
-        let timeout = if is_fading { timeout.min(FADE_STEP) } else { timeout };
-        let (arrivals, outlook) = (self.workers.arrivals(), self.planner.awaited());
-        let pages = self.occupancy.as_ref().map(|(_, reader)| reader.arrivals());
-        let is_waiting = self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting());
-        if outlook.is_none() && !self.workers.is_busy() && !is_fading && !is_waiting {
-            let has_pages = pages.is_some_and(|pages| pages.try_recv().is_ok());
-            return has_pages || arrivals.is_some_and(|arrivals| !arrivals.is_empty());
+        let timeout = if self.is_fading { timeout.min(FADE_STEP) } else { timeout };
+        let outlook = self.planner.awaited();
+        if outlook.is_none() && !self.is_fading && !self.volumes.iter().any(PagedVolume::is_busy) {
+            return self.volumes.iter().any(PagedVolume::has_arrivals);
         }
         let mut select = Select::new();
-        pages.map(|pages| select.recv(pages));
-        arrivals.map(|arrivals| select.recv(arrivals));
+        self.volumes.iter().for_each(|volume| volume.select(&mut select));
         outlook.map(|outlook| select.recv(outlook));
         let is_ready = select.ready_timeout(timeout).is_ok();
         // A sign is for one frame, which looks at all that has come.
-        let _ = pages.map(Receiver::try_recv);
-        is_ready || is_fading
+        for volume in &self.volumes {
+            volume.take_sign();
+        }
+        is_ready || self.is_fading
     }
 
     /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
-    /// than before are not used. The next frames bring back what the view wants.
+    /// than before are not used. The next frames bring back what the views want.
     ///
     /// # Errors
     /// If these are too few, or the planner's thread cannot be started again.
     pub fn forget_slots(&mut self, slots: u32) -> Result<(), PagerError> {
         let slots = slots.min(self.config.slots);
-        check_slots(&*self.source, slots, self.slot_bytes())?;
+        check_slots(self.volumes.iter().map(|volume| &volume.source), slots, self.slot_bytes)?;
         self.config.slots = slots;
         self.residency.forget_slots(slots);
         // Cuts are made for a number of slots.
-        self.planner = Planner::new(&planned_source(&self.source, &self.occupancy), slots, self.config.planning)?;
-        self.sight = None;
+        self.planner = planner(&self.volumes, &self.config)?;
+        self.last = None;
         Ok(())
-    }
-
-    /// The paged volume.
-    pub fn source(&self) -> &Arc<dyn BrickSource> {
-        &self.source
-    }
-
-    /// How voxels become the slots' codes.
-    pub fn encoding(&self) -> SlotEncoding {
-        self.cache.encoding()
     }
 
     /// The configuration given.
@@ -401,97 +237,80 @@ impl Pager {
         &self.config
     }
 
-    /// Voxels along a slot's edge: a brick's core and its apron on both sides.
-    pub fn slot_edge(&self) -> u32 {
-        self.cache.layout().padded() as u32
-    }
-
-    /// Bytes of one slot, gradients included.
-    pub fn slot_bytes(&self) -> u64 {
-        self.cache.layout().padded_bytes() as u64
-    }
-
-    fn status(&self, cut: &Cut, sight: &Sight, step: &Step) -> Status {
-        let (mut wanted, mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0, 0.0, 0.0);
-        let seen = |position: u32| !cut.nodes[position as usize].is_hidden();
-        for ((&position, &cell_area), &is_resident) in sight.cells.iter().zip(&sight.areas).zip(&step.resident) {
-            if !seen(position) {
-                continue;
-            }
-            wanted += 1;
-            area += cell_area;
-            // What the cut does not want is coarser than what the view will want.
-            if is_resident && cut.nodes[position as usize].is_visible {
-                resident += 1;
-                resident_area += cell_area;
-            } else {
-                failed += self.residency.failure(cut.id(position)).is_some() as usize;
-            }
-        }
-        let mut drawn = self.drawn.cells.iter().peekable();
-        // One entry, or two.
-        let mut entries = |cell| std::iter::from_fn(|| drawn.next_if_eq(&&cell)).count();
-        let mut left_out = sight.cells.iter().filter(|&&position| entries(cut.id(position)) == 0);
-        let left_out = left_out.find(|&&position| seen(position)).map(|&position| cut.id(position));
-        let is_complete = self.drawn.is_complete;
+    fn status(&self, cuts: &[Arc<Cut>], seen: Vec<Seen>) -> Status {
+        let sum = |of: fn(&Seen) -> usize| seen.iter().map(of).sum::<usize>();
+        let (wanted, resident) = (sum(|seen| seen.wanted), sum(|seen| seen.resident));
+        let area = |of: fn(&Seen) -> f64| seen.iter().map(of).sum::<f64>();
         // What has been told is to be confirmed by what is seen of a complete frame.
-        let is_confirmed = self.visibility.as_ref().is_none_or(|(number, _)| *number == self.confirmed);
-        // Once all is there that can be, a cell that is left out has failed, and so have all its ancestors.
-        let error = left_out.filter(|_| is_complete).and_then(|cell| self.residency.failure(cell).cloned());
-        let decoded = self.cache.counters();
+        let is_confirmed = self.volumes.iter().all(PagedVolume::is_confirmed);
+        let covered = seen.iter().all(|seen| seen.is_covered);
+        let residency = &self.residency;
+        let mut counters = Counters {
+            uploaded: residency.uploaded,
+            reuploaded: residency.reuploaded,
+            uploaded_ahead: residency.uploaded_ahead,
+            bytes_uploaded: residency.bytes_uploaded,
+            ..Counters::default()
+        };
+        for (i, volume) in self.volumes.iter().enumerate() {
+            // Layers of one store read from one source, which counts for all of them.
+            let is_first = !self.volumes[..i].iter().any(|before| Arc::ptr_eq(&before.source, &volume.source));
+            counters = counters.and(&volume.counters(is_first));
+        }
         Status {
             wanted,
             resident,
-            failed,
-            settled: is_complete && is_confirmed,
-            awaits_feedback: is_complete && !is_confirmed,
-            covered: left_out.is_none(),
-            completeness: if resident == wanted { 1.0 } else { resident_area / area },
-            effective_error_px: cut.effective_error_px(),
-            pixel_error: cut.view.pixel_error,
-            memory_bound: cut.memory_bound(),
-            error,
-            gpu_bytes: self.config.slots as u64 * self.slot_bytes(),
+            failed: sum(|seen| seen.failed),
+            settled: self.is_complete && is_confirmed,
+            awaits_feedback: self.is_complete && !is_confirmed,
+            covered,
+            completeness: if resident == wanted {
+                1.0
+            } else {
+                area(|seen| seen.resident_area) / area(|seen| seen.area)
+            },
+            effective_error_px: cuts.iter().map(|cut| cut.effective_error_px()).fold(0.0, f64::max),
+            pixel_error: cuts[0].view.pixel_error,
+            memory_bound: cuts.iter().any(|cut| cut.memory_bound()),
+            // Once all is there that can be, a cell that is left out has failed, and so have all its ancestors.
+            error: seen.into_iter().find_map(|seen| seen.error).filter(|_| self.is_complete),
+            gpu_bytes: self.config.slots as u64 * self.slot_bytes,
             host_bytes: self.meter.used(),
             host_bytes_peak: self.meter.peak(),
-            counters: Counters {
-                decoded: decoded.decoded,
-                bytes_read: self.source.bytes_read() - self.bytes_read_before,
-                bytes_decoded: decoded.bytes_decoded,
-                failed: decoded.failed,
-                uploaded: self.residency.uploaded,
-                reuploaded: self.residency.reuploaded,
-                uploaded_ahead: self.residency.uploaded_ahead,
-                bytes_uploaded: self.residency.bytes_uploaded,
-            },
+            counters,
         }
     }
 }
 
-/// What cuts are made from: the source, or what is known of it without waiting.
-fn planned_source(
-    source: &Arc<dyn BrickSource>,
-    occupancy: &Option<(Arc<PagedOccupancy>, PageReader)>,
-) -> Arc<dyn BrickSource> {
-    occupancy.as_ref().map_or_else(|| source.clone(), |(occupancy, _)| occupancy.clone())
+fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Planner> {
+    Planner::new(&planned_sources(volumes), config.slots, config.planning)
 }
 
-fn buffer_sizes(source: &dyn BrickSource, layout: &Layout, config: &PagerConfig) -> BufferSizes {
-    let pages = match config.planning {
-        Planning::Inline => 0,
-        Planning::Thread => paged_occupancy::kept_bytes(source, config.host_bytes),
-    };
-    BufferSizes {
-        fixed: config.slots as u64 * TABLE_BYTES_PER_SLOT + source.cache_bytes() + pages,
-        scratch: scratch_bytes(source, layout, &encoding_of(source)),
-        core: layout.cached_bytes() as u64,
-        padded: layout.padded_bytes() as u64,
-    }
+/// What cuts are made from.
+fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
+    volumes.iter().map(PagedVolume::planned_source).collect()
+}
+
+/// What a volume needs of a host budget at least, besides the tables of the slots, and more than what is of no use to it.
+fn volume_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, PagerError> {
+    let layout = layout_of(source, config.apron, config.gradient_layers)?;
+    let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
+    let BufferSizes { fixed, scratch, core, padded } = sizes;
+    let workers = config.workers.max(1) as u64;
+    // A cache of every brick, and an eighth of it all for those on their way.
+    let cores = source.pyramid().brick_count().saturating_mul(core);
+    let most = cores.saturating_add(fixed + workers * (scratch + core + padded)).saturating_mul(8) / 7;
+    Ok(Wish { bytes: 1, least: least_host(sizes), most })
 }
 
 /// Whether the coarsest bricks, which are always resident, have room.
-fn check_slots(source: &dyn BrickSource, given: u32, slot_bytes: u64) -> Result<(), PagerError> {
-    let least = source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
+fn check_slots<'a>(
+    sources: impl IntoIterator<Item = &'a Arc<dyn BrickSource>>,
+    given: u32,
+    slot_bytes: u64,
+) -> Result<(), PagerError> {
+    let roots = |source: &Arc<dyn BrickSource>| source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
+    let least: u64 = sources.into_iter().map(roots).sum();
     let least_bytes = least.saturating_mul(slot_bytes);
     if (given as u64) < least { Err(PagerError::Slots { given, least, least_bytes }) } else { Ok(()) }
 }

@@ -10,13 +10,13 @@ use crate::assemble::PaddedReader;
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
 use crate::cut::{Cut, View};
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::pager::Counters;
 use crate::pixels::Pixels;
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
 use crate::residency::Upload;
 use crate::shelf::zeroed;
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
+use crate::status::Counters;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
@@ -106,7 +106,7 @@ impl ExactPasses {
             return Err(ExactError::TooManyCells { cells: max_cells, host_bytes });
         }
         let back_to_front = Sight::new(&*source, &cut, view).cells;
-        let cells: Arc<[BrickId]> = back_to_front.into_iter().map(|position| cut.id(position)).collect();
+        let cells: Arc<[BrickId]> = back_to_front.into_iter().map(|ranked| cut.id(ranked.cell)).collect();
         let effective_error_px = cut.effective_error_px();
         drop(cut);
         let padded = layout.padded_bytes() as u64;
@@ -219,7 +219,7 @@ impl ExactPasses {
         self.counters.uploaded += 1;
         self.counters.bytes_uploaded += codes.len() as u64;
         self.handed_out = Some(codes.clone());
-        Upload { slot, brick, codes }
+        Upload { volume: 0, slot, brick, codes }
     }
 }
 
@@ -364,7 +364,7 @@ mod tests {
         let view = finest(&source);
         let cut = Cut::new(&*source, &view, usize::MAX);
         let back_to_front = Sight::new(&*source, &cut, &view).cells;
-        let expected: Vec<BrickId> = back_to_front.into_iter().map(|position| cut.id(position)).collect();
+        let expected: Vec<BrickId> = back_to_front.into_iter().map(|ranked| cut.id(ranked.cell)).collect();
         assert_eq!(expected.len(), 512);
         let mut codes = None;
         for (slots, passes) in [(1, 512), (7, 74), (512, 1), (9000, 1)] {

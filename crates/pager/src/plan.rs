@@ -14,7 +14,8 @@
 //! seen of the cell), then along a Hilbert curve, so that
 //! neighbours, whose voxels make each other's aprons, are decoded soon after one another.
 
-use crate::cut::Cut;
+use crate::cut::{Cut, NodeId};
+use crate::slots::VolumeBrick;
 use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
@@ -52,20 +53,23 @@ impl Tier {
     }
 }
 
-/// The bricks that the view needs to be read, first things first, and their tiers.
+/// Where a brick comes in the order of reading.
+pub(crate) type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
+
+/// The bricks of a volume that its view needs to be read, each with its place in the order.
 pub(crate) fn requests(
     pyramid: &Pyramid,
     cut: &Cut,
     roots: &[BrickId],
-    state_of: impl Fn(u32) -> State,
+    state_of: impl Fn(NodeId) -> State,
     state_of_root: impl Fn(BrickId) -> State,
-) -> Vec<(Tier, BrickId)> {
+) -> Vec<(Key, BrickId)> {
     let mut wanted = vec![None; cut.nodes.len()];
     for cell in cut.wanted_cells() {
         let state = state_of(cell);
         match state {
             State::Resident => continue,
-            State::Absent => wanted[cell as usize] = Some(Tier::Visible),
+            State::Absent => wanted[cell.index()] = Some(Tier::Visible),
             State::Failed => {}
         }
         want_cover(cut, &state_of, cell, state, &mut wanted);
@@ -73,36 +77,32 @@ pub(crate) fn requests(
     let absent_roots = roots.iter().filter(|&&root| state_of_root(root) == State::Absent);
     let mut keyed: Vec<_> = absent_roots.map(|&root| (key(pyramid, Tier::Cover, root, f64::INFINITY), root)).collect();
     // The roots come first in the arena.
-    for (position, tier) in wanted.iter().enumerate().skip(cut.roots) {
+    for (node, tier) in cut.ids().zip(&wanted).skip(cut.roots) {
         if let &Some(tier) = tier {
-            let id = cut.id(position as u32);
-            let node = &cut.nodes[position];
-            keyed.push((key(pyramid, tier, id, node.error_px * visibility::factor(node.weight)), id));
+            let id = cut.id(node);
+            keyed.push((key(pyramid, tier, id, cut[node].error_px * visibility::factor(cut[node].weight)), id));
         }
     }
-    keyed.sort_unstable_by_key(|(key, _)| *key);
-    keyed.into_iter().map(|(key, id)| (key.0, id)).collect()
+    keyed
 }
 
-/// Bricks of one tier, given with their errors in pixels, in the order in which they are to be read.
-pub(crate) fn ordered(pyramid: &Pyramid, tier: Tier, bricks: Vec<(BrickId, f64)>) -> Vec<BrickId> {
-    let mut keyed: Vec<_> = bricks.into_iter().map(|(id, error)| (key(pyramid, tier, id, error), id)).collect();
-    keyed.sort_unstable_by_key(|(key, _)| *key);
-    keyed.into_iter().map(|(_, id)| id).collect()
+/// Bricks of any volumes in the order in which they are to be read. Where volumes want the same, it is one after the other.
+pub(crate) fn in_order(mut keyed: Vec<(Key, VolumeBrick)>) -> Vec<(Tier, VolumeBrick)> {
+    keyed.sort_unstable();
+    keyed.into_iter().map(|(key, brick)| (key.0, brick)).collect()
 }
 
 /// Marks the ancestors that are to stand in for a missing cell.
-fn want_cover(cut: &Cut, state_of: impl Fn(u32) -> State, cell: u32, state: State, wanted: &mut [Option<Tier>]) {
+fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state: State, wanted: &mut [Option<Tier>]) {
     let mut failed = state == State::Failed;
-    let cell_level = cut.nodes[cell as usize].level.0;
-    let mut position = cell;
-    while cut.nodes[position as usize].parent != position {
-        position = cut.nodes[position as usize].parent;
-        match state_of(position) {
+    let mut node = cell;
+    while cut[node].parent != node {
+        node = cut[node].parent;
+        match state_of(node) {
             State::Resident => return,
             State::Failed => continue,
-            State::Absent if failed || cut.nodes[position as usize].level.0 >= cell_level + 2 => {
-                wanted[position as usize] = Some(Tier::Cover);
+            State::Absent if failed || cut[node].level.0 >= cut[cell].level.0 + 2 => {
+                wanted[node.index()] = Some(Tier::Cover);
                 failed = false;
             }
             State::Absent => {}
@@ -110,9 +110,8 @@ fn want_cover(cut: &Cut, state_of: impl Fn(u32) -> State, cell: u32, state: Stat
     }
 }
 
-type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
-
-fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
+/// The place of a brick of this tier, given its error in pixels.
+pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
     let widest = pyramid.level(id.level).bricks.to_array().into_iter().fold(0, u32::max);
     let bits = u32::BITS - (widest - 1).leading_zeros();
     let octave = error_px.log2().floor() as i32;
@@ -151,9 +150,15 @@ mod tests {
     fn coarse_bricks_come_before_fine_ones_and_large_errors_before_small_ones() {
         let pyramid = Pyramid::new(Extent::new(64, 64, 64), [1.0; 3], 8);
         let id = |level, x| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) };
-        let bricks = vec![(id(0, 0), 1.0), (id(0, 1), 8.0), (id(1, 0), 0.5), (id(0, 2), 2.0), (id(1, 1), 3.0)];
+        let bricks = [(id(0, 0), 1.0), (id(0, 1), 8.0), (id(1, 0), 0.5), (id(0, 2), 2.0), (id(1, 1), 3.0)];
+        // The same of two volumes.
+        let keyed = bricks.iter().flat_map(|&(id, error)| {
+            [1, 0].map(|volume| (key(&pyramid, Tier::Ring, id, error), VolumeBrick { volume, id }))
+        });
         let expected = [id(1, 1), id(1, 0), id(0, 1), id(0, 2), id(0, 0)];
-        assert_eq!(ordered(&pyramid, Tier::Ring, bricks), expected);
+        let expected =
+            expected.into_iter().flat_map(|id| [0, 1].map(|volume| (Tier::Ring, VolumeBrick { volume, id })));
+        assert_eq!(in_order(keyed.collect()), expected.collect::<Vec<_>>());
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! The planner: makes the cut for the newest view from the last cut, and lists what the next views may want, on a thread of its
-//! own or at once.
+//! The planner: makes the cuts of all volumes for the newest views from the last cuts, and lists what the next views may want, on a
+//! thread of its own or at once.
 //!
-//! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cut of the foreseen camera
-//! that this cut lacks, and the face neighbours of its cells just outside of the frustum.
+//! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cuts of the foreseen camera
+//! that these cuts lack, and the face neighbours of their cells just outside of the frustum.
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
 //! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
@@ -10,9 +10,10 @@
 //! views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
-use crate::plan::{self, Tier};
+use crate::plan::{self, Key, Tier};
+use crate::slots::VolumeBrick;
 use crate::source::BrickSource;
-use crate::split;
+use crate::split::{self, Subject};
 use crate::visibility::Visibility;
 use brickyard_volume::{BrickId, BrickIndex, ViewRays};
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -39,75 +40,113 @@ const PATIENCE: Duration = Duration::from_millis(1);
 /// What to plan for.
 #[derive(Clone)]
 pub(crate) struct Job {
-    pub(crate) view: View,
-    /// What is known of the visibility of cells, and its number.
-    pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
+    /// Volume by volume.
+    pub(crate) views: Vec<View>,
+    /// What is known of the visibility of each volume's cells, and its number.
+    pub(crate) visibility: Vec<Option<(u64, Arc<Visibility>)>>,
     /// Whether to look ahead, and the camera that is foreseen.
     pub(crate) ahead: Option<Option<ViewRays>>,
-    /// The version of what is known of bricks' occupancy.
-    pub(crate) occupancy: u64,
+    /// The versions of what is known of bricks' occupancy.
+    pub(crate) occupancy: Vec<u64>,
 }
 
 impl Job {
-    fn visibility(&self) -> Option<&Visibility> {
-        self.visibility.as_ref().map(|(_, visibility)| &**visibility)
+    /// Whether another job's cuts would be the same. A camera that stops is no reason to look ahead anew.
+    fn is_same(&self, other: &Self) -> bool {
+        fn numbers(job: &Job) -> impl Iterator<Item = Option<u64>> {
+            job.visibility.iter().map(|known| known.as_ref().map(|(number, _)| *number))
+        }
+        self.views == other.views && numbers(self).eq(numbers(other)) && self.occupancy == other.occupancy
     }
 
-    /// Whether another job's cut would be the same. A camera that stops is no reason to look ahead anew.
-    fn is_same(&self, other: &Self) -> bool {
-        let number = |job: &Self| job.visibility.as_ref().map(|(number, _)| *number);
-        self.view == other.view && number(self) == number(other) && self.occupancy == other.occupancy
+    fn times(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.views.iter().map(|view| (view.time, view.channel))
     }
 }
 
 /// What has been planned.
 #[derive(Clone)]
 pub(crate) struct Outlook {
-    pub(crate) cut: Arc<Cut>,
+    /// Volume by volume.
+    pub(crate) cuts: Vec<Arc<Cut>>,
     /// What to fetch ahead, first things first.
-    pub(crate) ahead: Arc<[(Tier, BrickId)]>,
+    pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
 }
 
 /// Makes one plan after the other.
 struct Desk {
-    source: Arc<dyn BrickSource>,
+    sources: Vec<Arc<dyn BrickSource>>,
     slots: usize,
     max_cells: usize,
     is_incremental: bool,
-    last: Option<Arc<Cut>>,
+    last: Vec<Arc<Cut>>,
 }
 
 impl Desk {
-    fn cut(&mut self, job: &Job) -> Arc<Cut> {
-        let cut = split::cut(&*self.source, &job.view, self.max_cells, self.last.as_deref(), job.visibility());
-        let cut = Arc::new(cut);
-        if self.is_incremental {
-            self.last = Some(cut.clone());
-        }
-        cut
+    fn new(sources: &[Arc<dyn BrickSource>], slots: u32, planning: Planning) -> Self {
+        let roots = |source: &Arc<dyn BrickSource>| source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
+        let roots: u64 = sources.iter().map(roots).sum();
+        let max_cells = cut_capacity(slots, roots as usize);
+        let (sources, is_incremental) = (sources.to_vec(), planning == Planning::Thread);
+        Self { sources, slots: slots as usize, max_cells, is_incremental, last: Vec::new() }
     }
 
-    /// What to fetch ahead of a job's cut.
-    fn look_ahead(&self, job: &Job, cut: &Cut) -> Arc<[(Tier, BrickId)]> {
+    fn cuts(&mut self, job: &Job) -> Vec<Arc<Cut>> {
+        let cuts = self.cuts_for(&job.views, job, &self.last);
+        if self.is_incremental {
+            self.last.clone_from(&cuts);
+        }
+        cuts
+    }
+
+    /// The cuts for views that are a job's own or near them.
+    fn cuts_for(&self, views: &[View], job: &Job, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
+        let last: Vec<&Cut> = last.iter().map(|cut| &**cut).collect();
+        let cuts = split::cuts(&subjects(&self.sources, views, job), self.max_cells, &last);
+        cuts.into_iter().map(Arc::new).collect()
+    }
+
+    /// What to fetch ahead of a job's cuts.
+    fn look_ahead(&self, job: &Job, cuts: &[Arc<Cut>]) -> Arc<[(Tier, VolumeBrick)]> {
         let Some(rays) = job.ahead else { return [].into() };
-        let mut listed: HashSet<BrickId> = cut.cells().collect();
-        // Of two eyes one: the other one sees hardly anything else.
-        let foreseen = rays.map(|rays| View { rays, other_eye: None, ..cut.view.clone() });
-        let foreseen =
-            foreseen.map(|view| split::cut(&*self.source, &view, self.max_cells, Some(cut), job.visibility()));
+        let of_volume = |volume: usize| move |id| VolumeBrick { volume, id };
+        let mut listed: HashSet<VolumeBrick> =
+            cuts.iter().enumerate().flat_map(|(volume, cut)| cut.cells().map(of_volume(volume))).collect();
+        let foreseen = rays.map_or(Vec::new(), |rays| {
+            // Of two eyes one: the other one sees hardly anything else.
+            let views: Vec<View> =
+                job.views.iter().map(|view| View { rays, other_eye: None, ..view.clone() }).collect();
+            self.cuts_for(&views, job, cuts)
+        });
         let predicted =
-            foreseen.iter().flat_map(|cut| cut.wanted_cells().map(|cell| (cut.id(cell), cut.error_px(cell))));
-        let ring = ring(&*self.source, cut);
+            |cut: &Cut| cut.wanted_cells().map(|cell| (cut.id(cell), cut[cell].error_px)).collect::<Vec<_>>();
+        let predicted: Vec<Vec<(BrickId, f64)>> = foreseen.iter().map(|cut| predicted(cut)).collect();
+        let ring = self.sources.iter().zip(cuts).map(|(source, cut)| ring(&**source, cut)).collect();
         let mut ahead = Vec::new();
-        for (tier, bricks) in [(Tier::Predicted, predicted.collect()), (Tier::Ring, ring)] {
-            let new = bricks.into_iter().filter(|(id, _)| listed.insert(*id)).collect();
+        for (tier, bricks) in [(Tier::Predicted, predicted), (Tier::Ring, ring)] {
+            let mut keyed: Vec<(Key, VolumeBrick)> = Vec::new();
+            for (volume, of_volume) in bricks.into_iter().enumerate() {
+                let pyramid = self.sources[volume].pyramid();
+                let new = of_volume.into_iter().filter(|&(id, _)| listed.insert(VolumeBrick { volume, id }));
+                keyed.extend(new.map(|(id, error)| (plan::key(pyramid, tier, id, error), VolumeBrick { volume, id })));
+            }
             // Twice what there is room for: so that what is there already is not forgotten for being a little less urgent.
             let room = 2 * tier.slots(self.slots);
-            let ordered = plan::ordered(self.source.pyramid(), tier, new);
-            ahead.extend(ordered.into_iter().take(room).map(|id| (tier, id)));
+            ahead.extend(plan::in_order(keyed).into_iter().take(room));
         }
         ahead.into()
     }
+}
+
+/// What is to be cut of each volume, seen by these views, with what a job knows.
+fn subjects<'a>(sources: &'a [Arc<dyn BrickSource>], views: &'a [View], job: &'a Job) -> Vec<Subject<'a>> {
+    let subject =
+        |((source, view), known): ((&'a Arc<dyn BrickSource>, &'a View), &'a Option<(u64, Arc<Visibility>)>)| Subject {
+            source: &**source,
+            view,
+            visibility: known.as_ref().map(|(_, visibility)| &**visibility),
+        };
+    sources.iter().zip(views).zip(&job.visibility).map(subject).collect()
 }
 
 /// Face neighbours of the wanted cells, of their level, that are outside of the frustum and not empty; with the cells' errors.
@@ -115,7 +154,7 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
     let frusta = cut.view.frusta();
     let mut ring = Vec::new();
     for cell in cut.wanted_cells() {
-        let Node { level, index, low, high, error_px, .. } = cut.nodes[cell as usize];
+        let Node { level, index, low, high, error_px, .. } = cut[cell];
         let (at, bricks, size) = (index.to_array(), source.pyramid().level(level).bricks, high - low);
         for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
             let mut beside = at;
@@ -135,7 +174,7 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
 }
 
 pub(crate) struct Planner {
-    source: Arc<dyn BrickSource>,
+    sources: Vec<Arc<dyn BrickSource>>,
     /// What was asked for last, and its number.
     asked: Option<Job>,
     number: u64,
@@ -150,21 +189,17 @@ enum Place {
 }
 
 impl Planner {
-    pub(crate) fn new(source: &Arc<dyn BrickSource>, slots: u32, planning: Planning) -> std::io::Result<Self> {
-        let roots = source.pyramid().level(source.pyramid().coarsest()).bricks.volume() as usize;
-        let max_cells = cut_capacity(slots, roots);
-        let is_incremental = planning == Planning::Thread;
-        let desk = Desk { source: source.clone(), slots: slots as usize, max_cells, is_incremental, last: None };
+    pub(crate) fn new(sources: &[Arc<dyn BrickSource>], slots: u32, planning: Planning) -> std::io::Result<Self> {
+        let desk = Desk::new(sources, slots, planning);
         let place = match planning {
             Planning::Inline => Place::Inline(desk),
             Planning::Thread => Place::Thread(PlannerThread::start(desk)?),
         };
-        Ok(Self { source: source.clone(), asked: None, number: 0, newest: None, place })
+        Ok(Self { sources: sources.to_vec(), asked: None, number: 0, newest: None, place })
     }
 
-    /// The newest there is, of the view's time step and channel. If it is not what is asked for, that is on its way.
+    /// The newest there is, of the views' time steps and channels. If it is not what is asked for, that is on its way.
     pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
-        let (time, channel) = (job.view.time, job.view.channel);
         if let Place::Thread(thread) = &self.place {
             self.newest = thread.newest(Duration::ZERO).or(self.newest.take());
         }
@@ -172,8 +207,8 @@ impl Planner {
             self.number += 1;
             match &mut self.place {
                 Place::Inline(desk) => {
-                    let cut = desk.cut(&job);
-                    self.newest = Some((self.number, Outlook { ahead: desk.look_ahead(&job, &cut), cut }));
+                    let cuts = desk.cuts(&job);
+                    self.newest = Some((self.number, Outlook { ahead: desk.look_ahead(&job, &cuts), cuts }));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
@@ -182,12 +217,17 @@ impl Planner {
             }
             self.asked = Some(job.clone());
         }
-        let guess = |cut: Cut| (0, Outlook { cut: Arc::new(cut), ahead: [].into() });
+        let guess = |cuts| (0, Outlook { cuts, ahead: [].into() });
         let newest = match self.newest.take() {
             // Before the first: the coarsest level.
-            None => guess(Cut::new(&*self.source, &job.view, 0)),
-            Some((_, Outlook { cut, .. })) if (cut.view.time, cut.view.channel) != (time, channel) => {
-                guess(cut.at(&*self.source, time, channel))
+            None => {
+                let cuts = split::cuts(&subjects(&self.sources, &job.views, &job), 0, &[]);
+                guess(cuts.into_iter().map(Arc::new).collect())
+            }
+            Some((_, Outlook { cuts, .. }))
+                if !job.times().eq(cuts.iter().map(|cut| (cut.view.time, cut.view.channel))) =>
+            {
+                guess(split::recut(&cuts, &self.sources, &job.views))
             }
             Some(newest) => newest,
         };
@@ -223,17 +263,17 @@ impl PlannerThread {
         let (finished, outlooks) = bounded(1);
         let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            let finish = |number, cut, ahead| {
+            let finish = |number, cuts, ahead| {
                 while unseen.try_recv().is_ok() {}
-                finished.send((number, Outlook { cut, ahead })).is_ok()
+                finished.send((number, Outlook { cuts, ahead })).is_ok()
             };
             let mut ahead: Arc<[_]> = [].into();
             for (number, job) in inbox {
-                // A frame may be waiting for the cut.
-                let cut = desk.cut(&job);
-                let mut goes_on = finish(number, cut.clone(), ahead);
-                ahead = desk.look_ahead(&job, &cut);
-                goes_on = goes_on && finish(number, cut, ahead.clone());
+                // A frame may be waiting for the cuts.
+                let cuts = desk.cuts(&job);
+                let mut goes_on = finish(number, cuts.clone(), ahead);
+                ahead = desk.look_ahead(&job, &cuts);
+                goes_on = goes_on && finish(number, cuts, ahead.clone());
                 if !goes_on {
                     return;
                 }

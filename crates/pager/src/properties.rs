@@ -8,11 +8,12 @@ use crate::pager::Pager;
 use crate::pixels::Pixels;
 use crate::plan::Tier;
 use crate::planner::Planning;
-use crate::residency::{Arrival, Residency, Step, Wants};
+use crate::residency::{Arrival, Residency, Step, Upload, VolumeStep, Wants};
 use crate::retry::Failure;
-use crate::sight::Sight;
+use crate::sight::{Ranked, Sight};
+use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
-use crate::split::KEEP;
+use crate::split::{KEEP, Subject, cuts};
 use crate::test_source::TestSource;
 use brickyard_volume::{
     BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Placement, Projection,
@@ -282,15 +283,15 @@ proptest! {
         prop_assert!(cut.wanted() <= max_cells.max(cut.roots));
         prop_assert_eq!(Sight::new(&source, &cut, &views[own]).cells.len(), cut.wanted());
         for (position, node) in cut.nodes.iter().enumerate() {
-            prop_assert!(position < cut.roots || (node.parent as usize) < position);
+            prop_assert!(position < cut.roots || node.parent.index() < position);
         }
-        let cells: Vec<BrickId> = (0..cut.nodes.len()).filter(|&n| cut.nodes[n].is_cell()).map(|n| cut.id(n as u32)).collect();
+        let cells: Vec<BrickId> = cut.ids().filter(|&node| cut[node].is_cell()).map(|node| cut.id(node)).collect();
         let voxels: u64 = cells.iter().map(|&cell| region(&source, cell).extent().volume()).sum();
         prop_assert_eq!(voxels, source.pyramid().levels()[0].extent.volume());
         let mut dice = Dice(seed);
         for (shot, view) in shots.iter().zip(&views) {
             let sight = Sight::new(&source, &cut, view);
-            let seen = |order: &[u32]| order.iter().map(|&cell| cut.id(cell)).collect::<Vec<_>>();
+            let seen = |order: &[Ranked]| order.iter().map(|ranked| cut.id(ranked.cell)).collect::<Vec<_>>();
             check_rays(&volume, &source, view, shot.cull_empty, &cells, &seen(&sight.cells), &mut dice)?;
             if let Some(order) = &sight.for_other_eye {
                 let other = view.from_other_eye();
@@ -311,8 +312,7 @@ proptest! {
             let cold = Cut::new(&source, view, max_cells);
             let next = cut.next(&source, view, max_cells);
             let split = |cut: &Cut| -> HashSet<BrickId> {
-                let positions = 0..cut.nodes.len() as u32;
-                positions.filter(|&n| !cut.nodes[n as usize].is_cell()).map(|n| cut.id(n)).collect()
+                cut.ids().filter(|&node| !cut[node].is_cell()).map(|node| cut.id(node)).collect()
             };
             prop_assert_eq!(next.memory_bound(), cold.memory_bound());
             if cold.memory_bound() {
@@ -379,12 +379,80 @@ fn check_rays(
     Ok(())
 }
 
-/// A pager without threads, beside a second one that is fed the same, and a model of the atlas.
+/// Volumes that share slots, each as it is seen by a shot. Some stand on the grid of the first, and are seen by the same view.
+fn shared(volumes: Vec<(Volume, bool)>) -> Vec<Volume> {
+    let first = volumes[0].0.clone();
+    let on_grid = |(volume, shares): (Volume, bool)| match shares {
+        true => Volume {
+            empty_share: volume.empty_share,
+            failing_share: volume.failing_share,
+            seed: volume.seed,
+            ..first.clone()
+        },
+        false => volume,
+    };
+    volumes.into_iter().map(on_grid).collect()
+}
+
+fn views(shot: &Shot, sources: &[TestSource]) -> Vec<View> {
+    sources.iter().map(|source| shot.view(source)).collect()
+}
+
+/// The cuts of volumes that share a number of cells, after others.
+fn joint(sources: &[TestSource], views: &[View], max_cells: usize, last: &[Cut]) -> Vec<Cut> {
+    let subjects = sources.iter().zip(views).map(|(source, view)| Subject { source, view, visibility: None });
+    let subjects: Vec<Subject<'_>> = subjects.collect();
+    cuts(&subjects, max_cells, &last.iter().collect::<Vec<_>>())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    /// Of cuts that share a number of cells: they fit; those on one grid have one tree; the worst cells of all are split first; and
+    /// where there is room, each is what it would be alone.
+    #[test]
+    fn cuts_that_share_their_cells_split_the_worst_of_any_volume(
+        volumes in prop::collection::vec((volumes(), any::<bool>()), 1..5), shots in prop::collection::vec(shots(), 1..3),
+        max_cells in 1usize..400,
+    ) {
+        let sources: Vec<TestSource> = shared(volumes).iter().map(Volume::source).collect();
+        let mut cuts = Vec::new();
+        for shot in &shots {
+            cuts = joint(&sources, &views(shot, &sources), max_cells, &cuts);
+        }
+        let views = views(shots.last().unwrap(), &sources);
+        let cold = joint(&sources, &views, max_cells, &[]);
+        let roots: usize = cuts.iter().map(|cut| cut.roots).sum();
+        for cuts in [&cuts, &cold] {
+            prop_assert!(cuts.iter().map(Cut::wanted).sum::<usize>() <= max_cells.max(roots));
+        }
+        let memory_bound = cold[0].memory_bound();
+        prop_assert!(cuts.iter().chain(&cold).all(|cut| cut.memory_bound() == memory_bound));
+        for (i, cut) in cuts.iter().enumerate() {
+            let on_one_grid = sources[i].pyramid() == sources[0].pyramid()
+                && sources[i].geometry() == sources[0].geometry() && views[i] == views[0];
+            prop_assert!(!on_one_grid || cut.shares_tree_with(&cuts[0]));
+        }
+        let wanted = |cut: &Cut| cut.cells().collect::<BTreeSet<_>>();
+        let alone = sources.iter().zip(&views).map(|(source, view)| Cut::new(source, view, usize::MAX));
+        prop_assert!(memory_bound || alone.zip(&cold).all(|(alone, cut)| wanted(&alone) == wanted(cut)));
+        let improvable = |cut: &Cut| match cut.view.level {
+            LevelPolicy::Auto => cut.effective_error_px().max(cut.view.pixel_error),
+            LevelPolicy::Locked(_) => 0.0,
+        };
+        let worst = cold.iter().map(improvable).fold(0.0, f64::max);
+        let splits = cold.iter().flat_map(|cut| cut.ids().filter(|&node| !cut[node].is_cell()).map(|node| cut[node].error_px));
+        let least = splits.fold(f64::INFINITY, f64::min);
+        prop_assert!(least >= worst, "{least} px is split, {worst} px is not");
+    }
+}
+
+/// A pager of several volumes without threads, beside a second one that is fed the same, and a model of the atlas.
 struct Bench<'a> {
-    source: &'a TestSource,
+    sources: &'a [TestSource],
     twins: [Residency; 2],
-    atlas: HashMap<u32, BrickId>,
-    in_flight: BTreeSet<BrickId>,
+    atlas: HashMap<u32, VolumeBrick>,
+    in_flight: BTreeSet<VolumeBrick>,
     dice: Dice,
     slots: u32,
     seed: u64,
@@ -392,62 +460,97 @@ struct Bench<'a> {
     fade: Option<Duration>,
     now: Duration,
     /// When bricks have got their slots.
-    came: HashMap<BrickId, Duration>,
+    came: HashMap<VolumeBrick, Duration>,
 }
 
 /// Bytes of the pretended padded bricks.
 const PADDED: u64 = 10;
 
+/// What is wanted of a volume.
+struct Wanted<'a> {
+    cut: &'a Cut,
+    sight: Sight,
+    roots: Vec<BrickId>,
+}
+
 impl Bench<'_> {
-    fn frame(&mut self, cut: &Cut, sight: &Sight, roots: &[BrickId]) -> Step {
+    fn wanted<'a>(&self, cuts: &'a [Cut], views: &[View]) -> Vec<Wanted<'a>> {
+        let all = cuts.iter().zip(self.sources).zip(views);
+        let of = |((cut, source), view): ((&'a Cut, &TestSource), &View)| Wanted {
+            cut,
+            sight: Sight::new(source, cut, view),
+            roots: roots(source, 0, 0),
+        };
+        all.map(of).collect()
+    }
+
+    fn frame(&mut self, wanted: &[Wanted<'_>]) -> Step {
         self.deliver();
-        let ahead = self.ahead(cut, roots);
-        let wants = Wants { pyramid: self.source.pyramid(), cut, sight, roots, ahead: &ahead };
-        let before: HashSet<BrickId> = self.atlas.values().copied().collect();
+        let ahead = self.ahead(wanted);
+        let all: Vec<Wants<'_>> = wanted
+            .iter()
+            .zip(self.sources)
+            .map(|(Wanted { cut, sight, roots }, source)| Wants { pyramid: source.pyramid(), cut, sight, roots })
+            .collect();
+        let before: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         self.now += Duration::from_millis(self.dice.next() % 60);
         let (limit, now) = (self.upload_bytes, self.now);
-        let [step, twin] = self.twins.each_mut().map(|r| r.step(&wants, limit, now));
-        let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.brick)).collect::<Vec<_>>();
-        assert_eq!((names(&step), &step.draw, &step.requests), (names(&twin), &twin.draw, &twin.requests));
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, &ahead, limit, now));
+        let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.volume, u.brick)).collect::<Vec<_>>();
+        let plans = |step: &Step| step.volumes.iter().map(|v| (v.draw.clone(), v.requests.clone())).collect::<Vec<_>>();
+        assert_eq!((names(&step), plans(&step)), (names(&twin), plans(&twin)));
         let bytes = step.uploads.len() as u64 * PADDED;
         assert!(step.uploads.len() <= 1 || self.upload_bytes.is_none_or(|limit| bytes <= limit));
-        for upload in &step.uploads {
-            assert!(upload.slot.0 < self.slots);
-            self.atlas.insert(upload.slot.0, upload.brick);
-            self.came.insert(upload.brick, self.now);
+        for &Upload { slot, volume, brick: id, .. } in &step.uploads {
+            assert!(slot.0 < self.slots);
+            self.atlas.insert(slot.0, VolumeBrick { volume, id });
+            self.came.insert(VolumeBrick { volume, id }, self.now);
         }
-        let after: HashSet<BrickId> = self.atlas.values().copied().collect();
+        let after: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         assert_eq!(after.len(), self.atlas.len(), "a brick has two slots");
-        let stays = |id: &BrickId| !before.contains(id) || after.contains(id);
-        assert!(roots.iter().all(stays) && cut.cells().all(|id| stays(&id)), "pinned or wanted, and evicted");
+        let stays = |brick: VolumeBrick| !before.contains(&brick) || after.contains(&brick);
+        for (volume, Wanted { cut, roots, .. }) in wanted.iter().enumerate() {
+            let mut kept = roots.iter().copied().chain(cut.cells());
+            assert!(kept.all(|id| stays(VolumeBrick { volume, id })), "pinned or wanted, and evicted");
+        }
         // Only what is wanted for an earlier tier takes a brick's place.
-        let tier_of =
-            |id: BrickId| ahead.iter().find(|(_, other)| *other == id).map_or(Tier::Visible, |(tier, _)| *tier);
+        let tier_of = |brick: VolumeBrick| {
+            ahead.iter().find(|(_, other)| *other == brick).map_or(Tier::Visible, |(tier, _)| *tier)
+        };
         for tier in [Tier::Predicted, Tier::Ring] {
-            let gone = ahead.iter().filter(|(of, id)| *of == tier && !stays(id)).count();
-            let earlier = step.uploads.iter().filter(|upload| tier_of(upload.brick) < tier).count();
+            let gone = ahead.iter().filter(|(of, brick)| *of == tier && !stays(*brick)).count();
+            let uploads = step.uploads.iter().map(|upload| VolumeBrick { volume: upload.volume, id: upload.brick });
+            let earlier = uploads.filter(|&brick| tier_of(brick) < tier).count();
             assert!(gone <= earlier, "{gone} of {tier:?} are gone for {earlier}");
         }
-        let is_there = |root: &BrickId| after.contains(root) || self.twins[0].failure(*root).is_some();
-        match roots.iter().all(is_there) {
-            true => self.check_draw(cut, sight, &step),
-            false => assert!(step.draw.cells.is_empty(), "a picture that may have holes"),
+        for (volume, (wanted, step)) in wanted.iter().zip(&step.volumes).enumerate() {
+            let is_there = |&id: &BrickId| {
+                after.contains(&VolumeBrick { volume, id }) || self.twins[0].failure(volume, id).is_some()
+            };
+            match wanted.roots.iter().all(is_there) {
+                true => self.check_draw(volume, wanted, step),
+                false => assert!(step.draw.cells.is_empty(), "a picture that may have holes"),
+            }
         }
         step
     }
 
-    /// Some bricks to fetch ahead, no more than there is room for, the same as long as the cut is the same.
-    fn ahead(&self, cut: &Cut, roots: &[BrickId]) -> Vec<(Tier, BrickId)> {
-        let wanted: HashSet<BrickId> = cut.cells().collect();
-        let mut dice = Dice(wanted.len() as u64 + self.seed);
-        let pyramid = self.source.pyramid();
-        let levels = pyramid.levels().iter().enumerate();
-        let all = levels.flat_map(|(l, grid)| indices(grid.bricks).map(move |index| (Level(l as u8), index)));
+    /// Some bricks to fetch ahead, no more than there is room for, the same as long as the cuts are the same.
+    fn ahead(&self, wanted: &[Wanted<'_>]) -> Vec<(Tier, VolumeBrick)> {
+        let sum = |of: fn(&Wanted<'_>) -> usize| wanted.iter().map(of).sum::<usize>();
+        let (cells, roots) = (sum(|wanted| wanted.cut.wanted()), sum(|wanted| wanted.roots.len()));
+        let mut dice = Dice(cells as u64 + self.seed);
         let mut ahead = Vec::new();
-        for (level, index) in all {
-            let id = BrickId { time: 0, channel: 0, level, index };
-            if !wanted.contains(&id) && level < pyramid.coarsest() && dice.chance(0.1) {
-                ahead.push((if dice.chance(0.5) { Tier::Predicted } else { Tier::Ring }, id));
+        for (volume, (wanted, source)) in wanted.iter().zip(self.sources).enumerate() {
+            let cells: HashSet<BrickId> = wanted.cut.cells().collect();
+            let pyramid = source.pyramid();
+            let levels = pyramid.levels().iter().enumerate();
+            for (level, index) in levels.flat_map(|(l, grid)| indices(grid.bricks).map(move |i| (Level(l as u8), i))) {
+                let id = BrickId { time: 0, channel: 0, level, index };
+                if !cells.contains(&id) && level < pyramid.coarsest() && dice.chance(0.1) {
+                    let tier = if dice.chance(0.5) { Tier::Predicted } else { Tier::Ring };
+                    ahead.push((tier, VolumeBrick { volume, id }));
+                }
             }
         }
         ahead.sort();
@@ -458,106 +561,115 @@ impl Bench<'_> {
             *left = left.wrapping_sub(1);
             *left < slots
         });
-        ahead.truncate(slots.saturating_sub(cut.wanted() + roots.len()));
+        ahead.truncate(slots.saturating_sub(cells + roots));
         ahead
     }
 
     /// Some of what is in flight arrives, in any order.
     fn deliver(&mut self) {
-        let mut waiting: Vec<BrickId> = self.in_flight.iter().copied().collect();
+        let mut waiting: Vec<VolumeBrick> = self.in_flight.iter().copied().collect();
         for _ in 0..self.dice.next() % 12 {
             if waiting.is_empty() {
                 return;
             }
-            let id = waiting.swap_remove(self.dice.next() as usize % waiting.len());
-            self.in_flight.remove(&id);
+            let brick = waiting.swap_remove(self.dice.next() as usize % waiting.len());
+            self.in_flight.remove(&brick);
+            let VolumeBrick { volume, id } = brick;
             let error = BrickError { id, reason: "told to fail".into(), is_passing: false };
             let failed = Failure { error, again: None };
-            let failing = self.source.failing.contains(&id);
+            let failing = self.sources[volume].failing.contains(&id);
             let result = if failing { Err(failed) } else { Ok(Arc::from([0; PADDED as usize])) };
-            self.twins.iter_mut().for_each(|r| r.arrive(Arrival { id, result: result.clone() }));
+            self.twins.iter_mut().for_each(|r| r.arrive(volume, Arrival { id, result: result.clone() }));
         }
     }
 
     /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick; left out only where there
     /// is none. One that has just come may leave some of the pixels to a resident ancestor.
-    fn check_draw(&self, cut: &Cut, sight: &Sight, step: &Step) {
-        let slot_of: HashMap<BrickId, u32> = self.atlas.iter().map(|(&slot, &id)| (id, slot)).collect();
-        let mut drawn = step.draw.cells.iter();
-        for cell in sight.cells.iter().map(|&cell| cut.id(cell)) {
-            let nearest = lineage(self.source.pyramid(), cell).find(|id| slot_of.contains_key(id));
+    fn check_draw(&self, volume: usize, Wanted { cut, sight, .. }: &Wanted<'_>, VolumeStep { draw, .. }: &VolumeStep) {
+        let of_volume = self.atlas.iter().filter(|(_, brick)| brick.volume == volume);
+        let slot_of: HashMap<BrickId, u32> = of_volume.map(|(&slot, brick)| (brick.id, slot)).collect();
+        let source = &self.sources[volume];
+        let mut drawn = draw.cells.iter();
+        for cell in sight.cells.iter().map(|ranked| cut.id(ranked.cell)) {
+            let nearest = lineage(source.pyramid(), cell).find(|id| slot_of.contains_key(id));
             let Some(nearest) = nearest else { continue };
             let mut entry = drawn.next().expect("a cell with a resident brick is not drawn");
             let mut rest = Pixels::THRESHOLDS;
             if entry.brick != nearest {
-                let mut ancestors = lineage(self.source.pyramid(), nearest).skip(1);
+                let mut ancestors = lineage(source.pyramid(), nearest).skip(1);
                 assert!(ancestors.any(|id| id == entry.brick) && slot_of.get(&entry.brick) == Some(&entry.slot.0));
-                assert_eq!((entry.cell, entry.region), (cell, region(self.source, cell)));
-                assert!(self.fade.is_some_and(|time| self.now - self.came[&nearest] < time), "it was there long ago");
+                assert_eq!((entry.cell, entry.region), (cell, region(source, cell)));
+                let came = self.came[&VolumeBrick { volume, id: nearest }];
+                assert!(self.fade.is_some_and(|time| self.now - came < time), "it was there long ago");
                 rest = entry.pixels.from;
                 assert!(rest > 0 && entry.pixels == Pixels { from: rest, ..Pixels::ALL });
                 entry = drawn.next().expect("only what gives way is drawn");
             }
             assert_eq!(entry.pixels, Pixels { to: rest, ..Pixels::ALL });
             assert_eq!((entry.cell, entry.brick, entry.slot.0), (cell, nearest, slot_of[&nearest]));
-            assert_eq!(entry.region, region(self.source, cell));
+            assert_eq!(entry.region, region(source, cell));
         }
         assert_eq!(drawn.next(), None);
-        assert!(step.draw.cells.len() <= sight.cells.len().max(self.slots as usize));
+        assert!(draw.cells.len() <= sight.cells.len().max(self.slots as usize));
         if let Some(order) = &sight.for_other_eye {
             // The other eye has the same entries, a cell's together.
-            let other = step.draw.reordered(cut, order);
+            let other = draw.reordered(cut, order);
             let by_cell = |draw: &DrawList| {
                 let mut entries = draw.cells.clone();
+                entries.iter_mut().for_each(|entry| entry.rank = 0);
                 entries.sort_by_key(|entry| entry.cell);
                 entries
             };
-            assert_eq!(by_cell(&other), by_cell(&step.draw));
-            let mut order = order.iter().map(|&cell| cut.id(cell));
+            assert_eq!(by_cell(&other), by_cell(draw));
+            let mut order = order.iter().map(|ranked| cut.id(ranked.cell));
             assert!(other.cells.chunk_by(|a, b| a.cell == b.cell).all(|of| order.any(|cell| cell == of[0].cell)));
         }
     }
 
-    /// Some frames of a view with the cut of another, as while the camera moves ahead of the planner.
-    fn fly(&mut self, cut: &Cut, view: &View) {
-        let (roots, sight) = (roots(self.source, 0, 0), Sight::new(self.source, cut, view));
+    /// Some frames of views with the cuts of others, as while the camera moves ahead of the planner.
+    fn fly(&mut self, cuts: &[Cut], views: &[View]) {
+        let wanted = self.wanted(cuts, views);
         for _ in 0..4 {
-            let step = self.frame(cut, &sight, &roots);
+            let step = self.frame(&wanted);
             self.ask(&step);
         }
     }
 
-    /// Only so many requests are ever taken from a plan.
+    /// Only so many requests of a volume are ever taken from a plan.
     fn ask(&mut self, step: &Step) {
-        let room = 8usize.saturating_sub(self.in_flight.len());
-        let requests = step.requests.iter().map(|(_, id)| *id);
-        let new: Vec<BrickId> = requests.filter(|id| !self.in_flight.contains(id)).take(room).collect();
-        self.in_flight.extend(new);
+        for (volume, VolumeStep { requests, .. }) in step.volumes.iter().enumerate() {
+            let room = 8usize.saturating_sub(self.in_flight.iter().filter(|brick| brick.volume == volume).count());
+            let requests = requests.iter().map(|&(_, id)| VolumeBrick { volume, id });
+            let new: Vec<_> = requests.filter(|brick| !self.in_flight.contains(brick)).take(room).collect();
+            self.in_flight.extend(new);
+        }
     }
 
-    /// Runs a view until it settles, and checks that it only refines on the way.
-    fn settle(&mut self, cut: &Cut, view: &View) {
-        let (roots, sight) = (roots(self.source, 0, 0), Sight::new(self.source, cut, view));
-        let mut levels: HashMap<(BrickId, u8), Level> = HashMap::new();
+    /// Runs views until they settle, and checks that they only refine on the way.
+    fn settle(&mut self, cuts: &[Cut], views: &[View]) {
+        let wanted = self.wanted(cuts, views);
+        let mut levels: HashMap<(usize, BrickId, u8), Level> = HashMap::new();
         // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
-        let rounds = 100 + 10 * self.source.pyramid().brick_count();
+        let bricks: u64 = self.sources.iter().map(|source| source.pyramid().brick_count()).sum();
+        let rounds = 100 + 10 * bricks;
         for _ in 0..rounds {
             let staged = self.twins[0].has_staged();
-            let step = self.frame(cut, &sight, &roots);
+            let step = self.frame(&wanted);
             assert!(!self.twins[0].has_staged() || !staged || !step.uploads.is_empty(), "no progress");
             let mut drawn = 0;
-            for entry in &step.draw.cells {
+            let volumes = step.volumes.iter().enumerate();
+            for (volume, entry) in volumes.flat_map(|(i, v)| v.draw.cells.iter().map(move |entry| (i, entry))) {
                 // Of each cell some pixels.
                 for threshold in [0, 7, 31, 63].into_iter().filter(|t| (entry.pixels.from..entry.pixels.to).contains(t))
                 {
-                    let before = levels.insert((entry.cell, threshold), entry.brick.level);
+                    let before = levels.insert((volume, entry.cell, threshold), entry.brick.level);
                     assert!(before.is_none_or(|level| level >= entry.brick.level), "{} got coarser", entry.cell);
                     drawn += 1;
                 }
             }
             assert!(levels.len() == drawn, "a cell vanished");
             if step.settled {
-                return self.check_settled(cut, &sight, &step);
+                return self.check_settled(&wanted, &step);
             }
             self.ask(&step);
         }
@@ -565,12 +677,14 @@ impl Bench<'_> {
     }
 
     /// Each cell is drawn with its own brick or, where that cannot be read, its nearest readable ancestor.
-    fn check_settled(&self, cut: &Cut, sight: &Sight, step: &Step) {
-        let mut drawn = step.draw.cells.iter();
-        for cell in sight.cells.iter().map(|&cell| cut.id(cell)) {
-            let best = lineage(self.source.pyramid(), cell).find(|id| !self.source.failing.contains(id));
-            if let Some(best) = best {
-                assert_eq!(drawn.next().map(|entry| entry.brick), Some(best));
+    fn check_settled(&self, wanted: &[Wanted<'_>], step: &Step) {
+        for ((Wanted { cut, sight, .. }, step), source) in wanted.iter().zip(&step.volumes).zip(self.sources) {
+            let mut drawn = step.draw.cells.iter();
+            for cell in sight.cells.iter().map(|ranked| cut.id(ranked.cell)) {
+                let best = lineage(source.pyramid(), cell).find(|id| !source.failing.contains(id));
+                if let Some(best) = best {
+                    assert_eq!(drawn.next().map(|entry| entry.brick), Some(best));
+                }
             }
         }
     }
@@ -579,26 +693,28 @@ impl Bench<'_> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
-    /// Whatever arrives in whatever order, under whatever budget: the draw list is right in every frame, pins hold, the
-    /// view only refines, makes progress and settles; a twin that sees the same does the same.
+    /// Whatever arrives in whatever order, under whatever budget that volumes share: the draw lists are right in every frame, pins
+    /// hold, views only refine, make progress and settle; a twin that sees the same does the same.
     #[test]
     fn paging_is_safe_live_and_deterministic(
-        volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..120,
-        upload_bytes in prop::option::of(0u64..80), fade_ms in prop::option::of(50u64..300), seed in any::<u64>(),
+        volumes in prop::collection::vec((volumes(), any::<bool>()), 1..4), shots in prop::collection::vec(shots(), 1..4),
+        slots in 1u32..120, upload_bytes in prop::option::of(0u64..80), fade_ms in prop::option::of(50u64..300),
+        seed in any::<u64>(),
     ) {
-        let source = volume.source();
-        let slots = slots.max(roots(&source, 0, 0).len() as u32);
+        let sources: Vec<TestSource> = shared(volumes).iter().map(Volume::source).collect();
+        let all_roots: usize = sources.iter().map(|source| roots(source, 0, 0).len()).sum();
+        let slots = slots.max(all_roots as u32);
         let fade = fade_ms.map(Duration::from_millis);
-        let twins = [(); 2].map(|()| Residency::new(slots, fade));
+        let twins = [(); 2].map(|()| Residency::new(sources.len(), slots, fade));
         let (atlas, in_flight, now, came) = Default::default();
-        let dice = Dice(seed);
-        let mut bench = Bench { source: &source, twins, atlas, in_flight, dice, slots, seed, upload_bytes, fade, now, came };
-        let max_cells = cut_capacity(slots, roots(&source, 0, 0).len());
-        let mut cut = Cut::new(&source, &views[0].view(&source), max_cells);
-        for view in views.iter().map(|shot| shot.view(&source)) {
-            bench.fly(&cut, &view);
-            cut = cut.next(&source, &view, max_cells);
-            bench.settle(&cut, &view);
+        let (sources, dice) = (&sources[..], Dice(seed));
+        let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, fade, now, came };
+        let max_cells = cut_capacity(slots, all_roots);
+        let mut cuts = joint(sources, &views(&shots[0], sources), max_cells, &[]);
+        for views in shots.iter().map(|shot| views(shot, sources)) {
+            bench.fly(&cuts, &views);
+            cuts = joint(sources, &views, max_cells, &cuts);
+            bench.settle(&cuts, &views);
         }
     }
 }
@@ -636,29 +752,29 @@ proptest! {
         let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
         let (planning, prefetch, uploads) = (Planning::Inline, false, None);
         let config = PagerConfig { slots, apron: 1, gradient_layers: 0, host_bytes, workers: 1, planning, prefetch, uploads, fade: None };
-        let mut pager = Pager::new(source.clone(), config).unwrap();
+        let mut pager = Pager::new(&[source.clone()], config).unwrap();
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         for view in views.iter().map(|shot| shot.view(&source)) {
             // Each brick may be told of with eight weights, one after the other; in truth it is a few dozen frames.
             let mut frames_left = 100 + 8 * source.pyramid().brick_count();
             let (frame, visibility) = loop {
-                let frame = pager.frame(&view, Duration::ZERO);
-                let mut visibility = told(&source, &view, &frame.draw, seed);
-                if let Some(draw) = &frame.draw_other_eye {
+                let frame = pager.frame(std::slice::from_ref(&view), Duration::ZERO);
+                let mut visibility = told(&source, &view, &frame.volumes[0].draw, seed);
+                if let Some(draw) = &frame.volumes[0].draw_other_eye {
                     visibility.extend(told(&source, &view.from_other_eye(), draw, seed));
                 }
                 if frame.status.settled {
                     break (frame, visibility);
                 }
-                pager.feedback(&visibility);
+                pager.feedback(0, &visibility);
                 if !frame.status.awaits_feedback {
                     pager.wait(Duration::from_secs(9));
                 }
                 frames_left -= 1;
                 prop_assert!(frames_left > 0, "{:?}", frame.status);
             };
-            let other = frame.draw_other_eye.iter().flat_map(|draw| draw.cells.iter().map(|cell| (cell, view.from_other_eye())));
-            let entries = frame.draw.cells.iter().map(|cell| (cell, view.clone())).chain(other);
+            let other = frame.volumes[0].draw_other_eye.iter().flat_map(|draw| draw.cells.iter().map(|cell| (cell, view.from_other_eye())));
+            let entries = frame.volumes[0].draw.cells.iter().map(|cell| (cell, view.clone())).chain(other);
             for ((entry, view), _) in entries.zip(&visibility).filter(|(_, told)| **told > 0.0) {
                 let best = lineage(source.pyramid(), entry.cell).find(|id| !source.failing.contains(id));
                 prop_assert_eq!(Some(entry.brick), best);

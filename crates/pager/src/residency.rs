@@ -4,18 +4,18 @@
 //! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, until the reason has passed. What is to be
 //! tried again stays absent: it is requested, and the workers see to when.
 //!
-//! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident ones of the cut's
-//! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cut counts; together no more
-//! than the cut's count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
+//! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident ones of the cuts'
+//! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cuts count; together no more
+//! than the cuts' count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
 //! does not want, but that a newer view sees, are drawn with whatever is left: the list is made after the slots are given.
 
-use crate::cut::Cut;
+use crate::cut::{Cut, NodeId};
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
 use crate::plan::{self, State, Tier};
 use crate::retry::Failure;
-use crate::sight::Sight;
-use crate::slots::SlotTable;
+use crate::sight::{Ranked, Sight};
+use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, Pyramid};
 use std::collections::{BTreeMap, HashMap};
@@ -25,6 +25,8 @@ use std::time::Duration;
 /// A padded brick to write into a slot of the atlas.
 #[derive(Clone, Debug)]
 pub struct Upload {
+    /// Which of the pager's volumes it is of.
+    pub volume: usize,
     /// Where to.
     pub slot: Slot,
     /// Which brick.
@@ -44,6 +46,15 @@ pub(crate) struct Arrival {
 #[derive(Debug)]
 pub(crate) struct Step {
     pub(crate) uploads: Vec<Upload>,
+    /// Volume by volume.
+    pub(crate) volumes: Vec<VolumeStep>,
+    /// Whether all that is wanted is resident, or failed with its stand-in resident, and nothing fades in any more.
+    pub(crate) settled: bool,
+}
+
+/// What one frame does with a volume.
+#[derive(Debug)]
+pub(crate) struct VolumeStep {
     pub(crate) draw: DrawList,
     /// Of each cell in sight, whether its own brick is resident.
     pub(crate) resident: Vec<bool>,
@@ -51,11 +62,9 @@ pub(crate) struct Step {
     pub(crate) requests: Vec<(Tier, BrickId)>,
     /// Arrivals that this view does not want.
     pub(crate) stale: Vec<Arc<[u8]>>,
-    /// Whether all that is wanted is resident, or failed with its stand-in resident, and nothing fades in any more.
-    pub(crate) settled: bool,
 }
 
-/// What a frame wants.
+/// What a frame wants of a volume.
 #[derive(Clone, Copy)]
 pub(crate) struct Wants<'a> {
     pub(crate) pyramid: &'a Pyramid,
@@ -63,29 +72,32 @@ pub(crate) struct Wants<'a> {
     pub(crate) sight: &'a Sight,
     /// The coarsest bricks: pinned.
     pub(crate) roots: &'a [BrickId],
-    /// Bricks to fetch ahead, tier by tier.
-    pub(crate) ahead: &'a [(Tier, BrickId)],
 }
 
+/// The bricks of volumes that share slots.
 pub(crate) struct Residency {
     slots: SlotTable,
-    staged: BTreeMap<BrickId, Arc<[u8]>>,
-    failed: HashMap<BrickId, BrickError>,
-    fades: Fades,
+    volumes: Vec<Bricks>,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
     pub(crate) uploaded_ahead: u64,
     pub(crate) bytes_uploaded: u64,
 }
 
+/// A volume's bricks that are staged, have failed, or fade in.
+struct Bricks {
+    staged: BTreeMap<BrickId, Arc<[u8]>>,
+    failed: HashMap<BrickId, BrickError>,
+    fades: Fades,
+}
+
 impl Residency {
-    /// With so many slots; bricks that come take this long to fade in.
-    pub(crate) fn new(slots: u32, fade: Option<Duration>) -> Self {
+    /// Of so many volumes with so many slots; bricks that come take this long to fade in.
+    pub(crate) fn new(volumes: usize, slots: u32, fade: Option<Duration>) -> Self {
+        let bricks = || Bricks { staged: BTreeMap::new(), failed: HashMap::new(), fades: Fades::new(fade) };
         Self {
             slots: SlotTable::new(slots),
-            staged: BTreeMap::new(),
-            failed: HashMap::new(),
-            fades: Fades::new(fade),
+            volumes: (0..volumes).map(|_| bricks()).collect(),
             uploaded: 0,
             reuploaded: 0,
             uploaded_ahead: 0,
@@ -93,17 +105,18 @@ impl Residency {
         }
     }
 
-    pub(crate) fn arrive(&mut self, arrival: Arrival) {
+    pub(crate) fn arrive(&mut self, volume: usize, arrival: Arrival) {
+        let Bricks { staged, failed, .. } = &mut self.volumes[volume];
         match arrival.result {
-            Ok(codes) => drop(self.staged.insert(arrival.id, codes)),
+            Ok(codes) => drop(staged.insert(arrival.id, codes)),
             Err(Failure { again: Some(_), .. }) => {}
-            Err(Failure { error, again: None }) => drop(self.failed.insert(arrival.id, error)),
+            Err(Failure { error, again: None }) => drop(failed.insert(arrival.id, error)),
         }
     }
 
     /// Bricks that may be read after all.
-    pub(crate) fn forget_failures(&mut self, bricks: &[BrickId]) {
-        bricks.iter().for_each(|id| drop(self.failed.remove(id)));
+    pub(crate) fn forget_failures(&mut self, volume: usize, bricks: &[BrickId]) {
+        bricks.iter().for_each(|id| drop(self.volumes[volume].failed.remove(id)));
     }
 
     /// Forgets what is in the slots, of which there are so many from here on.
@@ -112,102 +125,142 @@ impl Residency {
     }
 
     pub(crate) fn has_staged(&self) -> bool {
-        !self.staged.is_empty()
+        self.volumes.iter().any(|bricks| !bricks.staged.is_empty())
     }
 
-    pub(crate) fn is_resident(&self, id: BrickId) -> bool {
-        self.slots.get(id).is_some()
+    pub(crate) fn failure(&self, volume: usize, id: BrickId) -> Option<&BrickError> {
+        self.volumes[volume].failed.get(&id)
     }
 
-    pub(crate) fn failure(&self, id: BrickId) -> Option<&BrickError> {
-        self.failed.get(&id)
+    fn slot(&self, volume: usize, id: BrickId) -> Option<Slot> {
+        self.slots.get(VolumeBrick { volume, id })
     }
 
-    /// One frame: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
-    /// `upload_bytes` but at least one; then draws and plans from what is resident. `at` is the frame's time.
-    pub(crate) fn step(&mut self, wants: &Wants<'_>, upload_bytes: Option<u64>, at: Duration) -> Step {
-        let &Wants { pyramid, cut, sight, roots, .. } = wants;
+    fn state(&self, volume: usize, id: BrickId) -> State {
+        match self.slot(volume, id) {
+            Some(_) => State::Resident,
+            None if self.failure(volume, id).is_some() => State::Failed,
+            None => State::Absent,
+        }
+    }
+
+    /// One frame of all volumes: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
+    /// `upload_bytes` but at least one; then draws and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at`
+    /// is the frame's time.
+    pub(crate) fn step(
+        &mut self,
+        wants: &[Wants<'_>],
+        ahead: &[(Tier, VolumeBrick)],
+        upload_bytes: Option<u64>,
+        at: Duration,
+    ) -> Step {
         self.slots.begin_frame();
-        self.slots.set_pins(roots.to_vec());
-        self.fades.advance(at);
-        let mut stand_ins = self.stand_ins(cut, sight);
-        self.claim(wants, &stand_ins);
-        let mut requests = self.plan(wants, &stand_ins);
-        let (mut uploads, mut stale) = (Vec::new(), Vec::new());
+        let pins = wants.iter().enumerate().flat_map(|(volume, wants)| wants.roots.iter().map(move |&id| (volume, id)));
+        self.slots.set_pins(pins.map(|(volume, id)| VolumeBrick { volume, id }).collect());
+        self.volumes.iter_mut().for_each(|bricks| bricks.fades.advance(at));
+        let mut stand_ins = self.stand_ins(wants);
+        self.claim(wants, ahead, &stand_ins);
+        let mut requests = self.plan(wants, ahead, &stand_ins);
+        let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
         if self.has_staged() {
             uploads = self.place(&requests, upload_bytes, &mut stale);
         }
         if !uploads.is_empty() {
-            let before = std::mem::replace(&mut stand_ins, self.stand_ins(cut, sight));
-            self.begin_fades(cut, sight, &before, &stand_ins);
-            requests = self.plan(wants, &stand_ins);
+            let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
+            self.begin_fades(wants, &before, &stand_ins);
+            requests = self.plan(wants, ahead, &stand_ins);
+        }
+        let draw = |(volume, (wants, stand_ins)): (usize, (&Wants<'_>, &StandIns))| VolumeStep {
+            draw: self.draw(volume, wants, stand_ins),
+            resident: wants.sight.cells.iter().map(|ranked| stand_ins.is_resident(ranked.cell)).collect(),
+            requests: Vec::new(),
+            stale: std::mem::take(&mut stale[volume]),
+        };
+        let mut volumes: Vec<VolumeStep> = wants.iter().zip(&stand_ins).enumerate().map(draw).collect();
+        let is_fading = volumes.iter().any(|volume| volume.draw.is_fading());
+        let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead()) && !is_fading;
+        for (tier, VolumeBrick { volume, id }) in requests {
+            if !self.volumes[volume].staged.contains_key(&id) {
+                volumes[volume].requests.push((tier, id));
+            }
+        }
+        Step { uploads, volumes, settled }
+    }
+
+    fn draw(&mut self, volume: usize, wants: &Wants<'_>, stand_ins: &StandIns) -> DrawList {
+        let &Wants { pyramid, cut, sight, roots } = wants;
+        // A finer brick may come before a root, from another worker, but a picture with holes is none.
+        if !roots.iter().all(|&root| self.state(volume, root) != State::Absent) {
+            return DrawList::default();
         }
         // Renderers have room for as many entries as there are slots.
         let room = self.slots.count().saturating_sub(sight.cells.len());
-        let draw = match self.has_roots(roots) {
-            true => DrawList::new(pyramid, cut, sight, &stand_ins, |brick, pairs| self.fading(brick, pairs < room)),
-            false => DrawList::default(),
+        DrawList::new(pyramid, cut, sight, stand_ins, |brick, pairs| self.fading(volume, brick, pairs < room))
+    }
+
+    fn stand_ins(&self, wants: &[Wants<'_>]) -> Vec<StandIns> {
+        let of_volume = |(volume, &Wants { cut, sight, .. }): (usize, &Wants<'_>)| {
+            let concerns = |node: NodeId| cut.is_visible(node) || !sight.is_planned;
+            StandIns::new(cut, concerns, |id| self.slot(volume, id))
         };
-        let resident = sight.cells.iter().map(|&cell| stand_ins.is_resident(cell)).collect();
-        let settled = requests.first().is_none_or(|(tier, _)| tier.is_ahead()) && !draw.is_fading();
-        requests.retain(|(_, id)| !self.staged.contains_key(id));
-        Step { uploads, draw, resident, requests, stale, settled }
-    }
-
-    /// Whether everything can be drawn with something. A finer brick may come before a root, from another worker, but a picture
-    /// with holes is none.
-    fn has_roots(&self, roots: &[BrickId]) -> bool {
-        roots.iter().all(|&root| self.is_resident(root) || self.failed.contains_key(&root))
-    }
-
-    fn stand_ins(&self, cut: &Cut, sight: &Sight) -> StandIns {
-        StandIns::new(cut, |node| node.is_visible || !sight.is_planned, |id| self.slots.get(id))
+        wants.iter().enumerate().map(of_volume).collect()
     }
 
     /// What comes where something was drawn, an ancestor, fades in.
-    fn begin_fades(&mut self, cut: &Cut, sight: &Sight, before: &StandIns, now: &StandIns) {
-        if !self.fades.are_wanted() {
-            return;
-        }
-        for &cell in &sight.cells {
-            // Parents come before children in a cut. What is coarser than before is there for something that had to go.
-            if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
-                && now > before
-            {
-                self.fades.begin(cut.id(now), cut.id(before));
+    fn begin_fades(&mut self, wants: &[Wants<'_>], before: &[StandIns], now: &[StandIns]) {
+        for (((bricks, wants), before), now) in self.volumes.iter_mut().zip(wants).zip(before).zip(now) {
+            if !bricks.fades.are_wanted() {
+                return;
+            }
+            for &Ranked { cell, .. } in &wants.sight.cells {
+                // Parents come before children in a cut. What is coarser than before is there for something that had to go.
+                if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
+                    && now > before
+                {
+                    bricks.fades.begin(wants.cut.id(now), wants.cut.id(before));
+                }
             }
         }
     }
 
     /// What a brick that fades in takes the place of, and that one's slot.
-    fn fading(&mut self, brick: BrickId, has_room: bool) -> Option<(Fading, Slot)> {
-        let fading = self.fades.of(brick)?;
-        let slot = self.slots.get(fading.before).filter(|_| has_room);
+    fn fading(&mut self, volume: usize, brick: BrickId, has_room: bool) -> Option<(Fading, Slot)> {
+        let fading = self.volumes[volume].fades.of(brick)?;
+        let slot = self.slot(volume, fading.before).filter(|_| has_room);
         if slot.is_none() {
-            self.fades.end(brick);
+            self.volumes[volume].fades.end(brick);
         }
         slot.map(|slot| (fading, slot))
     }
 
     /// Claims what stands for the wanted cells, and what is fetched ahead. What else is drawn comes next to be kept.
-    fn claim(&mut self, wants: &Wants<'_>, stand_ins: &StandIns) {
-        let &Wants { cut, sight, .. } = wants;
-        self.fades.before().for_each(|brick| self.slots.touch(brick));
-        let others = sight.cells.iter().filter(|&&cell| !cut.nodes[cell as usize].is_wanted());
-        others.filter_map(|&cell| stand_ins.of(cell)).for_each(|(stand_in, _)| self.slots.touch(cut.id(stand_in)));
-        self.ahead(wants).into_iter().rev().for_each(|(tier, id)| self.slots.claim(id, tier));
-        let wanted = cut.wanted_cells().filter_map(|cell| stand_ins.of(cell));
-        wanted.for_each(|(stand_in, _)| self.slots.claim(cut.id(stand_in), Tier::Visible));
+    fn claim(&mut self, wants: &[Wants<'_>], ahead: &[(Tier, VolumeBrick)], stand_ins: &[StandIns]) {
+        for (volume, (bricks, wants)) in self.volumes.iter().zip(wants).enumerate() {
+            let (cut, stand_ins) = (wants.cut, &stand_ins[volume]);
+            bricks.fades.before().for_each(|id| self.slots.touch(VolumeBrick { volume, id }));
+            let others = wants.sight.cells.iter().filter(|ranked| !cut.is_wanted(ranked.cell));
+            let drawn = others.filter_map(|ranked| stand_ins.of(ranked.cell));
+            drawn.for_each(|(stand_in, _)| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
+        }
+        self.ahead(wants, ahead).into_iter().rev().for_each(|(tier, brick)| self.slots.claim(brick, tier));
+        for (volume, wants) in wants.iter().enumerate() {
+            let wanted = wants.cut.wanted_cells().filter_map(|cell| stand_ins[volume].of(cell));
+            for (stand_in, _) in wanted {
+                self.slots.claim(VolumeBrick { volume, id: wants.cut.id(stand_in) }, Tier::Visible);
+            }
+        }
     }
 
     /// What is kept and fetched ahead of the view, as far as there is room beside the view's own bricks: so that each gets a
     /// slot when it comes. What is there already comes before what is not: bricks of a tier do not displace each other.
-    fn ahead(&self, wants: &Wants<'_>) -> Vec<(Tier, BrickId)> {
-        let mut room = self.slots.count().saturating_sub(wants.cut.wanted() + wants.roots.len());
+    fn ahead(&self, wants: &[Wants<'_>], listed: &[(Tier, VolumeBrick)]) -> Vec<(Tier, VolumeBrick)> {
+        let needed: usize = wants.iter().map(|wants| wants.cut.wanted() + wants.roots.len()).sum();
+        let mut room = self.slots.count().saturating_sub(needed);
         let mut ahead = Vec::new();
-        for of_tier in wants.ahead.chunk_by(|a, b| a.0 == b.0) {
-            let readable = of_tier.iter().copied().filter(|(_, id)| !self.failed.contains_key(id));
-            let (there, missing): (Vec<_>, Vec<_>) = readable.partition(|(_, id)| self.is_resident(*id));
+        for of_tier in listed.chunk_by(|a, b| a.0 == b.0) {
+            let state = |brick: &VolumeBrick| self.state(brick.volume, brick.id);
+            let readable = of_tier.iter().copied().filter(|(_, brick)| state(brick) != State::Failed);
+            let (there, missing): (Vec<_>, Vec<_>) = readable.partition(|(_, brick)| state(brick) == State::Resident);
             let share = of_tier[0].0.slots(self.slots.count()).min(room);
             let before = ahead.len();
             ahead.extend(there.into_iter().chain(missing).take(share));
@@ -216,24 +269,39 @@ impl Residency {
         ahead
     }
 
-    fn plan(&self, wants: &Wants<'_>, stand_ins: &StandIns) -> Vec<(Tier, BrickId)> {
-        let &Wants { pyramid, cut, roots, .. } = wants;
-        let absent = |id| if self.failed.contains_key(&id) { State::Failed } else { State::Absent };
-        let state_of = |position| match stand_ins.is_resident(position) {
-            true => State::Resident,
-            false => absent(cut.id(position)),
+    /// What is to be read, first things first, of any volume.
+    fn plan(
+        &self,
+        wants: &[Wants<'_>],
+        ahead: &[(Tier, VolumeBrick)],
+        stand_ins: &[StandIns],
+    ) -> Vec<(Tier, VolumeBrick)> {
+        let of_volume = |(volume, &Wants { pyramid, cut, roots, .. }): (usize, &Wants<'_>)| {
+            let state_of = |node| match stand_ins[volume].is_resident(node) {
+                true => State::Resident,
+                false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
+                false => State::Absent,
+            };
+            let keyed = plan::requests(pyramid, cut, roots, state_of, |id| self.state(volume, id));
+            keyed.into_iter().map(move |(key, id)| (key, VolumeBrick { volume, id }))
         };
-        let state_of_brick = |id| if self.is_resident(id) { State::Resident } else { absent(id) };
-        let mut requests = plan::requests(pyramid, cut, roots, state_of, state_of_brick);
-        requests.extend(self.ahead(wants).into_iter().filter(|(_, id)| state_of_brick(*id) == State::Absent));
+        let mut requests = plan::in_order(wants.iter().enumerate().flat_map(of_volume).collect());
+        let is_absent = |brick: &VolumeBrick| self.state(brick.volume, brick.id) == State::Absent;
+        requests.extend(self.ahead(wants, ahead).into_iter().filter(|(_, brick)| is_absent(brick)));
         requests
     }
 
-    fn place(&mut self, requests: &[(Tier, BrickId)], limit: Option<u64>, stale: &mut Vec<Arc<[u8]>>) -> Vec<Upload> {
+    fn place(
+        &mut self,
+        requests: &[(Tier, VolumeBrick)],
+        limit: Option<u64>,
+        stale: &mut [Vec<Arc<[u8]>>],
+    ) -> Vec<Upload> {
         let mut uploads: Vec<Upload> = Vec::new();
-        let (mut kept, mut bytes) = (BTreeMap::new(), 0);
+        let (mut kept, mut bytes) = (vec![BTreeMap::new(); self.volumes.len()], 0);
         for &(tier, brick) in requests {
-            let Some(codes) = self.staged.remove(&brick) else { continue };
+            let VolumeBrick { volume, id } = brick;
+            let Some(codes) = self.volumes[volume].staged.remove(&id) else { continue };
             let size = codes.len() as u64;
             let allowed = uploads.is_empty() || limit.is_none_or(|limit| bytes + size <= limit);
             let acquired = if allowed { self.slots.acquire(brick, tier) } else { None };
@@ -242,12 +310,14 @@ impl Residency {
                     bytes += size;
                     self.reuploaded += acquired.again as u64;
                     self.uploaded_ahead += tier.is_ahead() as u64;
-                    uploads.push(Upload { slot: acquired.slot, brick, codes });
+                    uploads.push(Upload { volume, slot: acquired.slot, brick: id, codes });
                 }
-                None => drop(kept.insert(brick, codes)),
+                None => drop(kept[volume].insert(id, codes)),
             }
         }
-        stale.extend(std::mem::replace(&mut self.staged, kept).into_values());
+        for ((bricks, kept), stale) in self.volumes.iter_mut().zip(kept).zip(stale) {
+            stale.extend(std::mem::replace(&mut bricks.staged, kept).into_values());
+        }
         self.uploaded += uploads.len() as u64;
         self.bytes_uploaded += bytes;
         uploads

@@ -1,49 +1,112 @@
 //! Sight: what a frame's own view sees of a cut, which may have been made for an earlier one.
 //!
 //! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
-//! there is to draw. Two eyes see the same cells, each in an order of its own: so all that is decided of cells, what is wanted,
+//! there is to draw. Volumes that share a tree are looked at together: their cells have their ranks in one order. Two eyes see the same
+//! cells, each in an order of its own: so all that is decided of cells, what is wanted,
 //! resident, drawn with what, is decided once for both. Cost: one pass over the part of the tree in the frustum; nothing while
 //! neither view nor cut change.
 
-use crate::cut::{Cut, Node, View};
+use crate::cut::{Cut, Members, Node, NodeId, View};
 use crate::order;
 use crate::source::BrickSource;
+use crate::split::firsts;
 use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// The visible cells of a cut.
 #[derive(Clone, Debug)]
 pub(crate) struct Sight {
-    /// Positions in the cut's arena, back to front.
-    pub(crate) cells: Vec<u32>,
-    /// The same positions, back to front for the view's other eye, if it has one.
-    pub(crate) for_other_eye: Option<Vec<u32>>,
+    /// Back to front.
+    pub(crate) cells: Vec<Ranked>,
+    /// The same cells, back to front for the view's other eye, if it has one.
+    pub(crate) for_other_eye: Option<Vec<Ranked>>,
     /// Share of the picture that each covers, in arbitrary but common units.
     pub(crate) areas: Vec<f64>,
     /// Whether the cut was made for this view.
     pub(crate) is_planned: bool,
+    /// The first volume of those whose cells are in one order with these.
+    pub(crate) first: usize,
+}
+
+/// A cell, and its place in the order of all volumes that share its tree.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ranked {
+    pub(crate) cell: NodeId,
+    pub(crate) rank: u32,
+}
+
+/// A volume that is looked at: what it is cut to, and by which view.
+#[derive(Clone, Copy)]
+struct Looked<'a> {
+    source: &'a dyn BrickSource,
+    cut: &'a Cut,
+    view: &'a View,
+}
+
+impl<'a> Looked<'a> {
+    fn is_planned(&self) -> bool {
+        self.cut.view == *self.view
+    }
+
+    /// What tells of a node whether it is visible.
+    fn sees(self) -> impl Fn(&Node) -> bool + 'a {
+        let Self { source, cut, view } = self;
+        let (is_planned, frusta) = (self.is_planned(), view.frusta());
+        move |node| {
+            if is_planned {
+                return node.visible & cut.member != 0;
+            }
+            let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
+            is_in_sight && view.shows(source, view.id(node.level, node.index))
+        }
+    }
 }
 
 impl Sight {
     /// What `view` sees of `cut`, which must be of the same time step and channel.
     pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
-        let is_planned = cut.view == *view;
-        let frusta = view.frusta();
-        let is_visible = |node: &Node| {
-            if is_planned {
-                return node.is_visible;
-            }
-            let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
-            is_in_sight && view.shows(source, view.id(node.level, node.index))
-        };
-        let placement = &view.placement;
-        let (pyramid, geometry) = (source.pyramid(), source.geometry());
-        let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, (rays, placement), cut, is_visible);
-        let (cells, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
-        let area = |&cell: &u32| view.eyes().map(|rays| screen_area(rays, placement, &cut.nodes[cell as usize])).sum();
-        let areas = cells.iter().map(area).collect();
-        Self { cells, for_other_eye, areas, is_planned }
+        of_tree(&[Looked { source, cut, view }], 0).swap_remove(0)
     }
+
+    /// What each volume's view sees of its cut, which must be of the same time step and channel.
+    pub(crate) fn all(sources: &[Arc<dyn BrickSource>], cuts: &[Arc<Cut>], views: &[View]) -> Vec<Self> {
+        let looked =
+            sources.iter().zip(cuts).zip(views).map(|((source, cut), view)| Looked { source: &**source, cut, view });
+        let volumes: Vec<Looked<'_>> = looked.collect();
+        let firsts = firsts(&volumes, |a, b| {
+            a.cut.shares_tree_with(b.cut) && (a.view.placement, a.view.rays) == (b.view.placement, b.view.rays)
+        });
+        let mut sights: Vec<Option<Self>> = vec![None; volumes.len()];
+        for first in (0..volumes.len()).filter(|&i| firsts[i] == i) {
+            let members: Vec<usize> = (first..volumes.len()).filter(|&i| firsts[i] == first).collect();
+            let of_members = of_tree(&members.iter().map(|&i| volumes[i]).collect::<Vec<_>>(), first);
+            members.into_iter().zip(of_members).for_each(|(i, sight)| sights[i] = Some(sight));
+        }
+        sights.into_iter().flatten().collect()
+    }
+}
+
+/// What volumes that stand in one place, seen by the same eyes, see of the tree that they share.
+fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<Sight> {
+    let sees: Vec<_> = volumes.iter().map(|volume| volume.sees()).collect();
+    let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);
+    let Looked { source, cut, view } = volumes[0];
+    let placement = &view.placement;
+    let (pyramid, geometry) = (source.pyramid(), source.geometry());
+    let ordered = |rays: &ViewRays| order::back_to_front(pyramid, geometry, (rays, placement), cut, visible);
+    let (order, for_other_eye) = (ordered(&view.rays), view.other_eye.as_ref().map(ordered));
+    let area = |ranked: &Ranked| view.eyes().map(|rays| screen_area(rays, placement, &cut[ranked.cell])).sum();
+    let sight = |(volume, member): (&Looked<'_>, u32)| {
+        let own = |order: &[(NodeId, Members)]| -> Vec<Ranked> {
+            let ranked = order.iter().zip(0..).filter(|((_, members), _)| members >> member & 1 != 0);
+            ranked.map(|(&(cell, _), rank)| Ranked { cell, rank }).collect()
+        };
+        let (cells, for_other_eye) = (own(&order), for_other_eye.as_deref().map(own));
+        let areas = cells.iter().map(area).collect();
+        Sight { cells, for_other_eye, areas, is_planned: volume.is_planned(), first }
+    };
+    volumes.iter().zip(0..).map(sight).collect()
 }
 
 /// A box's silhouette: pixels times a constant.

@@ -1,4 +1,4 @@
-//! The slot table: which brick is in which slot, who may not be evicted, and who goes next.
+//! The slot table: which volume's brick is in which slot, who may not be evicted, and who goes next.
 //!
 //! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted
 //! for earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers
@@ -10,6 +10,13 @@ use crate::plan::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 
+/// A brick of one of the volumes that share the slots, by the volume's place among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct VolumeBrick {
+    pub(crate) volume: usize,
+    pub(crate) id: BrickId,
+}
+
 struct Entry {
     slot: Slot,
     /// The last frame that claimed the brick, and what for.
@@ -18,15 +25,15 @@ struct Entry {
 }
 
 pub(crate) struct SlotTable {
-    entries: LruCache<BrickId, Entry>,
+    entries: LruCache<VolumeBrick, Entry>,
     /// Slots never used so far are `next..count`; none is ever free again.
     next: u32,
     count: u32,
     frame: u64,
     /// Sorted.
-    pinned: Vec<BrickId>,
+    pinned: Vec<VolumeBrick>,
     /// The bricks evicted last, to tell a brick that comes back from a new one.
-    evicted: LruCache<BrickId, ()>,
+    evicted: LruCache<VolumeBrick, ()>,
 }
 
 /// A slot given to a brick.
@@ -60,24 +67,24 @@ impl SlotTable {
     }
 
     /// Replaces the pinned bricks. A pin holds from when the brick has a slot.
-    pub(crate) fn set_pins(&mut self, mut pins: Vec<BrickId>) {
+    pub(crate) fn set_pins(&mut self, mut pins: Vec<VolumeBrick>) {
         pins.sort_unstable();
         self.pinned = pins;
     }
 
-    pub(crate) fn get(&self, id: BrickId) -> Option<Slot> {
-        self.entries.peek(&id).map(|entry| entry.slot)
+    pub(crate) fn get(&self, brick: VolumeBrick) -> Option<Slot> {
+        self.entries.peek(&brick).map(|entry| entry.slot)
     }
 
     /// Moves a resident brick to the recent end: it goes after those that are not used. Before any is claimed.
-    pub(crate) fn touch(&mut self, id: BrickId) {
-        self.entries.promote(&id);
+    pub(crate) fn touch(&mut self, brick: VolumeBrick) {
+        self.entries.promote(&brick);
     }
 
     /// Keeps a resident brick for this frame. Later tiers first.
-    pub(crate) fn claim(&mut self, id: BrickId, tier: Tier) {
+    pub(crate) fn claim(&mut self, brick: VolumeBrick, tier: Tier) {
         let frame = self.frame;
-        if let Some(entry) = self.entries.get_mut(&id) {
+        if let Some(entry) = self.entries.get_mut(&brick) {
             (entry.frame, entry.tier) = (frame, tier);
         }
     }
@@ -85,8 +92,8 @@ impl SlotTable {
     /// Gives a brick that has none a slot, claimed for this frame; `None` if all slots are pinned, or claimed for the view, for this tier
     /// or earlier ones. (Not even what covers a hole takes a slot from what the view shows at its own level: in the next frame what
     /// has been covered is claimed no more.)
-    pub(crate) fn acquire(&mut self, id: BrickId, tier: Tier) -> Option<Acquired> {
-        debug_assert!(!self.entries.contains(&id), "{id} has a slot");
+    pub(crate) fn acquire(&mut self, brick: VolumeBrick, tier: Tier) -> Option<Acquired> {
+        debug_assert!(!self.entries.contains(&brick), "{brick:?} has a slot");
         let (slot, victim) = if self.next < self.count {
             self.next += 1;
             (Slot(self.next - 1), None)
@@ -94,17 +101,17 @@ impl SlotTable {
             let victim = self.victim(tier)?;
             (self.entries.pop(&victim)?.slot, Some(victim))
         };
-        let again = self.evicted.pop(&id).is_some();
+        let again = self.evicted.pop(&brick).is_some();
         victim.map(|victim| self.evicted.put(victim, ()));
-        self.entries.put(id, Entry { slot, frame: self.frame, tier });
+        self.entries.put(brick, Entry { slot, frame: self.frame, tier });
         Some(Acquired { slot, again })
     }
 
-    fn victim(&self, tier: Tier) -> Option<BrickId> {
+    fn victim(&self, tier: Tier) -> Option<VolumeBrick> {
         let may_go = |entry: &Entry| entry.frame != self.frame || (entry.tier.is_ahead() && entry.tier > tier);
         let old_first = self.entries.iter().rev();
-        let mut may_go = old_first.take_while(|(_, entry)| may_go(entry)).map(|(id, _)| *id);
-        may_go.find(|id| self.pinned.binary_search(id).is_err())
+        let mut may_go = old_first.take_while(|(_, entry)| may_go(entry)).map(|(brick, _)| *brick);
+        may_go.find(|brick| self.pinned.binary_search(brick).is_err())
     }
 }
 
@@ -113,8 +120,9 @@ mod tests {
     use super::*;
     use brickyard_volume::{BrickIndex, Level};
 
-    fn brick(x: u32) -> BrickId {
-        BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
+    fn brick(x: u32) -> VolumeBrick {
+        let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+        VolumeBrick { volume: 0, id }
     }
 
     fn slot(table: &mut SlotTable, x: u32) -> Option<u32> {

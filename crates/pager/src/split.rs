@@ -1,7 +1,7 @@
-//! How a cut is made from the last one.
+//! How cuts are made from the last ones: of one volume, or of several that share a number of cells.
 //!
 //! There is one definition. Cells are split in the order of their screen-space errors, weighted by what is seen of them (see
-//! [`visibility`]; what is hidden is not split), largest first (ties: coarse first,
+//! [`visibility`]; what is hidden is not split), largest first, whichever volume they are of (ties: coarse first,
 //! then least brick id), and the first split that does not fit ends the work. So a larger budget makes the same splits
 //! and then more: no cell is ever coarser for having more slots. Cells that the last cut had split have an advantage, the
 //! *hysteresis*: their errors count [`KEEP`] times less, in other words others must be worse by 1 / [`KEEP`] to displace
@@ -10,18 +10,22 @@
 //! Therefore: where not memory bound, no error is above the target, and whatever a cold cut splits is split; where memory
 //! bound, the largest error is at most 1 / [`KEEP`] of the cold cut's; and a cut made anew for the same view is at least as fine.
 //!
+//! Volumes that stand on one grid in one place, as the channels of an image do, share a tree: a node that any of them sees is split for
+//! all, and takes as much room as it has children that each of them sees. So they can be drawn cell by cell.
+//!
 //! The work is incremental and two-ended: one linear pass repeats those splits of the last cut that are still called for;
 //! then heaps exchange the worst cell that is not split for the least needed split, until nothing is out of order. The
 //! order is total, and an ancestor is never after its descendants, so the outcome is the definition's.
 //!
 //! Cost: 0.1 to 0.3 µs a cell for the linear pass, 0.3 to 0.5 for each split that is new, whatever the volume's size.
 
-use crate::cut::{Cut, Frusta, LEAF, Node, OPEN, View, roots, world_box};
+use crate::cut::{Cut, Frusta, Members, Node, NodeId, OPEN, View, roots, world_box};
 use crate::source::BrickSource;
 use crate::visibility::{self, Visibility};
-use brickyard_volume::{BrickIndex, Level, LevelPolicy, ViewRays};
+use brickyard_volume::{BrickIndex, Level, LevelPolicy, MAX_VOLUMES, ViewRays};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::sync::Arc;
 
 /// Hysteresis. A cell that is split where its error passes the target has to be a quarter farther away before it is merged:
 /// more than what a hand-held, orbiting or wobbling camera moves to and fro in a second, and short of the half at which
@@ -32,34 +36,76 @@ impl Cut {
     /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
     /// (they are pinned, so they hold their slots whether they are in the cut or not).
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        cut(source, view, max_cells, None, None)
+        only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
     }
 
     /// The same for a view that follows this cut's: cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
-        cut(source, view, max_cells, Some(self), None)
+        only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]))
     }
 }
 
-/// The cut for a view, after `last`.
-pub(crate) fn cut(
-    source: &dyn BrickSource,
-    view: &View,
-    max_cells: usize,
-    last: Option<&Cut>,
-    visibility: Option<&Visibility>,
-) -> Cut {
-    let mut build = Build::new(source, view, max_cells, last, visibility);
-    let splits = build.repeat_splits();
-    let memory_bound = build.exchange(splits);
-    let Build { mut nodes, roots, has_merged, .. } = build;
-    if has_merged {
-        nodes = without_dead(&nodes, roots);
+fn only(mut cuts: Vec<Cut>) -> Cut {
+    cuts.swap_remove(0)
+}
+
+/// A volume that is to be cut.
+#[derive(Clone, Copy)]
+pub(crate) struct Subject<'a> {
+    pub(crate) source: &'a dyn BrickSource,
+    pub(crate) view: &'a View,
+    /// What is known of the visibility of its cells.
+    pub(crate) visibility: Option<&'a Visibility>,
+}
+
+impl Subject<'_> {
+    /// Whether another volume stands on the same grid in the same place, and is seen by the same eyes.
+    fn shares_grid_with(&self, other: &Self) -> bool {
+        let seen_as = |view: &View| {
+            (view.rays, view.other_eye, view.level, view.window, view.pixel_error.to_bits(), view.placement)
+        };
+        self.source.pyramid() == other.source.pyramid()
+            && self.source.geometry() == other.source.geometry()
+            && seen_as(self.view) == seen_as(other.view)
     }
-    let wanted = nodes.iter().filter(|n| n.is_wanted());
-    let effective_error_px = wanted.clone().filter(|n| n.level.0 > 0).map(|n| n.error_px).fold(0.0, f64::max);
-    let wanted = wanted.count();
-    Cut { view: view.clone(), nodes, roots, wanted, effective_error_px, memory_bound }
+}
+
+/// For each volume the first, in their order, of those that share a tree with it.
+pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
+    let first = |volume| volumes.iter().position(|other| share(other, volume));
+    // Each shares its own.
+    volumes.iter().enumerate().map(|(i, volume)| first(volume).unwrap_or(i)).collect()
+}
+
+/// The cuts of volumes that want at most `max_cells` cells together, after their `last` ones, which are none or as many.
+pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
+    debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());
+    let firsts = firsts(subjects, Subject::shares_grid_with);
+    let builds: Vec<Build<'_>> = (0..subjects.len())
+        .filter(|&first| firsts[first] == first)
+        .map(|first| {
+            let members = subjects.iter().zip(&firsts).filter(|(_, of)| **of == first).map(|(subject, _)| *subject);
+            Build::new(members.collect(), last.get(first).map_or(&[], |last| &last.nodes))
+        })
+        .collect();
+    let (trees, memory_bound) = Forest::new(builds, max_cells).grow();
+    let mut trees: Vec<(usize, Tree)> = (0..subjects.len()).filter(|&i| firsts[i] == i).zip(trees).collect();
+    let cut = |(subject, first): (&Subject<'_>, &usize)| {
+        let tree = trees.iter_mut().find(|(of, _)| of == first).map(|(_, tree)| tree);
+        let Tree { nodes, roots, next_member } = tree.expect("each first volume has a tree");
+        let member = *next_member;
+        *next_member <<= 1;
+        Cut::of_tree(subject.view.clone(), nodes, member, *roots, memory_bound)
+    };
+    subjects.iter().zip(&firsts).map(cut).collect()
+}
+
+/// A tree that is done.
+struct Tree {
+    nodes: Arc<Vec<Node>>,
+    roots: usize,
+    /// The bit of the volume whose cut is made next.
+    next_member: Members,
 }
 
 /// The order of splitting: the largest first. Errors are not negative, so their bits order as they do.
@@ -70,78 +116,46 @@ struct Key {
     error_bits: u64,
     level: Level,
     index: Reverse<BrickIndex>,
-    position: u32,
+    build: usize,
+    node: NodeId,
 }
 
-struct Build<'a> {
-    source: &'a dyn BrickSource,
-    view: &'a View,
-    frusta: Frusta,
-    voxel_size: f64,
+/// All trees that share a number of cells.
+struct Forest<'a> {
+    builds: Vec<Build<'a>>,
     max_cells: usize,
-    last: &'a [Node],
-    visibility: Option<&'a Visibility>,
-    nodes: Vec<Node>,
-    /// Of each node, the position of the same node in the last cut; [`LEAF`] if it was not there.
-    twins: Vec<u32>,
-    roots: usize,
     /// Wanted cells with all roots counted, and with a split node counted that has no seen child: so that no split
     /// lowers it, and what fits does not depend on the order of the splits.
     count: usize,
-    /// Whether the arena holds nodes that nothing leads to.
-    has_merged: bool,
 }
 
-impl<'a> Build<'a> {
-    fn new(
-        source: &'a dyn BrickSource,
-        view: &'a View,
-        max_cells: usize,
-        last: Option<&'a Cut>,
-        visibility: Option<&'a Visibility>,
-    ) -> Self {
-        // What is stretched most is what finer levels would show.
-        let voxel_size =
-            source.geometry().voxel_size(source.pyramid().levels()[0].extent) * view.placement.stretches().0;
-        let frusta = view.frusta();
-        let last: &[Node] = last.map_or(&[], |last| &last.nodes);
-        let (nodes, twins) = (Vec::with_capacity(last.len() + last.len() / 8), Vec::with_capacity(last.len()));
-        let mut build = Self {
-            source,
-            view,
-            frusta,
-            voxel_size,
-            max_cells,
-            last,
-            visibility,
-            nodes,
-            twins,
-            roots: 0,
-            count: 0,
-            has_merged: false,
-        };
-        for root in roots(source, view.time, view.channel) {
-            let position = build.nodes.len() as u32;
-            build.push(root.level, root.index, position, if last.is_empty() { LEAF } else { position });
-        }
-        build.roots = build.nodes.len();
-        build.count = build.roots;
-        build
+impl<'a> Forest<'a> {
+    fn new(builds: Vec<Build<'a>>, max_cells: usize) -> Self {
+        let count = builds.iter().map(|build| build.roots * build.subjects.len()).sum();
+        Self { builds, max_cells, count }
     }
 
-    /// Splits what the last cut had split, as far as it is still called for. Returns the cells that others are to be split.
-    fn repeat_splits(&mut self) -> Vec<Key> {
+    /// The trees, and whether a split that is called for did not fit.
+    fn grow(mut self) -> (Vec<Tree>, bool) {
         let mut splits = Vec::new();
-        let mut position = 0;
-        while position < self.nodes.len() as u32 {
-            match self.key(position) {
-                Some(_) if self.was_split(position) => self.split(position),
+        for build in 0..self.builds.len() {
+            self.repeat_splits(build, &mut splits);
+        }
+        let memory_bound = self.exchange(splits);
+        (self.builds.into_iter().map(Build::finish).collect(), memory_bound)
+    }
+
+    /// Splits what a tree's last cut had split, as far as it is still called for. Adds the cells that others are to be split.
+    fn repeat_splits(&mut self, build: usize, splits: &mut Vec<Key>) {
+        let mut node = NodeId(0);
+        while node.index() < self.builds[build].nodes.len() {
+            match self.key(build, node) {
+                Some(_) if self.builds[build].was_split(node) => self.count += self.builds[build].split(node),
                 Some(key) => splits.push(key),
                 None => {}
             }
-            position += 1;
+            node.0 += 1;
         }
-        splits
     }
 
     /// Splits the worst cells in exchange for the least needed splits. Returns whether a split that is called for did not fit.
@@ -153,18 +167,18 @@ impl<'a> Build<'a> {
             splits.push(merged);
         }
         while let Some(worst) = splits.pop() {
-            self.split(worst.position);
+            self.count += self.builds[worst.build].split(worst.node);
             while self.count > self.max_cells {
                 match self.merge_least(&mut merges, Some(worst)) {
                     Some(merged) => splits.push(merged),
                     None => {
-                        self.undo(worst.position);
+                        self.count -= self.builds[worst.build].undo(worst.node);
                         return worst.is_called_for;
                     }
                 }
             }
-            let Node { first_child, children, .. } = self.nodes[worst.position as usize];
-            splits.extend((first_child..first_child + children as u32).filter_map(|child| self.key(child)));
+            let children = self.builds[worst.build].node(worst.node).children();
+            splits.extend(children.filter_map(|child| self.key(worst.build, child)));
         }
         false
     }
@@ -172,8 +186,11 @@ impl<'a> Build<'a> {
     /// Merges the node that is split last of all, if it comes after `limit`.
     fn merge_least(&mut self, merges: &mut Option<BinaryHeap<Reverse<Key>>>, limit: Option<Key>) -> Option<Key> {
         let merges = merges.get_or_insert_with(|| {
-            let mergeable = (0..self.nodes.len() as u32).filter(|&position| self.is_mergeable(position));
-            mergeable.filter_map(|position| self.key(position).map(Reverse)).collect()
+            let of_build = |(i, build): (usize, &Build<'_>)| {
+                let mergeable = build.ids().filter(|&node| build.is_mergeable(node));
+                mergeable.filter_map(|node| self.key(i, node).map(Reverse)).collect::<Vec<_>>()
+            };
+            self.builds.iter().enumerate().flat_map(of_build).collect()
         });
         loop {
             let Reverse(least) = *merges.peek()?;
@@ -181,118 +198,230 @@ impl<'a> Build<'a> {
                 return None;
             }
             merges.pop();
+            let build = &mut self.builds[least.build];
             // It may have been merged, or one of its children split, since it was put here.
-            if !self.is_mergeable(least.position) {
+            if !build.is_mergeable(least.node) {
                 continue;
             }
-            self.merge(least.position);
-            let parent = self.nodes[least.position as usize].parent;
-            if parent != least.position && self.is_mergeable(parent) {
-                merges.extend(self.key(parent).map(Reverse));
+            self.count -= build.merge(least.node);
+            let parent = build.node(least.node).parent;
+            if parent != least.node && build.is_mergeable(parent) {
+                merges.extend(self.key(least.build, parent).map(Reverse));
             }
             return Some(least);
         }
     }
 
-    /// Whether a node is split into cells.
-    fn is_mergeable(&self, position: u32) -> bool {
-        let Node { first_child, children, .. } = self.nodes[position as usize];
-        let of = |children: u8| first_child as usize..first_child as usize + children as usize;
-        first_child != LEAF && self.nodes[of(children)].iter().all(Node::is_cell)
-    }
-
-    fn was_split(&self, position: u32) -> bool {
-        let twin = self.twins[position as usize];
-        twin != LEAF && !self.last[twin as usize].is_cell()
-    }
-
     /// Where a node comes in the order of splitting; `None` if it is not to be split.
-    fn key(&self, position: u32) -> Option<Key> {
-        let node = &self.nodes[position as usize];
-        let Node { level, index, error_px, .. } = *node;
-        let was_split = self.was_split(position);
-        let (is_called_for, is_kept) = match self.view.level {
-            LevelPolicy::Auto => (error_px > self.view.pixel_error, error_px > self.view.pixel_error * KEEP),
+    fn key(&self, build: usize, node: NodeId) -> Option<Key> {
+        let of = &self.builds[build];
+        let Node { level, index, error_px, weight, .. } = *of.node(node);
+        let was_split = of.was_split(node);
+        let view = of.view();
+        let (is_called_for, is_kept) = match view.level {
+            LevelPolicy::Auto => (error_px > view.pixel_error, error_px > view.pixel_error * KEEP),
             LevelPolicy::Locked(locked) => (level.0 > locked, false),
         };
-        if !node.is_seen() || level.0 == 0 || !(is_called_for || was_split && is_kept) {
+        if of.node(node).seen() == 0 || level.0 == 0 || !(is_called_for || was_split && is_kept) {
             return None;
         }
-        let error = error_px * visibility::factor(node.weight);
+        let error = error_px * visibility::factor(weight);
         let error = if was_split { error / KEEP } else { error };
-        Some(Key { is_called_for, error_bits: error.to_bits(), level, index: Reverse(index), position })
+        Some(Key { is_called_for, error_bits: error.to_bits(), level, index: Reverse(index), build, node })
     }
+}
 
-    fn split(&mut self, position: u32) {
-        let Node { level, index, .. } = self.nodes[position as usize];
-        let twin = self.twins[position as usize];
-        let first_twin = if twin == LEAF { LEAF } else { self.last[twin as usize].first_child };
-        let first = self.nodes.len();
-        for (i, child) in self.source.pyramid().children(level, index).enumerate() {
-            let twin = if first_twin == LEAF { LEAF } else { first_twin + i as u32 };
-            self.push(Level(level.0 - 1), child, position, twin);
+/// A tree in the making, and the volumes that share it.
+struct Build<'a> {
+    subjects: Vec<Subject<'a>>,
+    frusta: Frusta,
+    voxel_size: f64,
+    last: &'a [Node],
+    nodes: Vec<Node>,
+    /// Of each node, the same node of the last cut, if it was there.
+    twins: Vec<Option<NodeId>>,
+    roots: usize,
+    /// Whether the arena holds nodes that nothing leads to.
+    has_merged: bool,
+}
+
+impl<'a> Build<'a> {
+    /// The roots, of volumes that share their grid.
+    fn new(subjects: Vec<Subject<'a>>, last: &'a [Node]) -> Self {
+        let Subject { source, view, .. } = subjects[0];
+        // What is stretched most is what finer levels would show.
+        let voxel_size =
+            source.geometry().voxel_size(source.pyramid().levels()[0].extent) * view.placement.stretches().0;
+        let (nodes, twins) = (Vec::with_capacity(last.len() + last.len() / 8), Vec::with_capacity(last.len()));
+        let (frusta, roots_of) = (view.frusta(), roots(source, view.time, view.channel));
+        let (roots, has_merged) = (roots_of.len(), false);
+        let mut build = Self { subjects, frusta, voxel_size, last, nodes, twins, roots, has_merged };
+        for (id, root) in NodeId::range(NodeId(0), roots).zip(roots_of) {
+            build.push(root.level, root.index, id, (!last.is_empty()).then_some(id));
         }
-        let node = &mut self.nodes[position as usize];
-        (node.first_child, node.children) = (first as u32, (self.twins.len() - first) as u8);
-        self.count += self.gain(position);
+        build
     }
 
-    fn merge(&mut self, position: u32) {
-        self.count -= self.gain(position);
-        self.nodes[position as usize].first_child = LEAF;
+    /// The view that all share, but for what they show.
+    fn view(&self) -> &'a View {
+        self.subjects[0].view
+    }
+
+    fn node(&self, id: NodeId) -> &Node {
+        &self.nodes[id.index()]
+    }
+
+    fn ids(&self) -> impl Iterator<Item = NodeId> + use<> {
+        NodeId::range(NodeId(0), self.nodes.len())
+    }
+
+    fn finish(self) -> Tree {
+        let nodes = if self.has_merged { without_dead(&self.nodes, self.roots) } else { self.nodes };
+        Tree { nodes: Arc::new(nodes), roots: self.roots, next_member: 1 }
+    }
+
+    /// Whether a node is split into cells.
+    fn is_mergeable(&self, id: NodeId) -> bool {
+        let node = self.node(id);
+        !node.is_cell() && node.children().all(|child| self.node(child).is_cell())
+    }
+
+    fn twin(&self, id: NodeId) -> Option<&Node> {
+        self.twins[id.index()].map(|twin| &self.last[twin.index()])
+    }
+
+    fn was_split(&self, id: NodeId) -> bool {
+        self.twin(id).is_some_and(|twin| !twin.is_cell())
+    }
+
+    /// Returns what that adds to the count of cells.
+    fn split(&mut self, id: NodeId) -> usize {
+        let Node { level, index, .. } = *self.node(id);
+        let mut twins = self.twin(id).filter(|twin| !twin.is_cell()).map(Node::children);
+        let first = NodeId(self.nodes.len() as u32);
+        for child in self.subjects[0].source.pyramid().children(level, index) {
+            let twin = twins.as_mut().and_then(Iterator::next);
+            self.push(Level(level.0 - 1), child, id, twin);
+        }
+        let children = (self.nodes.len() - first.index()) as u8;
+        let node = &mut self.nodes[id.index()];
+        (node.first_child, node.children) = (Some(first), children);
+        self.gain(id)
+    }
+
+    /// Returns what that takes from the count of cells.
+    fn merge(&mut self, id: NodeId) -> usize {
+        let gain = self.gain(id);
+        let node = &mut self.nodes[id.index()];
+        (node.first_child, node.children) = (None, 0);
         self.has_merged = true;
+        gain
     }
 
-    /// Takes the newest split back.
-    fn undo(&mut self, position: u32) {
-        self.count -= self.gain(position);
-        let node = &mut self.nodes[position as usize];
-        let first = std::mem::replace(&mut node.first_child, LEAF) as usize;
-        self.nodes.truncate(first);
-        self.twins.truncate(first);
+    /// Takes the newest split back. Returns what that takes from the count of cells.
+    fn undo(&mut self, id: NodeId) -> usize {
+        let gain = self.gain(id);
+        let node = &mut self.nodes[id.index()];
+        let first = node.first_child.take();
+        node.children = 0;
+        self.nodes.truncate(first.map_or(self.nodes.len(), NodeId::index));
+        self.twins.truncate(self.nodes.len());
+        gain
     }
 
-    /// What the split of a node adds to the count.
-    fn gain(&self, position: u32) -> usize {
-        let Node { first_child, children, .. } = self.nodes[position as usize];
-        let children = &self.nodes[first_child as usize..][..children as usize];
-        let seen = children.iter().filter(|child| child.is_seen()).count();
-        if (position as usize) < self.roots { seen } else { seen.max(1) - 1 }
-    }
-
-    fn push(&mut self, level: Level, index: BrickIndex, parent: u32, twin: u32) {
-        let twin_box = self.last.get(twin as usize).map(|node| (node.low, node.high));
-        let (low, high) = twin_box.unwrap_or_else(|| world_box(self.source, level, index));
-        let is_in_sight = self.frusta.meet_box(low, high) && self.view.is_inside_clip(low, high);
-        let is_visible = is_in_sight && self.view.shows(self.source, self.view.id(level, index));
-        let pixel_size = |rays: &ViewRays| rays.pixel_size(self.view.distance(rays, low, high));
-        let least_pixel = self.view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
-        let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
-        let (first_child, children) = (LEAF, 0);
-        let mut node =
-            Node { level, index, low, high, error_px, parent, first_child, children, is_visible, weight: OPEN };
-        // No more can come here than to what holds it: so an ancestor is never split after its descendants.
-        node.weight = self.nodes.get(parent as usize).map_or(OPEN, |parent| parent.weight);
-        if let Some(weight) = self.visibility.and_then(|visibility| visibility.weight(self.view, &node)) {
-            node.weight = node.weight.min(weight);
+    /// What the split of a node adds to the count of cells.
+    fn gain(&self, id: NodeId) -> usize {
+        let node = self.node(id);
+        let (mut seen, mut of_any) = (0, 0);
+        for child in node.children() {
+            let by = self.node(child).seen();
+            seen += by.count_ones() as usize;
+            of_any |= by;
         }
+        if id.index() < self.roots {
+            return seen;
+        }
+        // A volume that sees the node and none of its children keeps the node's cell in the count.
+        seen + (node.seen() & !of_any).count_ones() as usize - node.seen().count_ones() as usize
+    }
+
+    fn push(&mut self, level: Level, index: BrickIndex, parent: NodeId, twin: Option<NodeId>) {
+        let Subject { source, view, .. } = self.subjects[0];
+        let twin_box = twin.map(|twin| (self.last[twin.index()].low, self.last[twin.index()].high));
+        let (low, high) = twin_box.unwrap_or_else(|| world_box(source, level, index));
+        let pixel_size = |rays: &ViewRays| rays.pixel_size(view.distance(rays, low, high));
+        let least_pixel = view.eyes().map(pixel_size).fold(f64::INFINITY, f64::min);
+        let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
+        let (first_child, children, visible) =
+            (None, 0, visible_to(&self.subjects, &self.frusta, level, index, (low, high)));
+        // No more can come here than to what holds it: so an ancestor is never split after its descendants.
+        let most = self.nodes.get(parent.index()).map_or(OPEN, |parent| parent.weight);
+        let mut node = Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible };
+        // What one volume hides of another is seen by neither; what is not known of one that sees it counts as seen.
+        let known = |(i, subject): (usize, &Subject<'_>)| {
+            let weight = subject.visibility.and_then(|visibility| visibility.weight(subject.view, &node));
+            if visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
+        };
+        let weight = self.subjects.iter().enumerate().map(known).max().filter(|_| visible != 0);
+        node.weight = weight.map_or(most, |weight| weight.min(most));
         self.nodes.push(node);
         self.twins.push(twin);
     }
 }
 
+/// The volumes, of those that share a tree, for which a brick in this box is in the frustum and not empty.
+fn visible_to(
+    subjects: &[Subject<'_>],
+    frusta: &Frusta,
+    level: Level,
+    index: BrickIndex,
+    (low, high): (glam::DVec3, glam::DVec3),
+) -> Members {
+    if !frusta.meet_box(low, high) {
+        return 0;
+    }
+    let is_visible = |Subject { source, view, .. }: &Subject<'_>| {
+        view.is_inside_clip(low, high) && view.shows(*source, view.id(level, index))
+    };
+    subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
+}
+
+/// The cells of cuts with other bricks in them, those of views' time steps and channels: a guess at what the views want there.
+pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: &[View]) -> Vec<Arc<Cut>> {
+    let at = |(cut, view): (&Arc<Cut>, &View)| View { time: view.time, channel: view.channel, ..cut.view.clone() };
+    let views: Vec<View> = cuts.iter().zip(views).map(at).collect();
+    let firsts = firsts(cuts, |a, b| a.shares_tree_with(b));
+    let mut recut: Vec<Arc<Cut>> = Vec::with_capacity(cuts.len());
+    for (i, (cut, &first)) in cuts.iter().zip(&firsts).enumerate() {
+        let nodes = if first < i {
+            recut[first].nodes.clone()
+        } else {
+            let members = (i..cuts.len()).filter(|&member| firsts[member] == i);
+            let subject = |i: usize| Subject { source: &*sources[i], view: &views[i], visibility: None };
+            let (members, frusta): (Vec<_>, _) = (members.map(subject).collect(), views[i].frusta());
+            let renewed = |node: &Node| {
+                let visible = visible_to(&members, &frusta, node.level, node.index, (node.low, node.high));
+                Node { visible, weight: OPEN, ..*node }
+            };
+            Arc::new(cut.nodes.iter().map(renewed).collect())
+        };
+        let Cut { member, roots, memory_bound, .. } = **cut;
+        recut.push(Arc::new(Cut::of_tree(views[i].clone(), &nodes, member, roots, memory_bound)));
+    }
+    recut
+}
+
 /// The same tree without the nodes that nothing leads to.
 fn without_dead(nodes: &[Node], roots: usize) -> Vec<Node> {
     let mut kept: Vec<Node> = nodes[..roots].to_vec();
-    let mut position = 0;
-    while position < kept.len() {
-        if !kept[position].is_cell() {
-            let Node { first_child, children, .. } = kept[position];
-            kept[position].first_child = kept.len() as u32;
-            let children = &nodes[first_child as usize..][..children as usize];
-            kept.extend(children.iter().map(|&child| Node { parent: position as u32, ..child }));
+    let mut at = NodeId(0);
+    while at.index() < kept.len() {
+        let children = kept[at.index()].children();
+        if !kept[at.index()].is_cell() {
+            kept[at.index()].first_child = Some(NodeId(kept.len() as u32));
+            kept.extend(children.map(|child| Node { parent: at, ..nodes[child.index()] }));
         }
-        position += 1;
+        at.0 += 1;
     }
     kept
 }
@@ -370,7 +499,7 @@ mod tests {
             for step in 0..8 {
                 view.rays.eye = eye * if step % 2 == 0 { 0.97 } else { 1.03 };
                 let next = cut.next(&source, &view, max_cells);
-                let ids = |cut: &Cut| (0..cut.nodes.len() as u32).map(|n| cut.id(n)).collect::<Vec<_>>();
+                let ids = |cut: &Cut| cut.ids().map(|node| cut.id(node)).collect::<Vec<_>>();
                 changes.push(ids(&next) != ids(&cut));
                 cut = next;
             }

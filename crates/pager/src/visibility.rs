@@ -99,8 +99,8 @@ pub(crate) fn factor(weight: u8) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cut::Cut;
     use crate::source::BrickSource;
-    use crate::split;
     use crate::test_source::{TestSource, box_view};
     use brickyard_volume::{LevelPolicy, Occupancy, Projection};
 
@@ -112,7 +112,7 @@ mod tests {
         let told = |pairs: &[(BrickId, f32)]| Visibility::new(source.pyramid(), &view, pairs.iter().copied());
         let mut known = told(&[(brick(0, 0), 0.0), (brick(0, 1), 0.5), (brick(1, 1), 0.0)]);
         let node = |level: u8, x: u32| {
-            let cut = split::cut(&source, &View { level: LevelPolicy::Locked(level), ..view.clone() }, 999, None, None);
+            let cut = Cut::new(&source, &View { level: LevelPolicy::Locked(level), ..view.clone() }, 999);
             *cut.nodes.iter().find(|node| (node.level, node.index.to_array()) == (Level(level), [x, 0, 0])).unwrap()
         };
         let expected = |known: &Visibility, view: &View| {

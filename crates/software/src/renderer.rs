@@ -6,7 +6,7 @@ use crate::options::SoftwareOptions;
 use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
 use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
-use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, share};
+use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, pools, share};
 use brickyard_volume::{Combination, Jitter, Method, Mode, Picture};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -41,24 +41,27 @@ pub enum SoftwareError {
     },
 }
 
-/// Slots in RAM, layer by layer, and threads that draw from them.
+/// Pools of slots in RAM, and threads that draw layers from them.
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
-    layers: Vec<Slots>,
+    layers: Vec<VolumeNeeds>,
+    /// Of each layer the number of its pool.
+    pool_of: Vec<usize>,
+    pools: Vec<Slots>,
     bytes: u64,
     /// Layer by layer; none of projections.
     visibility: Vec<Vec<f32>>,
     /// Over the last frame's meshes.
     meshes: MeshTree,
-    pool: rayon::ThreadPool,
+    threads: rayon::ThreadPool,
 }
 
 impl SoftwareRenderer {
     /// The longest core edge: padded bricks then stay below 2^31 voxels.
     pub const MAX_EDGE: u32 = 1024;
 
-    /// Shares the budget out among layers; a slot takes memory once it holds a brick.
+    /// Shares the budget out among layers' pools of slots (see [`pools`]); a slot takes memory once it holds a brick.
     ///
     /// # Errors
     /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), bricks are too large, or the
@@ -74,12 +77,18 @@ impl SoftwareRenderer {
             }
         }
         let (fixed_bytes, are_several) = (fixed_bytes(layers, options), layers.len() > 1);
-        let wish = |needs: &VolumeNeeds| Wish {
-            bytes: bytes_per_slot(needs, options, are_several),
-            least: if are_several { needs.least_slots as u64 } else { 1 },
-            most: needs.most_slots as u64,
+        let pool_of = pools(layers);
+        let wish = |(pool, needs): (usize, &VolumeNeeds)| {
+            let members = || layers.iter().zip(&pool_of).filter(move |(_, of)| **of == pool).map(|(needs, _)| needs);
+            Wish {
+                bytes: bytes_per_slot(needs, options, are_several),
+                least: if are_several { members().map(|needs| needs.least_slots as u64).sum() } else { 1 },
+                most: members().map(|needs| needs.most_slots as u64).sum(),
+            }
         };
-        let wishes: Vec<Wish> = layers.iter().map(wish).collect();
+        // The first layer of each pool.
+        let firsts = (0..layers.len()).filter(|&i| !pool_of[..i].contains(&pool_of[i])).map(|i| &layers[i]);
+        let wishes: Vec<Wish> = firsts.clone().enumerate().map(wish).collect();
         let too_little = |least: u64| SoftwareError::Budget {
             given_bytes: options.memory_bytes,
             least_bytes: fixed_bytes.saturating_add(least),
@@ -89,23 +98,25 @@ impl SoftwareRenderer {
         if fixed_bytes + used > options.memory_bytes {
             return Err(too_little(used));
         }
-        let slots = layers.iter().zip(shares);
+        let slots = firsts.zip(shares);
         let slots = slots.map(|(needs, count)| Slots::new(needs, options.leaps, count.min(u32::MAX as u64) as u32));
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1));
-        let pool = pool.thread_name(|i| format!("draw-{i}")).build();
+        let threads = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1));
+        let threads = threads.thread_name(|i| format!("draw-{i}")).build();
         Ok(Self {
             options: *options,
-            layers: slots.collect(),
+            pools: slots.collect(),
+            layers: layers.to_vec(),
+            pool_of,
             bytes: fixed_bytes + used,
             visibility: Vec::new(),
             meshes: MeshTree::default(),
-            pool: pool.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
+            threads: threads.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
         })
     }
 
-    /// How many bricks of a layer it holds at once.
+    /// How many slots there are in a layer's pool, which all of its layers share.
     pub fn slots(&self, layer: usize) -> u32 {
-        self.layers[layer].len()
+        self.pools[self.pool_of[layer]].len()
     }
 
     /// What it takes when every slot is full, drawing included; at most the budget.
@@ -113,13 +124,13 @@ impl SoftwareRenderer {
         self.bytes
     }
 
-    /// Puts a layer's padded brick into one of its slots: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
+    /// Puts a layer's padded brick into a slot of its pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
     /// behind them if pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
     ///
     /// # Panics
     /// If there is no such slot or the length is not a padded brick's.
     pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) {
-        self.layers[layer].upload(slot, codes);
+        self.pools[self.pool_of[layer]].upload(slot, codes);
     }
 
     /// Draws the layers, which come in the order that the renderer was made for; or an expression over them. Costs time in proportion to
@@ -130,21 +141,22 @@ impl SoftwareRenderer {
     /// expression is lit, has surfaces, or is shown by another mode or method than the plain one.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
         assert_eq!(layers.len(), self.layers.len(), "a layer for each that the renderer was made for");
-        layers.iter().zip(&self.layers).for_each(|(layer, slots)| check(layer, slots, combination.is_some()));
+        layers.iter().zip(&self.layers).for_each(|(layer, needs)| check(layer, needs, combination.is_some()));
         let settings = &layers[0].frame.settings;
         let (size, most) = ((settings.rays.width, settings.rays.height), self.options.max_picture_px);
         assert!(size.0 <= most[0] && size.1 <= most[1], "the picture is larger than was agreed");
         if !self.meshes.is_of(&settings.meshes) {
             // The old one goes first: both together would pass the budget.
             self.meshes = MeshTree::default();
-            self.meshes = self.pool.install(|| MeshTree::new(&settings.meshes));
+            self.meshes = self.threads.install(|| MeshTree::new(&settings.meshes));
         }
         let tiles: Vec<Tile> = tiles::tiles(size.0, size.1).collect();
         let is_mixed = is_mixed(layers, combination);
         let meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
-        let (drawn, visibility) = self.pool.install(|| {
+        let (drawn, visibility) = self.threads.install(|| {
             let by_itself = !is_mixed || settings.mode.is_projection();
-            let frames = layers.iter().zip(&self.layers).map(|(layer, slots)| frame(layer, slots, by_itself)).collect();
+            let slots = self.pool_of.iter().map(|&pool| &self.pools[pool]);
+            let frames = layers.iter().zip(slots).map(|(layer, slots)| frame(layer, slots, by_itself)).collect();
             let scene = Scene::new(frames, meshes, is_mixed, combination);
             let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {
@@ -174,8 +186,8 @@ fn is_mixed(layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
     combination.is_some() || !matches!(layers, [layer] if layer.frame.is_plain())
 }
 
-fn check(layer: &Layer<'_>, slots: &Slots, is_read: bool) {
-    let (settings, needs) = (&layer.frame.settings, &slots.needs);
+fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) {
+    let settings = &layer.frame.settings;
     assert_eq!(needs.edge, layer.pyramid.edge(), "other bricks");
     assert_eq!(needs.encoding, settings.encoding, "other codes");
     assert!(needs.bricks.satisfy(&settings.needs()), "{:?} of bricks for {:?}", settings.needs(), needs.bricks);

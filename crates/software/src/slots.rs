@@ -1,4 +1,4 @@
-//! A layer's slots in RAM, and what they and all that is beside them take.
+//! A pool of slots in RAM, and what they and all that is beside them take.
 
 use crate::frame::{Cell, Resident};
 use crate::macrocells::boxes;
@@ -15,7 +15,7 @@ use brickyard_volume::macrocells::{self, MacroCells};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
-/// A layer's places for bricks; one takes memory once it holds a brick.
+/// The places for bricks of the layers of a pool; one takes memory once it holds a brick.
 #[derive(Debug)]
 pub(crate) struct Slots {
     pub(crate) needs: VolumeNeeds,

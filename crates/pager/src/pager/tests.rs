@@ -5,19 +5,23 @@ use crate::draw_list::DrawCell;
 use crate::governor::UploadLimits;
 use crate::pixels::Pixels;
 use crate::planner::Planning;
+use crate::ram_cache::encoding_of;
 use crate::test_source::{TestSource, box_view, config};
-use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, ViewRays, VoxelType};
+use brickyard_volume::{
+    BrickId, BrickIndex, Extent, Level, LevelPolicy, Occupancy, Placement, Projection, Pyramid, ViewRays, VoxelType,
+};
 use std::collections::HashMap;
+use std::slice::from_ref;
 
 fn brick(level: u8, index: [u32; 3]) -> BrickId {
     BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
 }
 
 /// Frames until settled, uploads applied to `atlas`.
-fn settle(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
+fn settle(pager: &mut Pager, views: &[View], atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
     let deadline = std::time::Instant::now() + Duration::from_secs(20);
     loop {
-        let frame = pager.frame(view, Duration::ZERO);
+        let frame = pager.frame(views, Duration::ZERO);
         for upload in &frame.uploads {
             atlas.insert(upload.slot.0, upload.codes.to_vec());
         }
@@ -32,14 +36,15 @@ fn settle(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> 
 }
 
 /// The first own voxel of the brick drawn for each cell is the source's.
-fn check_atlas(pager: &Pager, frame: &Frame, atlas: &HashMap<u32, Vec<u8>>) {
-    let (edge, side) = (pager.source().pyramid().edge(), pager.slot_edge() as usize);
-    for cell in &frame.draw.cells {
-        let mut core = vec![0; (edge as usize).pow(3) * pager.source().voxel_type().bytes()];
-        pager.source().read_core(cell.brick, &mut core).unwrap();
-        let bytes = pager.encoding().format.bytes();
-        let mut codes = vec![0; (edge as usize).pow(3) * bytes];
-        pager.encoding().encode(&core, &mut codes);
+fn check_atlas(source: &TestSource, draw: &DrawList, atlas: &HashMap<u32, Vec<u8>>) {
+    let encoding = encoding_of(source);
+    let (edge, bytes) = (source.pyramid().edge() as usize, encoding.format.bytes());
+    let side = edge + 2;
+    for cell in &draw.cells {
+        let mut core = vec![0; edge.pow(3) * source.voxel_type().bytes()];
+        source.read_core(cell.brick, &mut core).unwrap();
+        let mut codes = vec![0; edge.pow(3) * bytes];
+        encoding.encode(&core, &mut codes);
         let first = (side * side + side + 1) * bytes;
         assert_eq!(atlas[&cell.slot.0][first..first + bytes], codes[..bytes], "{}", cell.brick);
     }
@@ -54,40 +59,40 @@ fn a_threaded_pager_settles_around_failures_within_its_budget() {
     source.panicking = [brick(0, [7, 0, 0])].into();
     let source = Arc::new(source);
     // About 40 of the 280 cores fit.
-    let mut pager = Pager::new(source.clone(), config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024)).unwrap();
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let mut atlas = HashMap::new();
-    let frame = settle(&mut pager, &view, &mut atlas);
+    let frame = settle(&mut pager, from_ref(&view), &mut atlas);
     let status = &frame.status;
     assert_eq!((status.wanted, status.resident, status.failed), (280, 277, 3));
     assert!(status.covered && status.error.is_none() && !status.memory_bound);
     assert!(status.completeness > 0.9 && status.completeness < 1.0);
     // The damaged parent is met when it is asked to stand in.
     assert_eq!(status.counters.failed, 4);
-    let drawn = |cell| frame.draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
+    let drawn = |cell| frame.volumes[0].draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
     assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
     assert_eq!(drawn(brick(0, [4, 4, 2])), Some(brick(2, [1, 1, 0])));
     // The same view again uploads and reads nothing.
-    let again = pager.frame(&view, Duration::ZERO);
+    let again = pager.frame(from_ref(&view), Duration::ZERO);
     assert!(again.uploads.is_empty() && again.status.settled && again.status.counters == status.counters);
     assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
-    check_atlas(&pager, &frame, &atlas);
+    check_atlas(&source, &frame.volumes[0].draw, &atlas);
 }
 
 #[test]
 fn one_slot_shows_the_root_of_each_channel() {
     let source = Arc::new(TestSource::cube(40));
-    let mut pager = Pager::new(source.clone(), config(1, 8192)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(1, 8192)).unwrap();
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     let mut atlas = HashMap::new();
     for channel in [0, 1, 0] {
-        let frame = settle(&mut pager, &View { channel, ..view.clone() }, &mut atlas);
-        assert_eq!(frame.draw.cells.len(), 1);
-        assert_eq!(frame.draw.cells[0].brick.channel, channel);
-        check_atlas(&pager, &frame, &atlas);
+        let frame = settle(&mut pager, &[View { channel, ..view.clone() }], &mut atlas);
+        assert_eq!(frame.volumes[0].draw.cells.len(), 1);
+        assert_eq!(frame.volumes[0].draw.cells[0].brick.channel, channel);
+        check_atlas(&source, &frame.volumes[0].draw, &atlas);
     }
-    assert_eq!(pager.frame(&view, Duration::ZERO).status.counters.reuploaded, 1);
+    assert_eq!(pager.frame(from_ref(&view), Duration::ZERO).status.counters.reuploaded, 1);
 }
 
 #[test]
@@ -97,12 +102,12 @@ fn bricks_that_fail_for_a_passing_reason_come_in_the_same_view() {
         let view =
             View { level: LevelPolicy::Locked(0), ..box_view(&make(), Projection::Perspective { fov_y_deg: 30.0 }) };
         let drawn = |source: TestSource| {
-            let mut pager = Pager::new(Arc::new(source), config(200, 1 << 20)).unwrap();
+            let mut pager = Pager::new(&[Arc::new(source)], config(200, 1 << 20)).unwrap();
             let mut atlas = HashMap::new();
-            let frame = settle(&mut pager, &view, &mut atlas);
+            let frame = settle(&mut pager, from_ref(&view), &mut atlas);
             let status = frame.status;
             assert_eq!((status.resident, status.failed, status.counters.failed), (status.wanted, 0, 0), "{status:?}");
-            let bricks = frame.draw.cells.iter().map(|cell| (cell.brick, atlas[&cell.slot.0].clone()));
+            let bricks = frame.volumes[0].draw.cells.iter().map(|cell| (cell.brick, atlas[&cell.slot.0].clone()));
             bricks.collect::<Vec<_>>()
         };
         // One that all the others around it want, and one at a corner, at several tries.
@@ -120,7 +125,7 @@ fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
     source.failing.insert(lasting);
     source.passing.lock().unwrap().insert(passing, u32::MAX);
     let source = Arc::new(source);
-    let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(200, 1 << 20)).unwrap();
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let reads = || [passing, lasting].map(|id| source.reads.lock().unwrap()[&id]);
@@ -128,7 +133,7 @@ fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
     for (pixel_error, still, expected) in [(1.0, u32::MAX, tries), (1.1, u32::MAX, tries + 1), (1.2, 0, tries + 1)] {
         source.passing.lock().unwrap().insert(passing, still);
         view.pixel_error = pixel_error;
-        let status = settle(&mut pager, &view, &mut HashMap::new()).status;
+        let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
         assert_eq!(reads(), [expected, 1], "at {pixel_error}");
         assert_eq!(status.failed, if still > 0 { 2 } else { 1 });
         assert_eq!(status.counters.failed, 2, "each is counted once");
@@ -138,18 +143,18 @@ fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
 #[test]
 fn slots_that_lost_their_bricks_are_filled_again() {
     let source = Arc::new(TestSource::cube(40));
-    let mut pager = Pager::new(source.clone(), config(200, 1 << 20)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(200, 1 << 20)).unwrap();
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
-    let before = settle(&mut pager, &view, &mut HashMap::new());
+    let before = settle(&mut pager, from_ref(&view), &mut HashMap::new());
     let decoded = before.status.counters.decoded;
     // Fewer slots make a coarser cut; more than at the start were not accounted for.
     for (slots, used) in [(200, 200), (20, 20), (500, 20)] {
         pager.forget_slots(slots).unwrap();
         assert_eq!(pager.config().slots, used);
         let mut atlas = HashMap::new();
-        let frame = settle(&mut pager, &view, &mut atlas);
-        check_atlas(&pager, &frame, &atlas);
-        assert_eq!(frame.draw.cells.len() == before.draw.cells.len(), used == 200);
+        let frame = settle(&mut pager, from_ref(&view), &mut atlas);
+        check_atlas(&source, &frame.volumes[0].draw, &atlas);
+        assert_eq!(frame.volumes[0].draw.cells.len() == before.volumes[0].draw.cells.len(), used == 200);
         let counters = frame.status.counters;
         assert_eq!(counters.reuploaded, 0, "this is no thrash");
         assert!(used != 200 || counters.decoded == decoded, "decoded bricks are kept");
@@ -165,13 +170,13 @@ fn frames_upload_no_more_than_asked_but_always_something() {
         uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
         ..config(300, 1 << 20)
     };
-    let mut pager = Pager::new(source.clone(), limited).unwrap();
+    let mut pager = Pager::new(&[source.clone()], limited).unwrap();
     let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
-    let mut frame = pager.frame(&view, Duration::ZERO);
+    let mut frame = pager.frame(from_ref(&view), Duration::ZERO);
     let (mut frames, mut without) = (0, 0);
     while !frame.status.settled {
         assert!(pager.wait(Duration::from_secs(9)));
-        frame = pager.frame(&view, Duration::ZERO);
+        frame = pager.frame(from_ref(&view), Duration::ZERO);
         // 1,000 bytes a brick.
         assert!(frame.uploads.len() <= 2, "{}", frame.uploads.len());
         (frames, without) = (frames + 1, without + frame.uploads.is_empty() as u32);
@@ -186,11 +191,11 @@ fn frames_upload_no_more_than_asked_but_always_something() {
 #[test]
 fn a_renderer_may_keep_the_codes() {
     let source = Arc::new(TestSource::cube(64));
-    let mut pager = Pager::new(source.clone(), config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024)).unwrap();
     let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
     let mut kept = Vec::new();
     loop {
-        let frame = pager.frame(&view, Duration::ZERO);
+        let frame = pager.frame(from_ref(&view), Duration::ZERO);
         kept.extend(frame.uploads.into_iter().map(|upload| (upload.brick, upload.codes.to_vec(), upload.codes)));
         if frame.status.settled {
             break;
@@ -208,9 +213,9 @@ fn a_volume_without_a_readable_brick_is_an_error() {
     let mut source = TestSource::cube(8);
     source.failing = [brick(0, [0, 0, 0])].into();
     let source = Arc::new(source);
-    let mut pager = Pager::new(source.clone(), config(4, 1 << 16)).unwrap();
+    let mut pager = Pager::new(&[source.clone()], config(4, 1 << 16)).unwrap();
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
-    let status = settle(&mut pager, &view, &mut HashMap::new()).status;
+    let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
     assert!(!status.covered);
     assert_eq!(status.error.map(|err| err.id), Some(brick(0, [0, 0, 0])));
 }
@@ -219,25 +224,25 @@ fn a_volume_without_a_readable_brick_is_an_error() {
 fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
     let source = Arc::new(TestSource::cube(64));
     let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 1 << 20) };
-    let mut pager = Pager::new(source.clone(), live).unwrap();
+    let mut pager = Pager::new(&[source.clone()], live).unwrap();
     let projection = Projection::Perspective { fov_y_deg: 60.0 };
     let mut view = View { pixel_error: 5.0, ..box_view(&source, projection) };
     let (mut atlas, eye) = (HashMap::new(), view.rays.eye);
     for i in 0..30u32 {
         // In, and about the volume.
         view.rays.eye = eye * (1.0 - 0.02 * i as f64);
-        let frame = pager.frame(&view, Duration::from_millis(20) * i);
+        let frame = pager.frame(from_ref(&view), Duration::from_millis(20) * i);
         for upload in &frame.uploads {
             atlas.insert(upload.slot.0, upload.codes.to_vec());
         }
-        check_atlas(&pager, &frame, &atlas);
+        check_atlas(&source, &frame.volumes[0].draw, &atlas);
         drop(frame);
         pager.wait(Duration::from_millis(20));
     }
-    let frame = settle(&mut pager, &view, &mut atlas);
-    check_atlas(&pager, &frame, &atlas);
+    let frame = settle(&mut pager, from_ref(&view), &mut atlas);
+    check_atlas(&source, &frame.volumes[0].draw, &atlas);
     let cold = Cut::new(&*source, &view, crate::cut::cut_capacity(900, 1));
-    let wanted: HashMap<BrickId, BrickId> = frame.draw.cells.iter().map(|c| (c.cell, c.brick)).collect();
+    let wanted: HashMap<BrickId, BrickId> = frame.volumes[0].draw.cells.iter().map(|c| (c.cell, c.brick)).collect();
     assert!(wanted.iter().all(|(cell, brick)| cell == brick) && !frame.status.memory_bound);
     assert!(frame.status.effective_error_px <= 5.0 && wanted.len() >= cold.wanted());
 }
@@ -246,37 +251,37 @@ fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
 fn what_is_foreseen_is_there_when_it_is_wanted() {
     let source = Arc::new(TestSource::cube(64));
     let ahead = PagerConfig { prefetch: true, ..config(1200, 2 << 20) };
-    let mut pager = Pager::new(source.clone(), ahead).unwrap();
+    let mut pager = Pager::new(&[source.clone()], ahead).unwrap();
     let whole = box_view(&source, Projection::Orthographic { height: 30.0 });
     let view = |aside: f64| {
         let eye = whole.rays.eye + whole.rays.right.normalize() * aside;
         View { rays: ViewRays { eye, ..whole.rays }, level: LevelPolicy::Locked(0), ..whole.clone() }
     };
-    pager.frame(&view(0.0), Duration::ZERO);
+    pager.frame(&[view(0.0)], Duration::ZERO);
     let (view_now, now) = (view(1.0), Duration::from_millis(50));
-    let mut frame = pager.frame(&view_now, now);
+    let mut frame = pager.frame(from_ref(&view_now), now);
     while pager.wait(Duration::from_secs(9)) {
-        frame = pager.frame(&view_now, now);
+        frame = pager.frame(from_ref(&view_now), now);
     }
     assert!(frame.status.settled && frame.status.counters.uploaded_ahead > 0);
     // Foreseen is the camera after 300 ms and a frame of 50: 7 farther.
-    let then = pager.frame(&view(7.5), Duration::from_millis(375)).status;
+    let then = pager.frame(&[view(7.5)], Duration::from_millis(375)).status;
     assert!(then.settled && then.wanted > 0 && then.completeness == 1.0, "{then:?}");
-    let behind = pager.frame(&view(-12.0), Duration::from_millis(400)).status;
+    let behind = pager.frame(&[view(-12.0)], Duration::from_millis(400)).status;
     assert!(behind.completeness < 1.0, "nothing was to be foreseen there");
 }
 
 #[test]
 fn what_is_fetched_ahead_does_not_displace_its_like() {
     let source = Arc::new(TestSource::cube(64));
-    let mut pager = Pager::new(source.clone(), PagerConfig { prefetch: true, ..config(400, 2 << 20) }).unwrap();
+    let mut pager = Pager::new(&[source.clone()], PagerConfig { prefetch: true, ..config(400, 2 << 20) }).unwrap();
     let whole = box_view(&source, Projection::Orthographic { height: 24.0 });
     let view = View { level: LevelPolicy::Locked(0), ..whole };
-    let (mut frame, mut frames) = (pager.frame(&view, Duration::ZERO), 0);
+    let (mut frame, mut frames) = (pager.frame(from_ref(&view), Duration::ZERO), 0);
     while pager.wait(Duration::from_secs(9)) {
         frames += 1;
         assert!(frames < 5000, "bricks come and go for ever: {:?}", frame.status.counters);
-        frame = pager.frame(&view, Duration::ZERO);
+        frame = pager.frame(from_ref(&view), Duration::ZERO);
     }
     let counters = frame.status.counters;
     // The neighbours just outside are more than their share, a sixteenth of the slots.
@@ -289,19 +294,19 @@ fn what_is_hidden_is_not_read() {
     let view = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };
     let mut uploaded = Vec::new();
     for shows in [1.0, 0.0] {
-        let mut pager = Pager::new(source.clone(), config(600, 1 << 20)).unwrap();
+        let mut pager = Pager::new(&[source.clone()], config(600, 1 << 20)).unwrap();
         // The half of the volume that is farther away.
         let hides = |cell: &DrawCell| cell.region.min.y >= 32;
         loop {
-            let frame = pager.frame(&view, Duration::ZERO);
+            let frame = pager.frame(from_ref(&view), Duration::ZERO);
             let told = |cell| if hides(cell) { shows } else { 1.0 };
-            let told: Vec<f32> = frame.draw.cells.iter().map(told).collect();
+            let told: Vec<f32> = frame.volumes[0].draw.cells.iter().map(told).collect();
             if frame.status.settled {
                 uploaded.push(frame.status.counters.uploaded);
-                assert!(frame.status.covered && frame.draw.cells.iter().any(hides));
+                assert!(frame.status.covered && frame.volumes[0].draw.cells.iter().any(hides));
                 break;
             }
-            pager.feedback(&told);
+            pager.feedback(0, &told);
             if !frame.status.awaits_feedback {
                 pager.wait(Duration::from_secs(9));
             }
@@ -319,21 +324,21 @@ fn a_view_settles_when_all_has_faded_in() {
         // Whatever else is staged, one brick comes a frame, the root first.
         let uploads = Some(UploadLimits { bytes: 0, time: Duration::from_secs(9) });
         let config = PagerConfig { fade, uploads, workers: 1, ..config(40, 1 << 20) };
-        let mut pager = Pager::new(source.clone(), config).unwrap();
+        let mut pager = Pager::new(&[source.clone()], config).unwrap();
         let (mut at, mut shares) = (Duration::ZERO, HashMap::<BrickId, Vec<u8>>::new());
         let last = loop {
-            let frame = pager.frame(&view, at);
-            let fading = frame.draw.cells.iter().filter(|entry| entry.pixels.to < Pixels::THRESHOLDS);
+            let frame = pager.frame(from_ref(&view), at);
+            let fading = frame.volumes[0].draw.cells.iter().filter(|entry| entry.pixels.to < Pixels::THRESHOLDS);
             fading.for_each(|entry| shares.entry(entry.brick).or_default().push(entry.pixels.to));
             if frame.status.settled {
                 break frame;
             }
             assert!(frame.status.error.is_none(), "a cell with two entries is drawn");
-            pager.feedback(&vec![1.0; frame.draw.cells.len()]);
+            pager.feedback(0, &vec![1.0; frame.volumes[0].draw.cells.len()]);
             assert!(frame.status.awaits_feedback || pager.wait(Duration::from_secs(9)), "nothing goes on");
             at += Duration::from_millis(50);
         };
-        assert!(last.draw.cells.len() == 8 && !last.draw.is_fading() && last.status.covered);
+        assert!(last.volumes[0].draw.cells.len() == 8 && !last.volumes[0].draw.is_fading() && last.status.covered);
         assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
         assert_eq!(shares.len(), if fade.is_some() { 8 } else { 0 });
         assert!(shares.values().all(|shares| *shares == [1, 16, 32, 48]), "{shares:?}");
@@ -343,9 +348,50 @@ fn a_view_settles_when_all_has_faded_in() {
 #[test]
 fn budgets_that_hold_no_brick_are_refused_with_the_least_that_works() {
     let source = Arc::new(TestSource::cube(64));
-    let new = |config| Pager::new(source.clone(), config).map(drop);
+    let new = |config| Pager::new(&[source.clone()], config).map(drop);
     assert!(matches!(new(config(0, 1 << 20)), Err(PagerError::Slots { least: 1, least_bytes: 1000, .. })));
     let Err(PagerError::HostMemory { least, .. }) = new(config(4, 100)) else { panic!("100 bytes are too few") };
     assert!(new(config(4, least)).is_ok());
     assert!(matches!(new(PagerConfig { apron: 5, ..config(4, 1 << 20) }), Err(PagerError::Apron { .. })));
+}
+
+#[test]
+fn volumes_share_slots_and_what_is_hidden_keeps_its_roots() {
+    // The first two on one grid, the third elsewhere and twice as large.
+    let sources = [TestSource::cube(64), TestSource::cube(64), TestSource::cube(128)].map(Arc::new);
+    let shared: Vec<Arc<dyn BrickSource>> = sources.iter().map(|source| source.clone() as _).collect();
+    let mut pager = Pager::new(&shared, config(300, 4 << 20)).unwrap();
+    let aside = Placement::from_text("1 0 0 70  0 1 0 0  0 0 1 0").unwrap();
+    let view = View { pixel_error: 0.5, ..box_view(&sources[0], Projection::Orthographic { height: 200.0 }) };
+    let placed = View { placement: aside, ..view.clone() };
+    let hidden = |view: &View| View { opaque: Some(Occupancy::NONE), ..view.clone() };
+    let mut atlas = HashMap::new();
+    let mut wanted = |views: &[View]| {
+        let frame = settle(&mut pager, views, &mut atlas);
+        for (source, volume) in sources.iter().zip(&frame.volumes) {
+            check_atlas(source, &volume.draw, &atlas);
+        }
+        let cuts = frame.volumes.iter().map(|volume| volume.cut).collect::<Vec<_>>();
+        assert!(cuts == [0, 0, 2] && frame.status.wanted == frame.status.resident);
+        let ranks = |i: usize| frame.volumes[i].draw.cells.iter().map(|c| (c.cell, c.rank)).collect::<Vec<_>>();
+        let both_shown = !ranks(0).is_empty() && !ranks(1).is_empty();
+        assert!(!both_shown || ranks(0) == ranks(1), "cells of one cut in one order");
+        (frame.status.memory_bound, frame.volumes.iter().map(|volume| volume.draw.cells.len()).collect::<Vec<_>>())
+    };
+    let all = [view.clone(), view.clone(), placed.clone()];
+    let (is_bound, together) = wanted(&all);
+    assert!(
+        is_bound && together.iter().all(|&cells| cells > 1) && together.iter().sum::<usize>() <= 270,
+        "{together:?}"
+    );
+    // What others do not use is one volume's.
+    let (_, alone) = wanted(&[hidden(&view), hidden(&view), placed.clone()]);
+    assert!(alone[..2] == [0, 0] && alone[2] > together[2] + 50 && alone[2] <= 268, "{alone:?}");
+    let (_, first) = wanted(&[view.clone(), hidden(&view), hidden(&placed)]);
+    assert!(first[0] > together[0] + 50 && first[1..] == [0, 0], "{first:?}");
+    assert_eq!(wanted(&all), (true, together), "the same as before");
+    let least = Pager::new(&shared, config(2, 4 << 20)).map(drop);
+    assert!(matches!(least, Err(PagerError::Slots { given: 2, least: 3, .. })));
+    let Err(PagerError::HostMemory { given: 9, least }) = Pager::new(&shared, config(3, 9)).map(drop) else { panic!() };
+    assert!(Pager::new(&shared, config(3, least)).is_ok() && Pager::new(&shared, config(3, least - 1)).is_err());
 }

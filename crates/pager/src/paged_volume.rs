@@ -1,0 +1,268 @@
+//! A volume that is paged: its RAM cache and the workers that fill it, what its view has been told is seen, and what its last frame drew.
+
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, split_host};
+use crate::cut::{Cut, NodeId, View, roots};
+use crate::draw_list::DrawList;
+use crate::layout::Layout;
+use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
+use crate::plan::Tier;
+use crate::planner::Planning;
+use crate::ram_cache::{RamCache, encoding_of, scratch_bytes};
+use crate::residency::{Residency, Wants};
+use crate::sight::Sight;
+use crate::source::{BrickError, BrickSource};
+use crate::status::Counters;
+use crate::visibility::Visibility;
+use crate::workers::Workers;
+use brickyard_volume::BrickId;
+use crossbeam_channel::Select;
+use std::sync::Arc;
+
+/// The volume.
+pub(crate) struct PagedVolume {
+    pub(crate) source: Arc<dyn BrickSource>,
+    /// What the source had read before.
+    bytes_read_before: u64,
+    cache: Arc<RamCache>,
+    workers: Workers,
+    /// What bricks can show, where planning must not wait for it.
+    occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
+    /// The view of the last frame.
+    view: Option<View>,
+    /// What has been told of the visibility of cells, and how often that has changed.
+    pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
+    /// The number of the visibility that a complete frame of this view has confirmed.
+    confirmed: u64,
+    /// Of each entry of the last draw list, and of the other eye's, its cell.
+    drawn: Vec<BrickId>,
+    /// The coarsest bricks of the last view's time and channel: pinned.
+    roots: Vec<BrickId>,
+    /// The last frame's uploads: host memory until the next call.
+    handed_out: Vec<Arc<[u8]>>,
+}
+
+/// What a view sees of a volume, in cells and in their areas.
+pub(crate) struct Seen {
+    pub(crate) wanted: usize,
+    pub(crate) resident: usize,
+    pub(crate) failed: usize,
+    pub(crate) area: f64,
+    pub(crate) resident_area: f64,
+    /// Whether every cell is drawn with something.
+    pub(crate) is_covered: bool,
+    /// Why a cell is not.
+    pub(crate) error: Option<BrickError>,
+}
+
+impl PagedVolume {
+    /// Starts the workers, within a share of the host budget that `meter` is charged with.
+    ///
+    /// # Errors
+    /// If the share cannot feed one worker, or no thread can be started.
+    pub(crate) fn start(
+        source: &Arc<dyn BrickSource>,
+        layout: Layout,
+        host_bytes: u64,
+        config: &PagerConfig,
+        meter: &Arc<Meter>,
+    ) -> Result<Self, PagerError> {
+        let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
+        let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
+        meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
+        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        let workers = Workers::start(&cache, workers, staged, meter.clone())?;
+        let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
+        let occupancy = match config.planning {
+            Planning::Inline => None,
+            Planning::Thread => Some(paged(kept_bytes(&**source, host_bytes))?),
+        };
+        Ok(Self {
+            bytes_read_before: source.bytes_read(),
+            source: source.clone(),
+            cache,
+            workers,
+            occupancy,
+            view: None,
+            visibility: None,
+            confirmed: 0,
+            drawn: Vec::new(),
+            roots: Vec::new(),
+            handed_out: Vec::new(),
+        })
+    }
+
+    /// What cuts are made from: the source, or what is known of it without waiting.
+    pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
+        self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
+    }
+
+    /// Takes in what has arrived, and that there may be another view. The volume has this number among those of the residency.
+    ///
+    /// # Panics
+    /// If the source has no such time step or channel.
+    pub(crate) fn begin_frame(&mut self, number: usize, view: &View, residency: &mut Residency) {
+        assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
+        assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
+        self.take_back();
+        while let Some(arrival) = self.workers.try_receive() {
+            residency.arrive(number, arrival);
+        }
+        let last = self.view.as_ref();
+        if last.is_none_or(|last| (last.time, last.channel) != (view.time, view.channel)) {
+            self.roots = roots(&*self.source, view.time, view.channel);
+        }
+        if last != Some(view) {
+            residency.forget_failures(number, &self.cache.renew_failures());
+            self.confirmed = 0;
+            self.occupancy.iter().for_each(|(occupancy, _)| occupancy.begin_view());
+            self.view = Some(view.clone());
+        }
+    }
+
+    /// The version of what is known of bricks' occupancy.
+    pub(crate) fn occupancy_version(&self) -> u64 {
+        self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
+    }
+
+    /// Whether no more is known of bricks' occupancy than at that version, and nothing is on its way.
+    pub(crate) fn knows_since(&self, version: u64) -> bool {
+        let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
+        self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
+    }
+
+    /// What a frame wants that sees so much of a cut.
+    pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a Sight) -> Wants<'a> {
+        Wants { pyramid: self.source.pyramid(), cut, sight, roots: &self.roots }
+    }
+
+    /// Remembers what feedback will be about.
+    pub(crate) fn note_drawn<'a>(&mut self, lists: impl Iterator<Item = &'a DrawList>) {
+        self.drawn = lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect();
+    }
+
+    /// What the view sees of a cut, given which of the cells in sight are resident.
+    pub(crate) fn seen<'a>(
+        &self,
+        cut: &Cut,
+        sight: &Sight,
+        is_resident: &[bool],
+        failure: impl Fn(BrickId) -> Option<&'a BrickError>,
+    ) -> Seen {
+        let (mut wanted, mut resident, mut failed, mut area, mut resident_area) = (0, 0, 0, 0.0, 0.0);
+        let is_seen = |cell: &NodeId| !cut.is_hidden(*cell);
+        let cells = || sight.cells.iter().map(|ranked| ranked.cell);
+        for ((cell, &cell_area), &is_resident) in cells().zip(&sight.areas).zip(is_resident) {
+            if !is_seen(&cell) {
+                continue;
+            }
+            wanted += 1;
+            area += cell_area;
+            // What the cut does not want is coarser than what the view will want.
+            if is_resident && cut.is_visible(cell) {
+                resident += 1;
+                resident_area += cell_area;
+            } else {
+                failed += failure(cut.id(cell)).is_some() as usize;
+            }
+        }
+        let mut drawn = self.drawn.iter().peekable();
+        // One entry, or two.
+        let mut entries = |cell| std::iter::from_fn(|| drawn.next_if_eq(&&cell)).count();
+        let left_out = cells().filter(|&cell| entries(cut.id(cell)) == 0).find(is_seen);
+        let error = left_out.and_then(|cell| failure(cut.id(cell)).cloned());
+        Seen { wanted, resident, failed, area, resident_area, is_covered: left_out.is_none(), error }
+    }
+
+    /// Replaces the plan; takes back what is not wanted, and, with the next call, what the frame hands out.
+    pub(crate) fn request(
+        &mut self,
+        requests: Vec<(Tier, BrickId)>,
+        stale: Vec<Arc<[u8]>>,
+        handed_out: impl Iterator<Item = Arc<[u8]>>,
+    ) {
+        self.workers.give_back(stale);
+        self.workers.replace(requests);
+        self.handed_out.extend(handed_out);
+    }
+
+    /// Takes back what the last frame handed out.
+    pub(crate) fn take_back(&mut self) {
+        self.workers.give_back(self.handed_out.drain(..));
+    }
+
+    /// See [`Pager::feedback`](crate::Pager::feedback); of the last frame, which was `view`'s.
+    pub(crate) fn feedback(&mut self, view: &View, visibility: &[f32], is_complete: bool) {
+        assert_eq!(visibility.len(), self.drawn.len(), "visibility of another draw list");
+        let told = self.drawn.iter().copied().zip(visibility.iter().copied());
+        let told = Visibility::new(self.source.pyramid(), view, told);
+        let (number, has_changed) = match &mut self.visibility {
+            // The planner may hold it: then this copies it.
+            Some((number, known)) if known.is_of(view) => (*number, Arc::make_mut(known).add(told)),
+            known => {
+                let number = known.as_ref().map_or(0, |(number, _)| *number);
+                *known = Some((number, Arc::new(told)));
+                (number, true)
+            }
+        };
+        if has_changed {
+            self.visibility.iter_mut().for_each(|(number, _)| *number += 1);
+        } else if is_complete {
+            self.confirmed = number;
+        }
+    }
+
+    /// Whether a complete frame has confirmed what has been told of this view.
+    pub(crate) fn is_confirmed(&self) -> bool {
+        self.visibility.as_ref().is_none_or(|(number, _)| *number == self.confirmed)
+    }
+
+    /// Whether something is on its way.
+    pub(crate) fn is_busy(&self) -> bool {
+        self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
+    }
+
+    /// Whether something has come that no frame has taken in.
+    pub(crate) fn has_arrivals(&self) -> bool {
+        self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
+    }
+
+    /// Waits for what comes, too.
+    pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
+        if let Some((_, reader)) = &self.occupancy {
+            select.recv(reader.arrivals());
+        }
+        self.workers.arrivals().map(|arrivals| select.recv(arrivals));
+    }
+
+    /// Takes the sign that pages have come, if there is one.
+    pub(crate) fn take_sign(&self) -> bool {
+        self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
+    }
+
+    /// What has been decoded since the start; and read, where this is to be counted.
+    pub(crate) fn counters(&self, counts_reads: bool) -> Counters {
+        let decoded = self.cache.counters();
+        let bytes_read = if counts_reads { self.source.bytes_read() - self.bytes_read_before } else { 0 };
+        let (bytes_decoded, failed) = (decoded.bytes_decoded, decoded.failed);
+        Counters { decoded: decoded.decoded, bytes_read, bytes_decoded, failed, ..Counters::default() }
+    }
+}
+
+/// The buffers of a source whose padded bricks have this layout, planned for in this way within so many bytes.
+pub(crate) fn buffer_sizes(
+    source: &dyn BrickSource,
+    layout: &Layout,
+    planning: Planning,
+    host_bytes: u64,
+) -> BufferSizes {
+    let pages = match planning {
+        Planning::Inline => 0,
+        Planning::Thread => kept_bytes(source, host_bytes),
+    };
+    BufferSizes {
+        fixed: source.cache_bytes() + pages,
+        scratch: scratch_bytes(source, layout, &encoding_of(source)),
+        core: layout.cached_bytes() as u64,
+        padded: layout.padded_bytes() as u64,
+    }
+}
