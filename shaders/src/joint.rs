@@ -6,28 +6,25 @@
 
 use crate::compose::Parts;
 use crate::{Curve, Light, Medium, Stage, Surfaces, margin, sample};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Where a layer begins in the buffers that all layers share, in their own units.
+/// Where a layer begins in the buffers that all layers share, in their own units. (Its draw list begins elsewhere in each frame.)
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FirstPlaces {
-    /// The word of its octree's root.
-    pub node: u32,
-    /// Its first brick.
-    pub brick: u32,
-    /// Its first macro-cell.
+    /// The first macro-cell of its pool's slots.
     pub range: u32,
     /// The first place of its transfer table.
     pub place: u32,
     /// Its first count of opaque entries.
     pub count: u32,
-    /// The first of its bricks' marks.
-    pub mark: u32,
 }
 
 /// What the shader of several has to know of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LayerShader {
+    /// The pool that its bricks are in: an atlas, counted from 0.
+    pub pool: u32,
     /// Whether code 0 is no value.
     pub has_invalid: bool,
     /// Whether it adds to what others show instead of mixing with it; then it is not lit.
@@ -80,7 +77,10 @@ impl JointVariant {
             .text("context", self.context())
             .text(
                 "atlas",
-                atlases(&self.layers.iter().map(|layer| layer.has_invalid).collect::<Vec<_>>(), self.is_cubic),
+                atlases(
+                    &self.layers.iter().map(|layer| (layer.pool, layer.has_invalid)).collect::<Vec<_>>(),
+                    self.is_cubic,
+                ),
             )
             .text("layers", self.layers())
             .file("cast", "cast_joint")
@@ -109,7 +109,7 @@ impl JointVariant {
              const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
-             var<private> FIRST_MARK: u32;\nvar<private> HAS_INVALID: bool;\nvar<private> ADDS: bool;\n\
+             var<private> HAS_INVALID: bool;\nvar<private> ADDS: bool;\n\
              var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
             self.layers.len(),
             margin(self.is_cubic),
@@ -190,13 +190,13 @@ impl LayerShader {
     /// What there is of the layer, and its context.
     fn declarations(&self, i: usize, light: Light) -> String {
         let Self { has_invalid, adds, has_surfaces, has_grid, first, .. } = *self;
-        let FirstPlaces { node, brick, range, place, count, mark } = first;
+        let FirstPlaces { range, place, count } = first;
         let light = if adds { Light::Unlit } else { light };
         format!(
             "var<private> frame_{i}: Frame;\nvar<private> way_{i}: Way;\n\n\
-             fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = {node}u;\n    \
-             FIRST_BRICK = {brick}u;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
-             FIRST_MARK = {mark}u;\n    HAS_INVALID = {has_invalid};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
+             fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = frame_{i}.list_at.x;\n    \
+             FIRST_BRICK = frame_{i}.list_at.y;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
+             HAS_INVALID = {has_invalid};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
              HAS_SURFACES = {has_surfaces};\n    HAS_GRID = {has_grid};\n}}\n\n",
             light as u32
         )
@@ -215,41 +215,46 @@ impl ExpressionShader {
     }
 }
 
-/// Atlases and stored gradients of layers of which these have codes without a value, and what samples them for the layer at hand.
-pub(crate) fn atlases(have_invalid: &[bool], is_cubic: bool) -> String {
+/// Atlases and stored gradients of the pools of layers, each given by its pool and whether codes there may have no value, and what
+/// samples them for the layer at hand.
+pub(crate) fn atlases(layers: &[(u32, bool)], is_cubic: bool) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
-    for has_invalid in [false, true].into_iter().filter(|has| have_invalid.contains(has)) {
+    for has_invalid in [false, true].into_iter().filter(|has| layers.iter().any(|(_, own)| own == has)) {
         let _ = writeln!(text, "//!import {}", sample(is_cubic, has_invalid));
     }
-    for i in 0..have_invalid.len() {
+    let pools: BTreeMap<u32, bool> = layers.iter().copied().collect();
+    for i in pools.keys() {
         let _ = writeln!(
             text,
             "@group(0) @binding(FIRST_ATLAS + {i}u) var atlas_{i}: texture_3d<f32>;\n\
              @group(0) @binding(FIRST_GRADIENTS + {i}u) var gradients_{i}: texture_3d<f32>;"
         );
     }
-    let value = |i: usize| {
-        let function = if have_invalid[i] { "sample_valid" } else { "sample_full" };
+    let value = |i: u32| {
+        let function = if pools[&i] { "sample_valid" } else { "sample_full" };
         format!("return {function}(atlas_{i}, point);")
     };
-    let gradient = |i: usize| {
+    let gradient = |i: u32| {
         let size = format!("vec3f(textureDimensions(gradients_{i}))");
         format!("return textureSampleLevel(gradients_{i}, atlas_sampler, node / {size}, 0.0).xyz;")
     };
     let _ = write!(
         text,
         "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n",
-        of_layer(have_invalid.len(), value),
-        of_layer(have_invalid.len(), gradient)
+        of_pool(layers, value),
+        of_pool(layers, gradient)
     );
     text
 }
 
-/// The layer's own of so many statements that return.
-fn of_layer(count: usize, statement: impl Fn(usize) -> String) -> String {
-    if count == 1 {
-        return statement(0);
+/// What a statement that returns is for the pool of the layer at hand: no choice where all layers share one.
+fn of_pool(layers: &[(u32, bool)], statement: impl Fn(u32) -> String) -> String {
+    let first = layers[0].0;
+    let others = layers.iter().zip(0..).filter(|((pool, _), _)| *pool != first);
+    let cases: String =
+        others.map(|((pool, _), i)| format!("        case {i}u: {{ {} }}\n", statement(*pool))).collect();
+    match cases.is_empty() {
+        true => statement(first),
+        false => format!("switch layer {{\n{cases}        default: {{ {} }}\n    }}", statement(first)),
     }
-    let cases: String = (1..count).map(|i| format!("        case {i}u: {{ {} }}\n", statement(i))).collect();
-    format!("switch layer {{\n{cases}        default: {{ {} }}\n    }}", statement(0))
 }

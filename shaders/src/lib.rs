@@ -249,7 +249,7 @@ impl Variant {
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         Parts::new()
             .text("context", context(self.has_invalid, self.is_cubic) + &self.medium.constants())
-            .text("atlas", joint::atlases(&[self.has_invalid], self.is_cubic))
+            .text("atlas", joint::atlases(&[(0, self.has_invalid)], self.is_cubic))
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
             .file("gradient", self.medium.gradient.file())
@@ -260,9 +260,8 @@ impl Variant {
 
 /// The context of a layer that is alone.
 fn context(has_invalid: bool, is_cubic: bool) -> String {
-    let firsts: String = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT", "MARK"]
-        .map(|what| format!("const FIRST_{what}: u32 = 0u;\n"))
-        .concat();
+    let firsts: String =
+        ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
     format!(
         "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
          const MARGIN: f32 = {:?};\n",
@@ -410,11 +409,12 @@ mod tests {
     fn layer_shader(i: u32, has_surfaces: bool) -> LayerShader {
         let at = 768 * i;
         LayerShader {
+            pool: i % 4,
             has_invalid: i % 2 == 1,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
-            first: FirstPlaces { node: at, brick: at, range: at, place: at, count: at, mark: at },
+            first: FirstPlaces { range: at, place: at, count: at },
             values: [0f32.to_bits(), 255f32.to_bits()],
         }
     }
@@ -563,7 +563,7 @@ mod tests {
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
                 threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
                 opacity reach flat_depth grid thresholds
-                surfaces light_places axes slopes zone_starts planes spare);
+                surfaces light_places axes slopes zone_starts planes list_at spare);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
             if name.starts_with("sorted") {

@@ -59,7 +59,8 @@ struct Frame {
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 12>,
-    spare: array<vec4f, 7>,
+    list_at: vec4u,
+    spare: array<vec4f, 6>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

@@ -5,7 +5,7 @@ const MARK_STEPS: f32 = 255.0;
 @group(0) @binding(MARKS) var<storage, read_write> entered: array<atomic<u32>>;
 
 fn mark(number: u32, transmittance: f32) {
-    let brick = FIRST_MARK + number;
+    let brick = FIRST_BRICK + number;
     let steps = u32(ceil(transmittance * MARK_STEPS));
     if (atomicLoad(&entered[brick]) < steps) {
         atomicMax(&entered[brick], steps);

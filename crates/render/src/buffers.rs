@@ -12,11 +12,17 @@ pub(crate) struct SharedBuffers {
     pub(crate) table: wgpu::Buffer,
     /// Query set and the buffer it resolves to, where the adapter has timestamps.
     pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
+    /// Whether marches see stored gradients.
+    pub(crate) has_gradients: bool,
 }
 
 impl SharedBuffers {
     /// Those of frames and tables of so many bytes in all.
-    pub(crate) fn new(gpu: &Gpu, frame_bytes: u64, table_bytes: u64) -> Result<Self, GpuError> {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        (frame_bytes, table_bytes): (u64, u64),
+        has_gradients: bool,
+    ) -> Result<Self, GpuError> {
         gpu.allocate("the transfer table", table_bytes, |device| {
             let timestamps = gpu.report.timestamps.then(|| {
                 let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
@@ -28,12 +34,13 @@ impl SharedBuffers {
                 frame: buffer(device, "frames", frame_bytes, storage),
                 table: buffer(device, "transfer tables", table_bytes, storage),
                 timestamps,
+                has_gradients,
             }
         })
     }
 }
 
-/// What rays read and write besides, with a part for each layer.
+/// What rays read and write besides.
 #[derive(Debug)]
 pub(crate) struct RayBuffers {
     pub(crate) nodes: wgpu::Buffer,

@@ -9,6 +9,7 @@ use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::layer::{GpuLayer, value_bits};
 use crate::pipelines::{Shader, gather_of, medium_of, variant_of};
+use crate::pool::Pool;
 use crate::table::{COMBINED, last_place};
 use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Variant};
 use brickyard_volume::{Blend, Combination, Filter, Method, Mode};
@@ -30,7 +31,7 @@ impl Course {
     /// # Errors
     /// If the compositor does not have it, or an expression is asked for what it has not.
     pub(crate) fn new(
-        layers: &[GpuLayer],
+        (layers, pools): (&[GpuLayer], &[Pool]),
         framed: &[Framed<'_>],
         (combination, first_place): (Option<&Combination>, Option<u32>),
         compositor: Compositor,
@@ -53,7 +54,7 @@ impl Course {
                         return Err(GpuError::Mismatch("this renderer was made without room for expressions".into()));
                     }
                 };
-                Ok(Self::Joint(Shader::Joint(joint(layers, all, expression))))
+                Ok(Self::Joint(Shader::Joint(joint((layers, pools), all, expression))))
             }
         }
     }
@@ -117,7 +118,11 @@ fn expression(
 }
 
 /// The ray through all layers.
-fn joint(layers: &[GpuLayer], framed: &[Framed<'_>], expression: Option<ExpressionShader>) -> JointVariant {
+fn joint(
+    (layers, pools): (&[GpuLayer], &[Pool]),
+    framed: &[Framed<'_>],
+    expression: Option<ExpressionShader>,
+) -> JointVariant {
     let settings = framed[0].settings;
     JointVariant {
         medium: medium_of(
@@ -127,7 +132,11 @@ fn joint(layers: &[GpuLayer], framed: &[Framed<'_>], expression: Option<Expressi
         ),
         is_cubic: settings.sampling.filter == Filter::Tricubic,
         has_meshes: !settings.meshes.is_empty(),
-        layers: layers.iter().zip(framed).map(|(layer, framed)| layer.shader(framed)).collect(),
+        layers: layers
+            .iter()
+            .zip(framed)
+            .map(|(layer, framed)| layer.shader(framed, pools[layer.pool].ranges))
+            .collect(),
         expression,
     }
 }

@@ -124,7 +124,8 @@ pub(crate) fn frame_uniform(
         slopes: slopes.map(|slope| (slope / steepest).extend(0.0).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
-        spare: [[0.0; 4]; 7],
+        list_at: [0; 4],
+        spare: [[0.0; 4]; 6],
     }
 }
 

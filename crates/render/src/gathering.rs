@@ -2,27 +2,28 @@
 
 use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, entry};
-use crate::layer::GpuLayer;
 use crate::memory::TIMESTAMP_BYTES;
 use crate::parts::{Part, Parts};
 use crate::pipelines::{MarchPipeline, TEXELS_GROUP};
+use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
 use wgpu::BindingResource;
 
 impl SharedBuffers {
-    /// The bindings of a march through some layers: frames, tables and the compositor's own, and the layers' textures.
+    /// The bindings of a march through layers of some pools: frames, tables and the compositor's own, and the pools' textures.
     pub(crate) fn bindings(
         &self,
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
-        layers: &[GpuLayer],
+        pools: &[Pool],
         own: Vec<wgpu::BindGroupEntry<'_>>,
     ) -> wgpu::BindGroup {
         let sampler = sampler(gpu);
         let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
-        let atlases: Vec<_> = layers.iter().map(|layer| view(&layer.atlas.texture)).collect();
-        let gradients: Vec<_> = layers.iter().filter_map(|layer| layer.atlas.gradients.as_ref().map(view)).collect();
+        let atlases: Vec<_> = pools.iter().map(|pool| view(&pool.atlas.texture)).collect();
+        let gradients: Vec<_> =
+            pools.iter().filter(|_| self.has_gradients).map(|pool| view(pool.gradients())).collect();
         let textures = (bindings::FIRST_ATLAS..).zip(&atlases).chain((bindings::FIRST_GRADIENTS..).zip(&gradients));
         let mut entries = own;
         entries.push(entry(bindings::ATLAS_SAMPLER, BindingResource::Sampler(&sampler)));

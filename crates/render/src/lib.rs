@@ -1,4 +1,4 @@
-//! The wgpu renderer: atlases of brick slots for layers, uploads into them, the `sorted` and `raycast` compositors, and the picture read back.
+//! The wgpu renderer: pools of brick slots for layers, uploads into them, the `sorted` and `raycast` compositors, and the picture read back.
 //! Headless.
 //!
 //! ```text
@@ -24,6 +24,7 @@ mod meshes;
 mod parts;
 mod passes;
 mod pipelines;
+mod pool;
 mod raycast;
 mod renderer;
 mod sorted;

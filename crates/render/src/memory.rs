@@ -1,13 +1,13 @@
 //! What the GPU budget pays for: the picture's targets, tables, staging and read-back come first; the rest goes
-//! to slots, each with what the compositor keeps beside it.
+//! to pools of slots, each slot with what the compositor keeps beside it.
 
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
 use crate::table::{COMBINED, Room};
 use crate::upload::{MAX_BATCH, staging_bytes};
-use brickyard_pager::{VolumeNeeds, Wish, share};
-use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex, RayBrick};
+use brickyard_pager::{VolumeNeeds, Wish, pools, share};
+use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex};
 use brickyard_volume::{MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
@@ -21,55 +21,50 @@ pub(crate) const MIN_SLOTS: u32 = 2;
 /// How a budget is spent.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
-    /// Layer by layer.
-    pub(crate) layers: Vec<LayerPlan>,
-    /// Bricks of each layer per upload submission.
+    /// Pool by pool.
+    pub(crate) pools: Vec<PoolPlan>,
+    /// The pool of each layer.
+    pub(crate) pool_of: Vec<usize>,
+    /// Bricks of each pool per upload submission.
     pub(crate) batch: u64,
     /// Everything that does not depend on the number of slots.
     pub(crate) fixed_bytes: u64,
 }
 
-/// What a layer gets of it.
+/// What a pool gets of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LayerPlan {
+pub(crate) struct PoolPlan {
     pub(crate) atlas: AtlasPlan,
+    /// Slots without which nothing can be drawn.
+    pub(crate) least: u64,
     /// Where rays are cast.
     pub(crate) raycast: Option<RaycastPlan>,
     /// What the compositor keeps beside each slot.
     pub(crate) beside_bytes: u64,
 }
 
-/// What sizes the buffers of the raycast compositor.
+/// What sizes a pool's share of the raycast compositor's buffers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RaycastPlan {
     /// Voxels along a brick's core edge.
     pub(crate) edge: u32,
-    /// Levels of the pyramid.
+    /// Levels of the pyramid that has the most.
     pub(crate) levels: u32,
-    /// The counts of opaque entries.
-    pub(crate) opaque_bytes: u64,
+    /// Layers of the pool.
+    pub(crate) layers: u32,
     /// Whether macro-cells are to be leapt over.
     pub(crate) leaps: bool,
 }
 
 impl RaycastPlan {
-    pub(crate) fn new(edge: u32, levels: u32, codes: SlotFormat, leaps: bool) -> Self {
-        Self { edge, levels, leaps, opaque_bytes: (codes.max_code() as u64 + 2) * 4 }
-    }
-
-    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octree, twice for staging, and its part of
+    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octrees, twice for staging, and its part of
     /// the marks, in the read-back and on the host too.
     pub(crate) fn bytes_per_slot(&self) -> u64 {
         self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
-    /// What it needs besides: the counts on the GPU, on the host and in staging, and the octree's root.
-    pub(crate) fn fixed_bytes(&self) -> u64 {
-        3 * self.opaque_bytes + self.list_bytes(0)
-    }
-
-    /// All that grows with the draw list.
-    fn list_bytes(&self, slots: u32) -> u64 {
+    /// All that grows with draw lists; without slots there are the octrees' roots.
+    pub(crate) fn list_bytes(&self, slots: u32) -> u64 {
         2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + 3 * self.marks_bytes(slots)
     }
 
@@ -80,11 +75,18 @@ impl RaycastPlan {
     }
 }
 
+/// The counts of opaque entries of a layer.
+pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
+    (codes.max_code() as u64 + 2) * 4
+}
+
 /// What a plan is made for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
     pub(crate) layers: &'a [VolumeNeeds],
+    /// Of each pool how many slots there may be, where the device has refused more.
+    pub(crate) most_slots: &'a [u32],
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
@@ -97,12 +99,12 @@ pub(crate) struct MemoryNeeds<'a> {
 }
 
 /// Bytes of one layer's parts of shared buffers that lie between it and the next: parts begin where any device can bind them.
-const GAP_BYTES: u64 = 16 * PART_BYTES;
+const GAP_BYTES: u64 = 4 * PART_BYTES;
 
-/// Parts of shared buffers begin at multiples of this: of 256, and of a brick's size.
-pub(crate) const PART_BYTES: u64 = 256 * size_of::<RayBrick>() as u64 / 16;
+/// Parts of shared buffers begin at multiples of this.
+pub(crate) const PART_BYTES: u64 = 256;
 
-/// What a layer asks of a plan.
+/// What a pool asks of a plan.
 struct Ask {
     slot_edge: u32,
     slot_bytes: u64,
@@ -166,29 +168,38 @@ pub(crate) fn largest_mesh_bytes(room: MeshRoom) -> u64 {
 }
 
 impl MemoryNeeds<'_> {
-    fn ask(&self, layer: &VolumeNeeds) -> Ask {
-        let (codes, gradients) = (layer.encoding.format, layer.bricks.gradients(layer.edge));
-        let (slot_edge, format) = (layer.edge + 2 * layer.bricks.apron, self.formats.atlas(codes));
-        let leaps = self.casts_rays;
-        let raycast = leaps.map(|leaps| RaycastPlan::new(layer.edge, layer.levels, codes, leaps));
-        let limit = self.max_binding_bytes / self.layers.len() as u64;
-        let bindable = raycast.map_or(u64::MAX, |plan| plan.max_slots(limit));
+    /// What one of so many pools asks that has these layers, and may have so many slots.
+    fn ask(&self, layers: &[&VolumeNeeds], most_slots: u32, pools: usize) -> Ask {
+        // All of them have such bricks.
+        let VolumeNeeds { encoding, edge, bricks, .. } = *layers[0];
+        let (codes, gradients) = (encoding.format, bricks.gradients(edge));
+        let (slot_edge, format) = (edge + 2 * bricks.apron, self.formats.atlas(codes));
+        let levels = layers.iter().map(|layer| layer.levels).max().unwrap_or(0);
+        let raycast = self.casts_rays.map(|leaps| RaycastPlan { edge, levels, layers: layers.len() as u32, leaps });
+        let bindable = raycast.map_or(u64::MAX, |plan| plan.max_slots(self.max_binding_bytes / pools as u64));
         // One layer can be drawn in passes, with as few slots as there are.
-        let least = if self.layers.len() == 1 { MIN_SLOTS } else { layer.least_slots.max(MIN_SLOTS) };
-        let tables = Room::new(codes, &layer.bricks).bytes_staged();
+        let is_alone = self.layers.len() == 1;
+        let least = |layer: &VolumeNeeds| {
+            let least = if is_alone { MIN_SLOTS } else { layer.least_slots.max(MIN_SLOTS) };
+            least.min(layer.most_slots) as u64
+        };
         Ask {
             slot_edge,
             slot_bytes: slot_bytes(slot_edge, format, gradients),
             beside_bytes: raycast.map_or(0, |plan| plan.bytes_per_slot()),
             staging_bytes: staging_bytes(slot_edge, format, gradients) + raycast.map_or(0, |plan| plan.ranges_bytes(1)),
-            fixed_bytes: tables
-                + raycast.map_or(0, |plan| plan.fixed_bytes())
-                + GAP_BYTES
-                + size_of::<FrameUniform>() as u64,
-            most: bindable.min(layer.most_slots as u64),
-            least: least.min(layer.most_slots) as u64,
+            fixed_bytes: raycast.map_or(0, |plan| plan.list_bytes(0)) + GAP_BYTES,
+            most: bindable.min(most_slots as u64).min(layers.iter().map(|layer| layer.most_slots as u64).sum()),
+            least: layers.iter().map(|layer| least(layer)).sum(),
             raycast,
         }
+    }
+
+    /// What a layer needs whatever slots there are: tables, counts of opaque entries on the GPU, on the host and in staging, its frame.
+    fn layer_bytes(&self, layer: &VolumeNeeds) -> u64 {
+        let codes = layer.encoding.format;
+        let counts = if self.casts_rays.is_some() { 3 * opaque_bytes(codes) } else { 0 };
+        Room::new(codes, &layer.bricks).bytes_staged() + counts + GAP_BYTES + size_of::<FrameUniform>() as u64
     }
 
     /// Everything that depends neither on slots nor on batches.
@@ -204,17 +215,26 @@ impl MemoryNeeds<'_> {
             Some(_) if self.has_expressions => Room::of_places(COMBINED).bytes_staged(),
             Some(_) => 0,
         };
-        Ok(picture_bytes(&self.formats, self.max_size_px, asks.len() > 1)
+        Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
             + compositor
             + size_of::<FrameUniform>() as u64
+            + self.layers.iter().map(|layer| self.layer_bytes(layer)).sum::<u64>()
             + asks.iter().map(|ask| ask.fixed_bytes).sum::<u64>())
     }
 }
 
 impl MemoryPlan {
     pub(crate) fn new(needs: &MemoryNeeds<'_>) -> Result<Self, GpuError> {
-        let asks: Vec<Ask> = needs.layers.iter().map(|layer| needs.ask(layer)).collect();
+        let pool_of = pools(needs.layers);
+        let mut members: Vec<Vec<&VolumeNeeds>> = Vec::new();
+        for (layer, &pool) in needs.layers.iter().zip(&pool_of) {
+            members.resize_with(members.len().max(pool + 1), Vec::new);
+            members[pool].push(layer);
+        }
+        let most = needs.most_slots.iter().copied().chain(std::iter::repeat(u32::MAX));
+        let asks: Vec<Ask> =
+            members.iter().zip(most).map(|(layers, most)| needs.ask(layers, most, members.len())).collect();
         let small = needs.small_bytes(&asks)?;
         let staging: u64 = asks.iter().map(|ask| ask.staging_bytes).sum();
         // Two batches are under way at once; together at most an eighth of the budget.
@@ -230,21 +250,35 @@ impl MemoryPlan {
             slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),
         };
         let shares = share(needs.budget_bytes.saturating_sub(fixed_bytes), &wishes).map_err(|_| too_little())?;
-        let layer = |(ask, slots): (&Ask, u64)| {
+        let pool = |(ask, slots): (&Ask, u64)| {
             let most = u32::try_from(slots).unwrap_or(u32::MAX);
             let (each, edge) = (ask.slot_bytes, needs.max_texture_3d);
             let atlas = AtlasPlan::new(ask.slot_edge, each, slots * each, edge, most);
             let atlas = atlas.filter(|atlas| atlas.slots() as u64 >= ask.least).ok_or_else(too_little)?;
-            Ok(LayerPlan { atlas, raycast: ask.raycast, beside_bytes: ask.beside_bytes })
+            Ok(PoolPlan { atlas, least: ask.least, raycast: ask.raycast, beside_bytes: ask.beside_bytes })
         };
-        let layers = asks.iter().zip(shares).map(layer).collect::<Result<_, GpuError>>()?;
-        Ok(Self { layers, batch, fixed_bytes })
+        let pools = asks.iter().zip(shares).map(pool).collect::<Result<_, GpuError>>()?;
+        Ok(Self { pools, pool_of, batch, fixed_bytes })
     }
 
     /// Everything the renderer may hold at once.
     pub(crate) fn bytes(&self) -> u64 {
-        let of = |plan: &LayerPlan| plan.atlas.bytes + plan.atlas.slots() as u64 * plan.beside_bytes;
-        self.fixed_bytes + self.layers.iter().map(of).sum::<u64>()
+        let of = |plan: &PoolPlan| plan.atlas.bytes + plan.atlas.slots() as u64 * plan.beside_bytes;
+        self.fixed_bytes + self.pools.iter().map(of).sum::<u64>()
+    }
+
+    /// Bytes of all layers' octrees, of the bricks of their leaves, and of those bricks' marks.
+    pub(crate) fn list_bytes(&self) -> [u64; 3] {
+        let mut sums = [0; 3];
+        for PoolPlan { atlas, raycast, .. } in &self.pools {
+            let of = |plan: &RaycastPlan| {
+                let slots = atlas.slots();
+                [plan.nodes_bytes(slots), plan.bricks_bytes(slots), plan.marks_bytes(slots)]
+            };
+            let own = raycast.as_ref().map_or([0; 3], of);
+            sums = std::array::from_fn(|i| sums[i] + own[i]);
+        }
+        sums
     }
 }
 
@@ -275,6 +309,7 @@ mod tests {
         MemoryNeeds {
             formats: FORMATS,
             layers,
+            most_slots: &[],
             budget_bytes,
             max_size_px: (512, 512),
             max_texture_3d: 4096,
@@ -294,7 +329,7 @@ mod tests {
         for layers in [VoxelType::U8, VoxelType::U16].map(|voxel_type| [layer(voxel_type)]) {
             for needs in both(needs(&layers, 16 << 20)) {
                 let plan = MemoryPlan::new(&needs).unwrap();
-                assert!(plan.layers[0].atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
+                assert!(plan.pools[0].atlas.slots() >= 10 && plan.bytes() <= 16 << 20, "{plan:?}");
             }
         }
     }
@@ -303,12 +338,13 @@ mod tests {
     fn the_least_that_works_works_and_a_byte_less_does_not() {
         let three =
             [layer(VoxelType::U8), VolumeNeeds { least_slots: 5, ..layer(VoxelType::U16) }, layer(VoxelType::U8)];
-        for (layers, least) in [(&three[..1], &[2][..]), (&three, &[2, 5, 2])] {
+        // The first and the last share slots.
+        for (layers, least) in [(&three[..1], &[2][..]), (&three, &[4, 5])] {
             for needs in both(needs(layers, 1 << 20)) {
                 let Err(GpuError::Budget { least_bytes, .. }) = MemoryPlan::new(&needs) else { panic!("1 MiB") };
                 let with = |budget_bytes| MemoryPlan::new(&MemoryNeeds { budget_bytes, ..needs });
                 let plan = with(least_bytes).unwrap();
-                assert_eq!(plan.layers.iter().map(|layer| layer.atlas.slots()).collect::<Vec<_>>(), least);
+                assert_eq!(plan.pools.iter().map(|pool| pool.atlas.slots()).collect::<Vec<_>>(), least);
                 assert!(with(least_bytes - 1).is_err());
             }
         }
@@ -337,9 +373,9 @@ mod tests {
             };
             let (plain, stored) = (of(plain), of(stored));
             assert!(stored.bytes() <= 100 << 20);
-            let (atlas, slot_bytes) = (stored.layers[0].atlas, 34 * 34 * 34 * 8 + 66 * 66 * 66 * 2);
+            let (atlas, slot_bytes) = (stored.pools[0].atlas, 34 * 34 * 34 * 8 + 66 * 66 * 66 * 2);
             assert_eq!(atlas.bytes, atlas.slots() as u64 * slot_bytes);
-            assert!(atlas.slots() * 10 < plain.layers[0].atlas.slots() * 8, "{stored:?} {plain:?}");
+            assert!(atlas.slots() * 10 < plain.pools[0].atlas.slots() * 8, "{stored:?} {plain:?}");
         }
     }
 
@@ -362,14 +398,35 @@ mod tests {
     fn buffers_are_within_the_account_and_the_binding_limit() {
         let layers = [layer(VoxelType::U8)];
         let needs = MemoryNeeds { max_binding_bytes: 1 << 20, casts_rays: Some(true), ..needs(&layers, 5000 << 20) };
-        let plan = MemoryPlan::new(&needs).unwrap().layers[0];
+        let plan = MemoryPlan::new(&needs).unwrap().pools[0];
         let (raycast, slots) = (plan.raycast.unwrap(), plan.atlas.slots());
         let buffers = [raycast.nodes_bytes(slots), raycast.bricks_bytes(slots), raycast.ranges_bytes(slots)];
         let marks = 2 * raycast.marks_bytes(slots);
         assert!(buffers.iter().all(|&b| b <= 1 << 20), "{buffers:?}");
         assert!(slots > 300, "{slots} slots of 64 entries fill 1 MiB");
-        let accounted = raycast.fixed_bytes() + slots as u64 * plan.beside_bytes;
-        assert!(buffers.iter().sum::<u64>() + marks + raycast.opaque_bytes <= accounted);
-        assert_eq!((PART_BYTES % 256, PART_BYTES % size_of::<RayBrick>() as u64), (0, 0));
+        let accounted = raycast.list_bytes(0) + slots as u64 * plan.beside_bytes;
+        assert!(buffers.iter().sum::<u64>() + marks <= accounted);
+    }
+
+    #[test]
+    fn layers_of_one_pool_have_the_slots_of_all_and_one_may_use_them() {
+        let few = VolumeNeeds { most_slots: 40, least_slots: 9, ..layer(VoxelType::U8) };
+        let other = VolumeNeeds { edge: 32, ..few };
+        let layers = [few, few, other, VolumeNeeds { levels: 4, ..few }];
+        for needs in both(needs(&layers, 1 << 30)) {
+            let plan = MemoryPlan::new(&needs).unwrap();
+            assert_eq!(plan.pool_of, [0, 0, 1, 0]);
+            assert_eq!(plan.pools.iter().map(|pool| pool.least).collect::<Vec<_>>(), [27, 9]);
+            // All that they could fill.
+            assert_eq!(plan.pools.iter().map(|pool| pool.atlas.slots()).collect::<Vec<_>>(), [120, 40]);
+            if let Some(raycast) = plan.pools[0].raycast {
+                let alone = RaycastPlan { layers: 1, ..raycast };
+                assert_eq!(raycast.levels, 9);
+                let roots = raycast.nodes_bytes(0) - alone.nodes_bytes(0);
+                assert_eq!(raycast.nodes_bytes(120) - roots, alone.nodes_bytes(120), "one layer may use them all");
+            }
+            let refused = MemoryPlan::new(&MemoryNeeds { most_slots: &[60, 40], ..needs }).unwrap();
+            assert_eq!(refused.pools.iter().map(|pool| pool.atlas.slots()).collect::<Vec<_>>(), [60, 40]);
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The parts that layers have of the buffers that they share.
 
-use crate::memory::{LayerPlan, PART_BYTES};
+use crate::memory::{PART_BYTES, PoolPlan, opaque_bytes};
 use crate::table::{COMBINED, Room};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::FrameUniform;
@@ -37,11 +37,7 @@ impl Part {
 pub(crate) struct Parts {
     pub(crate) frame: Part,
     pub(crate) table: Part,
-    pub(crate) nodes: Part,
-    pub(crate) bricks: Part,
-    pub(crate) ranges: Part,
     pub(crate) counts: Part,
-    pub(crate) marks: Part,
 }
 
 /// Where the shared buffers end.
@@ -49,36 +45,25 @@ pub(crate) struct Parts {
 pub(crate) struct Ends {
     pub(crate) frames: u64,
     pub(crate) table: u64,
-    pub(crate) nodes: u64,
-    pub(crate) bricks: u64,
     pub(crate) ranges: u64,
     pub(crate) counts: u64,
-    pub(crate) marks: u64,
 }
 
 impl Ends {
     /// The next layer's parts.
-    pub(crate) fn layer(&mut self, needs: &VolumeNeeds, plan: &LayerPlan) -> Parts {
-        let slots = plan.atlas.slots();
-        let [nodes, bricks, ranges, counts, marks] = match &plan.raycast {
-            None => [0; 5],
-            Some(plan) => [
-                plan.nodes_bytes(slots),
-                plan.bricks_bytes(slots),
-                plan.ranges_bytes(slots),
-                plan.opaque_bytes,
-                plan.marks_bytes(slots),
-            ],
-        };
+    pub(crate) fn layer(&mut self, needs: &VolumeNeeds) -> Parts {
+        let codes = needs.encoding.format;
         Parts {
             frame: self.frame(),
-            table: Part::next(&mut self.table, Room::new(needs.encoding.format, &needs.bricks).bytes()),
-            nodes: Part::next(&mut self.nodes, nodes),
-            bricks: Part::next(&mut self.bricks, bricks),
-            ranges: Part::next(&mut self.ranges, ranges),
-            counts: Part::next(&mut self.counts, counts),
-            marks: Part::next(&mut self.marks, marks),
+            table: Part::next(&mut self.table, Room::new(codes, &needs.bricks).bytes()),
+            counts: Part::next(&mut self.counts, opaque_bytes(codes)),
         }
+    }
+
+    /// The ranges of codes of the next pool's macro-cells.
+    pub(crate) fn ranges(&mut self, plan: &PoolPlan) -> Part {
+        let bytes = plan.raycast.map_or(0, |raycast| raycast.ranges_bytes(plan.atlas.slots()));
+        Part::next(&mut self.ranges, bytes)
     }
 
     /// The next frame: they follow each other without gaps, for shaders that see all.

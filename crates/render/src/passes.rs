@@ -9,10 +9,12 @@ use crate::layer::GpuLayer;
 use crate::meshes::{Meshes, Peeled};
 use crate::parts::Part;
 use crate::pipelines::{MarchPipeline, Shader};
+use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March, check_size};
 use crate::table::{self, COMBINED};
 use crate::targets::{Found, Targets};
+use crate::tree::Tree;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{MARK_STEPS, Seen, Shown};
 use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
@@ -98,7 +100,8 @@ impl GpuRenderer {
             layer.check(framed)?;
         }
         let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
-        let course = Course::new(&self.layers, &framed, (combination, first_place), self.compositor())?;
+        let layers = (&self.layers[..], &self.pools[..]);
+        let course = Course::new(layers, &framed, (combination, first_place), self.compositor())?;
         self.prepare(&course, framed[0].settings)?;
         self.send(&framed, combination);
         self.gpu.check()?;
@@ -142,13 +145,13 @@ impl GpuRenderer {
 
     /// Sends tables and frames, and the frame of the meshes: the first layer's, but in the scene's world.
     fn send(&mut self, framed: &[Framed<'_>], combination: Option<&Combination>) {
-        let Self { gpu, shared, march, meshes, layers, combined, combined_part, .. } = self;
+        let Self { gpu, shared, march, meshes, layers, pools, combined, combined_part, .. } = self;
         let composite = gpu.report.formats.composite;
         let settings = framed[0].settings;
         let meshes = meshes.as_ref().filter(|_| !settings.meshes.is_empty());
         let mesh_far = meshes.map_or(0.0, |meshes| meshes.far(settings) as f32);
         let write = |part: Part, layer: &GpuLayer, framed: &Framed<'_>| {
-            let mut uniform = layer.uniform(framed, composite);
+            let mut uniform = layer.uniform(framed, &pools[layer.pool], composite);
             uniform.mesh_far = mesh_far;
             gpu.queue.write_buffer(&shared.frame, part.at, bytemuck::bytes_of(&uniform));
         };
@@ -202,8 +205,8 @@ impl Passes<'_> {
 
     /// Draws each layer's list.
     fn draw_all(&mut self, draws: &[&DrawList]) -> Result<(), GpuError> {
-        for (layer, draw) in self.renderer.layers.iter().zip(draws) {
-            layer.check_list(draw)?;
+        for (i, draw) in draws.iter().enumerate() {
+            self.pool(i).check_list(draw)?;
         }
         match &self.course {
             Course::Single(shader) => self.march(0, shader, draws[0])?,
@@ -222,15 +225,15 @@ impl Passes<'_> {
 
     /// Gathers a layer by itself.
     fn march(&self, i: usize, shader: &Shader, draw: &DrawList) -> Result<(), GpuError> {
-        let (gpu, layer) = (&self.renderer.gpu, &self.renderer.layers[i]);
+        let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let is_first = self.lists == 0;
         let (gathering, pipeline) = (self.gathering(i)?, self.pipeline(shader)?);
-        match (&self.renderer.march, pipeline) {
+        match (march, pipeline) {
             (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
-                sorted.draw(gpu, (&gathering, pipeline), (i, layer), self.framed[i].pyramid, draw, is_first);
+                sorted.draw(gpu, (&gathering, pipeline), (i, self.pool(i)), self.framed[i].pyramid, draw, is_first);
             }
             (March::Raycast(raycast), pipeline) if is_first => {
-                layer.set_list(gpu, &raycast.buffers, &self.framed[i], draw)?;
+                raycast.set_trees(gpu, shared, &[self.tree(i, draw)])?;
                 gathering.cast_rays(gpu, pipeline, &raycast.bindings[i], 1);
             }
             _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
@@ -240,15 +243,25 @@ impl Passes<'_> {
 
     /// Gathers all layers by one ray.
     fn cast_together(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, layers, march: March::Raycast(raycast), .. } = &*self.renderer else {
+        let GpuRenderer { gpu, shared, march: March::Raycast(raycast), .. } = &*self.renderer else {
             return Err(no_target());
         };
-        for ((layer, framed), draw) in layers.iter().zip(&self.framed).zip(draws) {
-            layer.set_list(gpu, &raycast.buffers, framed, draw)?;
-        }
+        let trees: Vec<_> = draws.iter().enumerate().map(|(i, draw)| self.tree(i, draw)).collect();
+        raycast.set_trees(gpu, shared, &trees)?;
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
-        gathering.cast_rays(gpu, pipeline, &raycast.joint, layers.len() as u32);
+        gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32);
         Ok(())
+    }
+
+    /// The octree over a layer's list, and the part of the frames' buffer with the layer's.
+    fn tree(&self, i: usize, draw: &DrawList) -> (Part, Tree) {
+        let layer = &self.renderer.layers[i];
+        (layer.parts.frame, self.pool(i).tree(&self.framed[i], draw, &layer.opaque))
+    }
+
+    /// Where a layer's bricks are.
+    fn pool(&self, i: usize) -> &Pool {
+        &self.renderer.pools[self.renderer.layers[i].pool]
     }
 
     /// Adds what has been gathered of a layer to the sums.
@@ -348,12 +361,12 @@ impl Passes<'_> {
 
     /// Queues the pass to display colours and the way back, with so many marks of each layer.
     fn show(&self) -> Result<(wgpu::SubmissionIndex, Vec<usize>), GpuError> {
-        let GpuRenderer { gpu, shared, meshes, peeled, pipelines, layers, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, meshes, peeled, pipelines, .. } = &*self.renderer;
         let (targets, marked) = (self.targets()?, self.marked());
         let counts: Vec<usize> = self.cells.iter().map(|&cells| marked.map_or(0, |_| cells)).collect();
         let also = |encoder: &mut wgpu::CommandEncoder| {
             if let Some(raycast) = marked {
-                raycast.take_marks(encoder, layers, &counts, targets);
+                raycast.take_marks(encoder, counts.iter().sum(), targets);
             }
         };
         let copied = match (meshes, peeled) {

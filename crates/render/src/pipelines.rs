@@ -182,8 +182,8 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Those of so many layers, with stored gradients or without.
-    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, layers: usize, has_gradients: bool) -> Self {
+    /// Those of layers in so many pools, with stored gradients or without.
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> Self {
         let fragment = ShaderStages::FRAGMENT;
         let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));
         let frames = (bindings::FRAMES, fragment, storage());
@@ -191,14 +191,14 @@ impl Layouts {
         let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
         Self {
             march: march_layout(gpu, compositor, 1, has_gradients),
-            joint: march_layout(gpu, compositor, layers, has_gradients),
+            joint: march_layout(gpu, compositor, pools, has_gradients),
             resolve: bind_group_layout(gpu, "resolve", &resolve),
             joined: bind_group_layout(gpu, "joined", &[frames, gathered, glow]),
         }
     }
 }
 
-fn march_layout(gpu: &Gpu, compositor: Compositor, layers: usize, has_gradients: bool) -> wgpu::BindGroupLayout {
+fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> wgpu::BindGroupLayout {
     let stage = match compositor {
         Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
         Compositor::Compute => ShaderStages::COMPUTE,
@@ -208,8 +208,8 @@ fn march_layout(gpu: &Gpu, compositor: Compositor, layers: usize, has_gradients:
         (bindings::ATLAS_SAMPLER, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         (bindings::TABLE, stage, storage()),
     ];
-    let gradients = (bindings::FIRST_GRADIENTS..).take(if has_gradients { layers } else { 0 });
-    let textures = (bindings::FIRST_ATLAS..).take(layers).chain(gradients);
+    let gradients = (bindings::FIRST_GRADIENTS..).take(if has_gradients { pools } else { 0 });
+    let textures = (bindings::FIRST_ATLAS..).take(pools).chain(gradients);
     march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
     match compositor {
         Compositor::Sorted => march.push((bindings::CELLS, ShaderStages::VERTEX, storage())),

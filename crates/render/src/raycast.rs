@@ -11,12 +11,13 @@ use crate::adapter::Gpu;
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::layer::GpuLayer;
-use crate::memory::RaycastPlan;
-use crate::parts::{Ends, Part, Parts};
+use crate::memory::{MemoryPlan, RaycastPlan};
+use crate::parts::{Ends, Part};
 use crate::pipelines::Layouts;
+use crate::pool::Pool;
 use crate::targets::Targets;
-use crate::tree::GROUP;
-use brickyard_shaders::{RayBrick, bindings};
+use crate::tree::{GROUP, Tree};
+use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
@@ -35,15 +36,16 @@ impl Raycast {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        layers: &[GpuLayer],
-        ends: &Ends,
+        (layers, pools): (&[GpuLayer], &[Pool]),
+        (ends, memory): (&Ends, &MemoryPlan),
     ) -> Result<Self, GpuError> {
+        let [nodes, bricks, marks] = memory.list_bytes();
         let sizes = [
-            ("octrees", ends.nodes),
-            ("bricks", ends.bricks),
+            ("octrees", nodes),
+            ("bricks", bricks),
             ("macro-cells", ends.ranges),
             ("opaque entries", ends.counts),
-            ("marks", ends.marks),
+            ("marks", marks),
         ];
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let make = |device: &wgpu::Device| sizes.map(|(label, bytes)| buffer(device, label, bytes, usage));
@@ -52,81 +54,103 @@ impl Raycast {
             gpu.allocate("the octrees and the macro-cells", total, make)?;
         let buffers = RayBuffers { nodes, bricks, ranges, opaque_before, marks };
         let of = |layer: &GpuLayer| {
-            let own = buffers.entries(gpu, shared, Some(&layer.parts));
-            shared.bindings(gpu, &layouts.march, std::slice::from_ref(layer), own)
+            let pool = &pools[layer.pool];
+            let own = buffers.entries(gpu, shared, Some((layer, pool)));
+            shared.bindings(gpu, &layouts.march, std::slice::from_ref(pool), own)
         };
         let own = layers.iter().map(of).collect();
-        let joint = shared.bindings(gpu, &layouts.joint, layers, buffers.entries(gpu, shared, None));
+        let joint = shared.bindings(gpu, &layouts.joint, pools, buffers.entries(gpu, shared, None));
         Ok(Self { buffers, bindings: own, joint })
     }
 
-    /// Queues the copy of the first so many marks of each layer, one layer's behind the other's, and the end of all.
-    pub(crate) fn take_marks(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        layers: &[GpuLayer],
-        counts: &[usize],
-        to: &Targets,
-    ) {
-        let mut at = to.marks_offset();
-        for (layer, count) in layers.iter().zip(counts).filter(|(_, count)| **count > 0) {
+    /// Sends octrees over draw lists, one behind the other, and tells each one's frame where it begins.
+    ///
+    /// # Errors
+    /// If the lists are longer than what slots and levels let them be.
+    pub(crate) fn set_trees(&self, gpu: &Gpu, shared: &SharedBuffers, trees: &[(Part, Tree)]) -> Result<(), GpuError> {
+        let (mut nodes, mut bricks): (Vec<u32>, Vec<RayBrick>) = Default::default();
+        for (frame, tree) in trees {
+            let list_at = [nodes.len() as u32, bricks.len() as u32];
+            let at = frame.at + std::mem::offset_of!(FrameUniform, list_at) as u64;
+            gpu.queue.write_buffer(&shared.frame, at, bytemuck::bytes_of(&list_at));
+            nodes.extend(&tree.nodes);
+            bricks.extend(&tree.bricks);
+        }
+        let room = [&self.buffers.nodes, &self.buffers.bricks].map(|buffer| buffer.size() as usize);
+        if size_of_val(&nodes[..]) > room[0] || size_of_val(&bricks[..]) > room[1] {
+            return Err(GpuError::Mismatch(format!(
+                "draw lists of {} entries and {} octree nodes: this renderer's slots and levels leave room for {} and {}",
+                bricks.len(),
+                nodes.len(),
+                room[1] / size_of::<RayBrick>(),
+                room[0] / size_of::<u32>()
+            )));
+        }
+        gpu.queue.write_buffer(&self.buffers.nodes, 0, bytemuck::cast_slice(&nodes));
+        gpu.queue.write_buffer(&self.buffers.bricks, 0, bytemuck::cast_slice(&bricks));
+        Ok(())
+    }
+
+    /// Queues the copy of the first so many marks, and the end of all.
+    pub(crate) fn take_marks(&self, encoder: &mut wgpu::CommandEncoder, count: usize, to: &Targets) {
+        if count > 0 {
             let bytes = (count * size_of::<u32>()) as u64;
-            encoder.copy_buffer_to_buffer(&self.buffers.marks, layer.parts.marks.at, &to.read_back, at, bytes);
-            at += bytes;
+            encoder.copy_buffer_to_buffer(&self.buffers.marks, 0, &to.read_back, to.marks_offset(), bytes);
         }
         encoder.clear_buffer(&self.buffers.marks, 0, None);
     }
 }
 
 impl RayBuffers {
-    /// A layer's parts of all that rays see, or all of it.
+    /// What rays see of a layer, or of all of them.
     fn entries<'a>(
         &'a self,
         gpu: &Gpu,
         shared: &'a SharedBuffers,
-        parts: Option<&Parts>,
+        layer: Option<(&GpuLayer, &Pool)>,
     ) -> Vec<wgpu::BindGroupEntry<'a>> {
         let of = |buffer: &'a wgpu::Buffer, part: Option<Part>| {
             part.map_or_else(|| buffer.as_entire_binding(), |part| part.of(buffer))
         };
+        let (parts, ranges) = (layer.map(|(layer, _)| layer.parts), layer.map(|(_, pool)| pool.ranges));
         let mut entries = vec![
             entry(bindings::FRAMES, of(&shared.frame, parts.map(|parts| parts.frame))),
             entry(bindings::TABLE, of(&shared.table, parts.map(|parts| parts.table))),
-            entry(bindings::BRICKS, of(&self.bricks, parts.map(|parts| parts.bricks))),
-            entry(bindings::NODES, of(&self.nodes, parts.map(|parts| parts.nodes))),
-            entry(bindings::RANGES, of(&self.ranges, parts.map(|parts| parts.ranges))),
+            entry(bindings::BRICKS, self.bricks.as_entire_binding()),
+            entry(bindings::NODES, self.nodes.as_entire_binding()),
+            entry(bindings::RANGES, of(&self.ranges, ranges)),
             entry(bindings::OPAQUE_BEFORE, of(&self.opaque_before, parts.map(|parts| parts.counts))),
         ];
         if gpu.report.feedback {
-            entries.push(entry(bindings::MARKS, of(&self.marks, parts.map(|parts| parts.marks))));
+            entries.push(entry(bindings::MARKS, self.marks.as_entire_binding()));
         }
         entries
     }
 }
 
 impl RaycastPlan {
-    /// Groups of nodes for this many slots: at worst each cell that a cut wants has a way of its own down from the root.
+    /// Groups of nodes for this many slots: at worst each cell that a cut wants has a way of its own down from its layer's root.
     fn groups(&self, slots: u32) -> u64 {
-        1 + slots as u64 * (self.levels as u64).saturating_sub(1)
+        self.layers as u64 + slots as u64 * (self.levels as u64).saturating_sub(1)
     }
 
-    /// Entries that a draw list can have. A cut wants fewer cells than there are slots; but the siblings that its splits leave
+    /// Entries that draw lists can have. A cut wants fewer cells than there are slots; but the siblings that its splits leave
     /// over are drawn too when the camera has turned towards them and the next cut is not there yet.
     fn entries(&self, slots: u32) -> u64 {
         self.groups(slots) * GROUP as u64
     }
 
-    /// What the list's marks take.
+    /// What the lists' marks take.
     pub(crate) fn marks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<u32>() as u64
     }
 
-    /// What the octree's nodes take.
+    /// What the octrees' nodes take.
     pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
         self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
-    /// What the list's bricks take.
+    /// What the lists' bricks take.
     pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<RayBrick>() as u64
     }

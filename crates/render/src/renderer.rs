@@ -1,4 +1,4 @@
-//! The GPU renderer: slots of layers on the GPU, a compositor that gathers their samples, and the picture read back.
+//! The GPU renderer: pools of slots on the GPU, layers drawn from them, a compositor that gathers their samples, and the picture read back.
 //!
 //! A frame (see `passes`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
 //! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
@@ -10,14 +10,15 @@ use crate::buffers::SharedBuffers;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::layer::GpuLayer;
-use crate::memory::{MIN_SLOTS, MemoryNeeds, MemoryPlan};
+use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
 use crate::meshes::{Meshes, Peeled};
-use crate::parts::{Ends, Part, Parts};
+use crate::parts::{Ends, Part};
 use crate::pipelines::{Layouts, Pipelines};
+use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
 use crate::targets::Targets;
-use brickyard_pager::{Slot, VolumeNeeds};
+use brickyard_pager::{Slot, VolumeNeeds, pools};
 use brickyard_shaders::Gather;
 use brickyard_volume::{MAX_VOLUMES, TransferTable};
 
@@ -52,6 +53,7 @@ pub struct GpuRenderer {
     memory: MemoryPlan,
     asked_bytes: u64,
     pub(crate) layers: Vec<GpuLayer>,
+    pub(crate) pools: Vec<Pool>,
     pub(crate) shared: SharedBuffers,
     pub(crate) layouts: Layouts,
     pub(crate) march: March,
@@ -81,20 +83,15 @@ pub(crate) struct Recipe {
 }
 
 impl Recipe {
-    /// How the budget is spent on this device, with no more slots of the layers than so many.
+    /// How the budget is spent on this device, with no more slots of the pools than so many.
     fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
         self.check_textures(gpu)?;
-        let layers: Vec<VolumeNeeds> = self
-            .layers
-            .iter()
-            .zip(most_slots)
-            .map(|(needs, &most_slots)| VolumeNeeds { most_slots, ..*needs })
-            .collect();
         MemoryPlan::new(&MemoryNeeds {
             formats: gpu.report.formats,
-            layers: &layers,
+            layers: &self.layers,
+            most_slots,
             budget_bytes: self.budget_bytes,
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
@@ -104,11 +101,12 @@ impl Recipe {
         })
     }
 
-    /// Whether a shader sees enough textures: atlases and gradients of all layers, and what cuts a picture into slabs.
+    /// Whether a shader sees enough textures: atlases and gradients of all pools, and what cuts a picture into slabs.
     fn check_textures(&self, gpu: &Gpu) -> Result<(), GpuError> {
         let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
         let each = if self.has_gradients() { 2 } else { 1 };
-        let needed = each * self.layers.len() + if self.layers[0].bricks.meshes.is_none() { 0 } else { 3 };
+        let pools = pools(&self.layers).iter().max().map_or(0, |last| last + 1);
+        let needed = each * pools + if self.layers[0].bricks.meshes.is_none() { 0 } else { 3 };
         match self.options.compositor {
             Compositor::Raycast | Compositor::Compute if needed > limit as usize => {
                 Err(GpuError::Textures { volumes: self.layers.len(), needed, limit })
@@ -122,7 +120,7 @@ impl Recipe {
     }
 
     fn has_gradients(&self) -> bool {
-        self.layers[0].bricks.gradient_layers > 0
+        self.layers.iter().any(|layer| layer.bricks.gradient_layers > 0)
     }
 }
 
@@ -135,24 +133,22 @@ pub(crate) enum March {
 
 impl GpuRenderer {
     /// A renderer for layers of bricks and what pictures need around them, and pictures up to `max_size_px` (width, height), that
-    /// allocates at most `gpu_memory_bytes`: of one layer all that is left is for its slots, of several each has a share.
+    /// allocates at most `gpu_memory_bytes`: what is left is for slots. Layers whose bricks fit each other's slots share a
+    /// [pool](brickyard_pager::pools) of them; of several pools each has a share.
     ///
     /// The device may have less than the budget. Where it refuses an allocation there are half as many slots, again and
     /// again, down to the least that works: see [`GpuRenderer::asked_bytes`].
     ///
     /// # Errors
-    /// If there is no such adapter, its shaders see too few textures, the layers are none or do not all have gradients beside their
-    /// bricks or none, the budget cannot hold a picture and the least bricks, or the device refuses even those.
+    /// If there is no such adapter, its shaders see too few textures, the layers are none, too many or for different meshes, the budget
+    /// cannot hold a picture and the least bricks, or the device refuses even those.
     pub fn new(
         options: &GpuOptions,
         layers: &[VolumeNeeds],
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
-        let is_alike = |needs: &VolumeNeeds| {
-            let (first, bricks) = (&layers[0].bricks, &needs.bricks);
-            (bricks.gradient_layers > 0) == (first.gradient_layers > 0) && bricks.meshes == first.meshes
-        };
+        let is_alike = |needs: &VolumeNeeds| needs.bricks.meshes == layers[0].bricks.meshes;
         if layers.is_empty() || layers.len() > MAX_VOLUMES || !layers.iter().all(is_alike) {
             let problem = format!("{} layers: expected 1 to {MAX_VOLUMES}, of one scene", layers.len());
             return Err(GpuError::Mismatch(problem));
@@ -163,18 +159,18 @@ impl GpuRenderer {
 
     fn make(recipe: Recipe) -> Result<Self, GpuError> {
         let mut asked_bytes = None;
-        let mut most: Vec<u32> = recipe.layers.iter().map(|needs| needs.most_slots).collect();
+        let mut most = Vec::new();
         loop {
             let gpu = Gpu::open(recipe.options.preference, recipe.options.refuse_above_bytes)?;
             let memory = recipe.plan(&gpu, &most)?;
             let asked_bytes = *asked_bytes.get_or_insert(memory.bytes());
-            let slots: Vec<u32> = memory.layers.iter().map(|plan| plan.atlas.slots()).collect();
+            let slots: Vec<u32> = memory.pools.iter().map(|plan| plan.atlas.slots()).collect();
+            let halved = |plan: &PoolPlan| (plan.atlas.slots() / 2).max(plan.least as u32);
+            let fewer: Vec<u32> = memory.pools.iter().map(halved).collect();
             match Self::allocate(gpu, recipe.clone(), memory, asked_bytes) {
                 // Some drivers lose the device over what they cannot give.
-                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_)))
-                    if slots.iter().any(|&slots| slots > MIN_SLOTS) =>
-                {
-                    most = slots.iter().map(|slots| (slots / 2).max(MIN_SLOTS)).collect();
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) if fewer != slots => {
+                    most = fewer;
                     tracing::warn!("{error}: trying with {most:?} bricks instead of {slots:?}");
                 }
                 other => return other,
@@ -184,22 +180,26 @@ impl GpuRenderer {
 
     fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
         let mut ends = Ends::default();
-        let parts: Vec<Parts> =
-            recipe.layers.iter().zip(&memory.layers).map(|(needs, plan)| ends.layer(needs, plan)).collect();
+        let made = recipe.layers.iter().zip(&memory.pool_of);
+        let layers: Vec<GpuLayer> =
+            made.map(|(&needs, &pool)| GpuLayer::new(needs, pool, ends.layer(&needs))).collect();
         let (of_meshes, compositor) = (ends.frame(), recipe.options.compositor);
         let combined_part = recipe.has_expressions().then(|| ends.combined());
-        let made = recipe.layers.iter().zip(&memory.layers).zip(&parts);
-        let layers: Vec<GpuLayer> = made
-            .map(|((needs, plan), parts)| GpuLayer::new(&gpu, *needs, *plan, memory.batch, *parts))
-            .collect::<Result<_, _>>()?;
-        let shared = SharedBuffers::new(&gpu, ends.frames, ends.table)?;
-        let layouts = Layouts::new(&gpu, compositor, layers.len(), recipe.has_gradients());
+        let mut pools: Vec<Pool> = Vec::new();
+        for layer in &layers {
+            if let Some(&plan) = memory.pools.get(pools.len()).filter(|_| layer.pool == pools.len()) {
+                pools.push(Pool::new(&gpu, layer.needs, plan, memory.batch, ends.ranges(&plan))?);
+            }
+        }
+        let shared = SharedBuffers::new(&gpu, (ends.frames, ends.table), recipe.has_gradients())?;
+        let layouts = Layouts::new(&gpu, compositor, pools.len(), recipe.has_gradients());
+        let slots = (&layers[..], &pools[..]);
         let march = match compositor {
-            Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, &layers)?),
-            _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, &layers, &ends)?),
+            Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, slots)?),
+            _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, slots, (&ends, &memory))?),
         };
         // The largest there will be: a frame is no time to find out that there is no room for them.
-        let marks_bytes = parts.iter().map(|parts| parts.marks.bytes).sum();
+        let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
         let targets = Some(Targets::new(&gpu, largest, compositor, recipe.max_size_px, marks_bytes)?);
         let room = recipe.layers[0].bricks.meshes;
@@ -212,6 +212,7 @@ impl GpuRenderer {
             memory,
             asked_bytes,
             layers,
+            pools,
             shared,
             layouts,
             march,
@@ -246,12 +247,12 @@ impl GpuRenderer {
         self.gpu.device.destroy();
     }
 
-    /// How many bricks of a layer fit.
+    /// How many bricks fit the pool of a layer.
     ///
     /// # Panics
     /// If there is no such layer.
     pub fn slots(&self, layer: usize) -> u32 {
-        self.layers[layer].slots()
+        self.pools[self.layers[layer].pool].slots()
     }
 
     /// Everything this renderer may hold on the GPU at once: atlases, targets, tables, staging, read-back.
@@ -266,7 +267,7 @@ impl GpuRenderer {
 
     /// Bytes of slot codes uploaded so far.
     pub fn uploaded_bytes(&self) -> u64 {
-        self.layers.iter().map(|layer| layer.uploader.bytes).sum()
+        self.pools.iter().map(|pool| pool.uploader.bytes).sum()
     }
 
     /// Milliseconds of the last frame: on the GPU where it has timestamps, else from call to picture.
@@ -284,8 +285,8 @@ impl GpuRenderer {
         &self.gpu.report
     }
 
-    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a layer's slot. Returns before they
-    /// are there; later frames see them.
+    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a slot of a layer's pool, from which
+    /// any layer of the pool may be drawn. Returns before they are there; later frames see them.
     ///
     /// # Errors
     /// If the codes are not a padded brick of the layer, there is no such slot, or the device fails.
@@ -293,8 +294,8 @@ impl GpuRenderer {
     /// # Panics
     /// If there is no such layer.
     pub fn upload(&mut self, layer: usize, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
-        let Self { gpu, layers, march, .. } = self;
-        layers[layer].upload(gpu, march.rays(), slot, codes)
+        let Self { gpu, layers, pools, march, .. } = self;
+        pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes)
     }
 
     /// For each entry of a layer's last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up

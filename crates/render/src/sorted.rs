@@ -8,6 +8,7 @@ use crate::gathering::Gathering;
 use crate::layer::GpuLayer;
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pipelines::Layouts;
+use crate::pool::Pool;
 use brickyard_pager::DrawList;
 use brickyard_shaders::{CellInstance, bindings};
 use brickyard_volume::Pyramid;
@@ -25,7 +26,7 @@ impl Sorted {
         gpu: &Gpu,
         layouts: &Layouts,
         shared: &SharedBuffers,
-        layers: &[GpuLayer],
+        (layers, pools): (&[GpuLayer], &[Pool]),
     ) -> Result<Self, GpuError> {
         let bytes = (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
@@ -36,7 +37,7 @@ impl Sorted {
                 entry(bindings::TABLE, layer.parts.table.of(&shared.table)),
                 entry(bindings::CELLS, cells.as_entire_binding()),
             ];
-            shared.bindings(gpu, &layouts.march, std::slice::from_ref(layer), own)
+            shared.bindings(gpu, &layouts.march, std::slice::from_ref(&pools[layer.pool]), own)
         };
         let bindings = layers.iter().map(of).collect();
         Ok(Self { cells, bindings })
@@ -48,12 +49,12 @@ impl Sorted {
         &self,
         gpu: &Gpu,
         (gathering, pipeline): (&Gathering<'_>, &wgpu::RenderPipeline),
-        (i, layer): (usize, &GpuLayer),
+        (i, pool): (usize, &Pool),
         pyramid: &Pyramid,
         draw: &DrawList,
         is_first: bool,
     ) {
-        let (plan, apron) = (&layer.atlas.plan, layer.needs.bricks.apron);
+        let (plan, apron) = (&pool.atlas.plan, pool.apron());
         let chunks = draw.cells.len().div_ceil(CELLS_PER_SUBMISSION).max(1);
         for chunk in 0..chunks {
             let cells = draw.cells.chunks(CELLS_PER_SUBMISSION).nth(chunk).unwrap_or(&[]);

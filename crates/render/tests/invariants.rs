@@ -4,8 +4,8 @@
 #[allow(dead_code, reason = "other tests draw single volumes with it")]
 mod bricks;
 
-use bricks::{Bricks, MEMORY_BYTES, RenderOne, missing::leave_out};
-use brickyard_pager::{DrawList, Layer, VolumeNeeds};
+use bricks::{Bricks, Into, MEMORY_BYTES, RenderOne, missing::leave_out};
+use brickyard_pager::{DrawList, Layer, Pixels, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -86,15 +86,9 @@ impl<'a> Stage<'a> {
         let mut lists = Vec::new();
         for (layer, volume) in volumes.iter().enumerate() {
             let rays = frame(volume, Mode::Dvr, &transfer(0.1)).rays;
-            let list = volume.draw(&mut renderer, &rays, &|_| false, &|_| 0);
-            for cell in &list.cells {
-                renderer.upload(layer, cell.slot, &volume.padded(cell.brick)).expect("an upload");
-            }
-            lists.push(list);
-        }
-        // Lists are made by uploads to the first layer.
-        for cell in &lists[0].cells {
-            renderer.upload(0, cell.slot, &volumes[0].padded(cell.brick)).expect("an upload");
+            // All layers share one pool: the bricks of one lie between those of the others.
+            let into = Into { layer: 0, first: layer as u32, step: volumes.len() as u32 };
+            lists.push(volume.draw_fading(&mut renderer, into, &rays, &|_| false, &|_| vec![(0, Pixels::ALL)]));
         }
         Some(Self { renderer, volumes: volumes.to_vec(), lists })
     }

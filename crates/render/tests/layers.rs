@@ -1,5 +1,5 @@
 //! Several volumes in one picture on a GPU, against the oracle: of unlike grids, types, levels and places, with crops, clips and both ways
-//! to blend.
+//! to blend; and of one grid, the channels of one image.
 //!
 //! The tolerance is that of one volume (`pictures.rs`): 2/255.
 
@@ -9,9 +9,9 @@ mod bricks;
 mod looks;
 
 use bricks::missing::leave_out;
-use bricks::{Bricks, MEMORY_BYTES};
-use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
-use brickyard_reference::{ReferenceVolume, render};
+use bricks::{Bricks, Into, MEMORY_BYTES};
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, VolumeNeeds};
+use brickyard_reference::{ReferenceVolume, pixel};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -85,9 +85,53 @@ fn members() -> Vec<Member> {
     ]
 }
 
+/// Channels of one image, of which two share slots; the second one has nothing where x is below 20.
+fn channels() -> Vec<Member> {
+    let codes = |voxel_type, window, has_invalid| SlotEncoding::new(voxel_type, window, has_invalid);
+    let geometry = Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), origin: DVec3::new(1.0, -2.0, 0.0), unit: None };
+    let member = |encoding: SlotEncoding, rgb, alpha, f: &dyn Fn([u32; 3]) -> f64| Member {
+        bricks: Bricks::new([37, 41, 33], 16, geometry.clone(), encoding, f),
+        placement: Placement::default(),
+        transfer: ramp((encoding.low, encoding.high), rgb, alpha),
+        blend: Blend::Mix,
+        crop: None,
+        surfaces: Vec::new(),
+    };
+    let holes = |v: [u32; 3]| if (v[0] + v[1]) % 9 < 2 { f64::NAN } else { 2.0 * wave(v, 0.7) - 1.0 };
+    let right = |[x, y, z]: [u32; 3]| if x < 20 { 0.0 } else { 255.0 * wave([y, z, x], 1.1) };
+    let u8_codes = codes(VoxelType::U8, (0.0, 255.0), false);
+    let all = |v| 255.0 * wave(v, 1.0);
+    vec![
+        Member {
+            surfaces: vec![surface(160.0, 0.4), surface(90.0, 0.2)],
+            ..member(u8_codes, [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4, &all)
+        },
+        member(u8_codes, [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6, &right),
+        Member {
+            blend: Blend::Add,
+            surfaces: vec![surface(0.1, 0.7)],
+            ..member(codes(VoxelType::F32, (-1.0, 1.0), true), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2, &holes)
+        },
+    ]
+}
+
+/// How channels are drawn in a cell: some with a coarser brick, some with one that fades in; no two of them alike.
+fn entries(channel: usize, cell: BrickId) -> Vec<(u8, Pixels)> {
+    let share = [20, 33, 50][channel];
+    let fading = vec![(1, Pixels { from: share, ..Pixels::ALL }), (0, Pixels { to: share, ..Pixels::ALL })];
+    let [x, y, z] = cell.index.to_array();
+    let is_empty = channel == 1 && cell.level.0 == 0 && x == 0;
+    match (x + 2 * y + 3 * z + channel as u32) % 4 {
+        _ if is_empty => Vec::new(),
+        0 | 1 => vec![(0, Pixels::ALL)],
+        2 => vec![(1, Pixels::ALL)],
+        _ => fading,
+    }
+}
+
 /// Whether a brick of level 1 is drawn as it is, and not its children.
-fn is_coarse(index: BrickIndex) -> bool {
-    index.to_array().iter().sum::<u32>() % 3 == 1
+fn is_coarse(id: BrickId) -> bool {
+    id.level == Level(1) && id.index.to_array().iter().sum::<u32>() % 3 == 1
 }
 
 impl Member {
@@ -98,44 +142,8 @@ impl Member {
             levels: self.bricks.pyramid.levels().len() as u32,
             bricks: self.bricks.needs,
             least_slots: 2,
-            most_slots: self.bricks.pyramid.brick_count() as u32 + 2,
+            most_slots: 4 * self.bricks.pyramid.brick_count() as u32,
         }
-    }
-
-    /// Bricks of levels 0 and 1.
-    fn cells(&self) -> Vec<BrickId> {
-        let (mut cells, grid) = (Vec::new(), self.bricks.pyramid.level(Level(1)).bricks);
-        for i in 0..grid.volume() as u32 {
-            let index = BrickIndex::new(i % grid.x, i / grid.x % grid.y, i / grid.x / grid.y);
-            let id = |level, index| BrickId { time: 0, channel: 0, level, index };
-            if is_coarse(index) {
-                cells.push(id(Level(1), index));
-            } else {
-                cells.extend(self.bricks.pyramid.children(Level(1), index).map(|child| id(Level(0), child)));
-            }
-        }
-        cells
-    }
-
-    fn draw(&self) -> DrawList {
-        let cell = |(slot, id): (u32, BrickId)| DrawCell {
-            cell: id,
-            region: self.bricks.pyramid.brick_box_voxel(id.level, id.index),
-            pixels: Pixels::ALL,
-            brick: id,
-            slot: Slot(slot),
-            rank: slot,
-        };
-        DrawList { cells: (0..).zip(self.cells()).map(cell).collect() }
-    }
-
-    fn level_at(&self, point: DVec3) -> usize {
-        let grid = self.bricks.pyramid.level(Level(1));
-        let at = |a: usize| {
-            let size = grid.factor[a] * self.bricks.pyramid.edge();
-            ((point[a].max(0.0) / size as f64) as u32).min(grid.bricks.to_array()[a] - 1)
-        };
-        is_coarse(BrickIndex::from_array([0, 1, 2].map(at))) as usize
     }
 }
 
@@ -178,19 +186,12 @@ fn layers<'a>(members: &'a [Member], frames: &'a [VolumeFrame], draws: &'a [Draw
     all.map(|((member, frame), draw)| Layer { frame, pyramid: &member.bricks.pyramid, draw, cut: 0 }).collect()
 }
 
-/// A renderer with all bricks in it; `None`, said loudly, where there is no adapter at all.
+/// A renderer; `None`, said loudly, where there is no adapter at all.
 fn renderer(members: &[Member], compositor: Compositor, bytes: u64) -> Option<GpuRenderer> {
     let needs: Vec<VolumeNeeds> = members.iter().map(Member::needs).collect();
     let options = GpuOptions { compositor, ..GpuOptions::default() };
     match GpuRenderer::new(&options, &needs, bytes, SIZE) {
-        Ok(mut renderer) => {
-            for (volume, member) in members.iter().enumerate() {
-                for (slot, id) in (0..).zip(member.cells()) {
-                    renderer.upload(volume, Slot(slot), &member.bricks.padded(id)).expect("an upload");
-                }
-            }
-            Some(renderer)
-        }
+        Ok(renderer) => Some(renderer),
         Err(GpuError::NoAdapter { .. }) => {
             leave_out("gpu", "nothing of the GPU backend was tested here");
             None
@@ -199,21 +200,64 @@ fn renderer(members: &[Member], compositor: Compositor, bytes: u64) -> Option<Gp
     }
 }
 
-/// The oracle's picture of the same bricks.
-fn oracle(members: &[Member], frames: &[VolumeFrame], look: &Look, combination: Option<&Combination>) -> Picture {
-    let shown = |member: &Member| look.transfer(&member.transfer, &member.bricks.encoding);
-    let transfers: Vec<TransferFunction> = members.iter().map(shown).collect();
-    let level_at: Vec<_> = members.iter().map(|member| |point| member.level_at(point)).collect();
-    let mut volumes = Vec::new();
-    for ((Member { bricks, .. }, level_at), transfer) in members.iter().zip(&level_at).zip(&transfers) {
-        volumes.push(ReferenceVolume { levels: &bricks.levels, level_at, transfer });
-    }
-    render(frames, &volumes, combination)
+/// Each member's cells of levels 0 and 1, with these entries, in the order of a view; their bricks uploaded, those of one member between
+/// those of the others where they share slots.
+fn draws(
+    members: &[Member],
+    renderer: &mut GpuRenderer,
+    camera: &Camera,
+    entries: &dyn Fn(usize, BrickId) -> Vec<(u8, Pixels)>,
+) -> Vec<DrawList> {
+    let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
+    let draw = |(i, member): (usize, &Member)| {
+        let into = Into { layer: i, first: i as u32, step: members.len() as u32 };
+        member.bricks.draw_fading(renderer, into, &rays, &is_coarse, &|cell| entries(i, cell))
+    };
+    members.iter().enumerate().map(draw).collect()
 }
 
-#[test]
-fn volumes_of_unlike_grids_match_the_oracle() {
-    let mut members = members();
+/// Every cell with its own brick.
+fn own(_: usize, _: BrickId) -> Vec<(u8, Pixels)> {
+    vec![(0, Pixels::ALL)]
+}
+
+/// The level at which a member's list has a place in a pixel; where it has none there is nothing to see.
+fn level_in(member: &Member, draw: &DrawList, point: DVec3, (x, y): (u32, u32)) -> usize {
+    let extent = DVec3::from_array(member.bricks.pyramid.levels()[0].extent.to_array().map(f64::from));
+    let voxel = point.clamp(DVec3::ZERO, extent - 0.5).as_uvec3().to_array();
+    let holds = |cell: &&DrawCell| {
+        let (low, high) = (cell.region.min.to_array(), cell.region.max.to_array());
+        cell.pixels.hold(x, y) && (0..3).all(|a| low[a] <= voxel[a] && voxel[a] < high[a])
+    };
+    draw.cells.iter().find(holds).map_or(0, |cell| cell.brick.level.index())
+}
+
+/// The oracle's picture of the same bricks.
+fn oracle(
+    members: &[Member],
+    frames: &[VolumeFrame],
+    draws: &[DrawList],
+    look: &Look,
+    combination: Option<&Combination>,
+) -> Picture {
+    let shown = |member: &Member| look.transfer(&member.transfer, &member.bricks.encoding);
+    let transfers: Vec<TransferFunction> = members.iter().map(shown).collect();
+    let color = |at: (u32, u32)| {
+        let level_at: Vec<_> =
+            members.iter().zip(draws).map(|(member, draw)| move |point| level_in(member, draw, point, at)).collect();
+        let mut volumes = Vec::new();
+        for ((Member { bricks, .. }, level_at), transfer) in members.iter().zip(&level_at).zip(&transfers) {
+            volumes.push(ReferenceVolume { levels: &bricks.levels, level_at, transfer });
+        }
+        Picture::quantise(pixel(frames, &volumes, combination, at.0, at.1).map(|c| c as f32))
+    };
+    let (width, height) = SIZE;
+    let rgb = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(color).collect();
+    Picture { width, height, rgb }
+}
+
+/// What any look and filter needs of bricks.
+fn needs_of_all(members: &[Member]) -> Needs {
     let most = |a: Needs, b: Needs| Needs {
         apron: a.apron.max(b.apron),
         gradient_layers: a.gradient_layers.max(b.gradient_layers),
@@ -222,27 +266,39 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         has_grid: true,
         meshes: MeshRoom { meshes: 2, vertices: 8, triangles: 4 },
     };
+    let all = |look: &Look| {
+        let cubic = frames(members, &camera(true, [0.0; 3]), (0.7, 0.01), Filter::Tricubic, None, look);
+        cubic.iter().map(|frame| frame.settings.needs()).reduce(most)
+    };
+    looks().iter().filter_map(all).reduce(most).expect("some looks")
+}
+
+/// How many pixels are further from what they should be than they may.
+fn pixels_off(found: &Picture, expected: &Picture) -> usize {
+    let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
+    found.rgb.iter().zip(&expected.rgb).filter(is_off).count()
+}
+
+#[test]
+fn volumes_of_unlike_grids_match_the_oracle() {
+    let mut members = members();
     let views = [
         (camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, false),
         (camera(false, [17.3, 16.1, 14.7]), (0.4, 1.0), Filter::Trilinear, false),
         (camera(true, [70.0, 35.0, 20.0]), (1.0, 0.01), Filter::Trilinear, true),
         (camera(false, [60.0, 50.0, -20.0]), (0.9, 1.0), Filter::Tricubic, true),
     ];
-    let all = |look: &Look| {
-        let cubic = frames(&members, &views[0].0, views[0].1, Filter::Tricubic, None, look);
-        cubic.iter().map(|frame| frame.settings.needs()).reduce(most)
-    };
-    let needs = looks().iter().filter_map(all).reduce(most).expect("some looks");
+    let needs = needs_of_all(&members);
     members.iter_mut().for_each(|member| member.bricks.needs = needs);
     let clip = Clip::new(
         Some([DVec3::new(-2.0, 3.0, 0.0), DVec3::new(33.0, 40.0, 29.0)]),
         &[ClipPlane { point: DVec3::splat(20.0), normal: DVec3::new(-1.0, 0.4, -0.3) }],
     );
     let clip = clip.expect("a clip");
-    let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
     let mut problems = Vec::new();
     for compositor in [Compositor::Raycast, Compositor::Compute, Compositor::Sorted] {
         let Some(mut renderer) = renderer(&members, compositor, MEMORY_BYTES) else { return };
+        let draws = draws(&members, &mut renderer, &views[0].0, &own);
         for (i, look) in looks().into_iter().enumerate() {
             // A rasteriser in software takes seconds to compile a shader of several layers: by rays some of each kind, which are all tried on
             // the CPU; and without rays what needs no order.
@@ -263,9 +319,8 @@ fn volumes_of_unlike_grids_match_the_oracle() {
             };
             let frames = drawn(&look);
             let found = renderer.render(&layers(&members, &frames, &draws), None).expect("a picture");
-            let expected = oracle(&members, &frames, &look, None);
-            let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
-            let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+            let expected = oracle(&members, &frames, &draws, &look, None);
+            let off = pixels_off(&found, &expected);
             // Rays that graze a surface pass it or do not as is rounded.
             let grazing = if look.has_surfaces { 2 } else { 0 };
             if off > grazing {
@@ -302,8 +357,9 @@ fn budgets_and_layers_are_checked() {
     assert!((0..3).all(|volume| smallest.slots(volume) == 2) && smallest.gpu_bytes() <= least);
     let Some(mut renderer) = renderer(&members, Compositor::Raycast, MEMORY_BYTES) else { return };
     assert!(renderer.gpu_bytes() <= MEMORY_BYTES);
-    let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
-    let frames = frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
+    let camera = camera(false, [-40.0, -25.0, 60.0]);
+    let draws = draws(&members, &mut renderer, &camera, &own);
+    let frames = frames(&members, &camera, (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
     assert!(matches!(renderer.render(&layers(&members, &frames, &draws)[..2], None), Err(GpuError::Mismatch(_))));
     let mut lit = frames.clone();
     lit[0].settings.lighting = looks()[1].lighting.clone();
@@ -322,7 +378,8 @@ const EXPRESSIONS: [&str; 2] = [
 fn expressions_match_the_oracle() {
     let mut members = members();
     let Some(mut renderer) = renderer(&members, Compositor::Raycast, MEMORY_BYTES) else { return };
-    let draws: Vec<DrawList> = members.iter().map(Member::draw).collect();
+    let camera = camera(false, [-40.0, -25.0, 60.0]);
+    let draws = draws(&members, &mut renderer, &camera, &own);
     for text in EXPRESSIONS {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
@@ -330,15 +387,45 @@ fn expressions_match_the_oracle() {
         for (i, member) in members.iter_mut().enumerate() {
             member.transfer = combination.of_volume(i, &windows);
         }
-        let frames =
-            frames(&members, &camera(false, [-40.0, -25.0, 60.0]), (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
+        let frames = frames(&members, &camera, (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
         let found = renderer.render(&layers(&members, &frames, &draws), Some(&combination)).expect("a picture");
-        let expected = oracle(&members, &frames, &PLAIN, Some(&combination));
-        let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
-        let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
+        let expected = oracle(&members, &frames, &draws, &PLAIN, Some(&combination));
+        let off = pixels_off(&found, &expected);
         // Where half of a place's weight has no value, rounding decides which side of an expression is taken.
         assert!(off <= 3, "{text}: {off} pixels, {:?}", found.difference(&expected));
         let background = Picture::quantise(frames[0].settings.background);
         assert!(found.rgb.iter().filter(|&&p| p != background).count() > 200, "nothing in view proves nothing");
     }
+}
+
+/// Channels of one image, drawn from slots that they share, cell by cell with bricks of their own levels, fading on their own.
+#[test]
+fn channels_of_one_image_match_the_oracle() {
+    let mut members = channels();
+    let needs = needs_of_all(&members);
+    members.iter_mut().for_each(|member| member.bricks.needs = needs);
+    let views = [
+        (camera(false, [-40.0, -25.0, 60.0]), 0.7),
+        (camera(false, [17.3, 16.1, 14.7]), 0.4),
+        (camera(true, [70.0, 35.0, 20.0]), 1.0),
+    ];
+    let mut problems = Vec::new();
+    for (compositor, taken) in [(Compositor::Raycast, &[0, 7, 20][..])] {
+        let Some(mut renderer) = renderer(&members, compositor, MEMORY_BYTES) else { return };
+        for (i, look) in looks().into_iter().enumerate().filter(|(i, _)| taken.contains(i)) {
+            let (camera, step) = &views[i % 3];
+            let step = if look.sampling.method == Method::Udvr { *step } else { f64::min(*step, 0.4) };
+            let draws = draws(&members, &mut renderer, camera, &entries);
+            let frames = frames(&members, camera, (step, 0.01), Filter::Trilinear, None, &look);
+            let found = renderer.render(&layers(&members, &frames, &draws), None).expect("a picture");
+            let expected = oracle(&members, &frames, &draws, &look, None);
+            let off = pixels_off(&found, &expected);
+            // Rays that graze a surface pass it or do not as is rounded.
+            let grazing = if look.has_surfaces { 2 } else { 0 };
+            if off > grazing {
+                problems.push(format!("{compositor:?} {look:?}: {off} pixels, {:?}", found.difference(&expected)));
+            }
+        }
+    }
+    assert!(problems.is_empty(), "{}", problems.join("\n"));
 }

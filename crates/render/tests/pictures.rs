@@ -2,7 +2,7 @@
 
 mod bricks;
 
-use bricks::{Bricks, MEMORY_BYTES, NEEDS, RenderOne};
+use bricks::{ALONE, Bricks, MEMORY_BYTES, NEEDS, RenderOne};
 use brickyard_pager::{DrawCell, DrawList, Pixels, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
@@ -249,7 +249,7 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
             // Not all at once: there are no more entries than slots.
             let fades = |id: BrickId| (id.index.x + 2 * id.index.y + id.index.z) % 4 == 1;
             let entries = |id| if fades(id) { vec![(1, before), (0, after)] } else { vec![(0, Pixels::ALL)] };
-            let list = bricks.draw_fading(&mut renderer, &rays, &all_fine, &entries);
+            let list = bricks.draw_fading(&mut renderer, ALONE, &rays, &all_fine, &entries);
             let lists = [one_of_two(&list, |e| e.cell == e.brick), one_of_two(&list, |e| e.cell != e.brick), list];
             for mode in Mode::ALL {
                 let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(0.7, 0));

@@ -14,6 +14,19 @@ pub(crate) mod missing;
 pub(crate) const NEEDS: Needs = Needs { apron: 2, ..Needs::PLAIN };
 pub(crate) const MEMORY_BYTES: u64 = 64 << 20;
 
+/// Which slots a volume's bricks go to.
+#[derive(Clone, Copy)]
+pub(crate) struct Into {
+    /// The layer that they are uploaded for.
+    pub(crate) layer: usize,
+    /// The first slot, and how far apart they are.
+    pub(crate) first: u32,
+    pub(crate) step: u32,
+}
+
+/// Those of the only layer.
+pub(crate) const ALONE: Into = Into { layer: 0, first: 0, step: 1 };
+
 /// Pictures of one volume in its own world.
 pub(crate) trait RenderOne {
     fn render_one(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError>;
@@ -133,7 +146,7 @@ impl Bricks {
         stop: &dyn Fn(BrickId) -> bool,
         coarser: &dyn Fn(BrickId) -> u8,
     ) -> DrawList {
-        self.draw_fading(renderer, rays, stop, &|cell| [(coarser(cell), Pixels::ALL)].into())
+        self.draw_fading(renderer, ALONE, rays, stop, &|cell| [(coarser(cell), Pixels::ALL)].into())
     }
 
     /// The cells where `stop` says so, back to front, each drawn with the ancestors so many levels up that `entries` names, in
@@ -141,6 +154,7 @@ impl Bricks {
     pub(crate) fn draw_fading(
         &self,
         renderer: &mut GpuRenderer,
+        into: Into,
         rays: &ViewRays,
         stop: &dyn Fn(BrickId) -> bool,
         entries: &dyn Fn(BrickId) -> Vec<(u8, Pixels)>,
@@ -155,9 +169,9 @@ impl Bricks {
         {
             let level = Level((cell.level.0 + coarser).min(top.0));
             let brick = BrickId { level, index: self.pyramid.ancestor(cell.level, cell.index, level), ..cell };
-            let next = Slot(slots.len() as u32);
+            let next = Slot(into.first + into.step * slots.len() as u32);
             let slot = *slots.entry(brick).or_insert_with(|| {
-                renderer.upload(0, next, &self.padded(brick)).expect("upload");
+                renderer.upload(into.layer, next, &self.padded(brick)).expect("upload");
                 next
             });
             let region = self.pyramid.brick_box_voxel(cell.level, cell.index);

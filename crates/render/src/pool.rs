@@ -1,0 +1,110 @@
+//! A pool: slots of one size and format, in which bricks of several layers lie side by side, and the uploads into them.
+//!
+//! Whose brick a slot holds is the pager's business: any layer of a pool may be drawn from any of its slots. Beside each slot is what rays
+//! ask of its brick: the ranges of codes in its macro-cells on the GPU, and the range of all of them here.
+
+use crate::adapter::Gpu;
+use crate::atlas::Atlas;
+use crate::buffers::RayBuffers;
+use crate::error::GpuError;
+use crate::frame::Framed;
+use crate::memory::PoolPlan;
+use crate::parts::Part;
+use crate::tree::{Slots, Tree, Visibility, pack_range};
+use crate::upload::Uploader;
+use brickyard_pager::{DrawList, Slot, VolumeNeeds};
+use brickyard_volume::macrocells::{self, per_axis};
+use brickyard_volume::{MacroCells, OpaqueCodes};
+
+/// The pool.
+#[derive(Debug)]
+pub(crate) struct Pool {
+    /// Of one of its layers: all have such bricks.
+    needs: VolumeNeeds,
+    plan: PoolPlan,
+    pub(crate) atlas: Atlas,
+    pub(crate) uploader: Uploader,
+    /// The part of the buffer of macro-cells with those of its slots.
+    pub(crate) ranges: Part,
+    /// The range of codes of each slot's brick.
+    slot_ranges: Vec<[u16; 2]>,
+}
+
+impl Pool {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        needs: VolumeNeeds,
+        plan: PoolPlan,
+        batch: u64,
+        ranges: Part,
+    ) -> Result<Self, GpuError> {
+        let codes = needs.encoding.format;
+        let gradients = needs.bricks.gradients(needs.edge);
+        Ok(Self {
+            needs,
+            plan,
+            atlas: Atlas::new(gpu, plan.atlas, gpu.report.formats.atlas(codes), gradients)?,
+            uploader: Uploader::new(codes, batch),
+            ranges,
+            slot_ranges: vec![macrocells::NONE; plan.atlas.slots() as usize],
+        })
+    }
+
+    /// How many bricks fit.
+    pub(crate) fn slots(&self) -> u32 {
+        self.plan.atlas.slots()
+    }
+
+    /// Voxels around a brick's core in its slot.
+    pub(crate) fn apron(&self) -> u32 {
+        self.needs.bricks.apron
+    }
+
+    /// What is bound as stored gradients. A pool without them shows its atlas there, which nothing reads as such.
+    pub(crate) fn gradients(&self) -> &wgpu::Texture {
+        self.atlas.gradients.as_ref().unwrap_or(&self.atlas.texture)
+    }
+
+    /// Puts a padded brick's codes into a slot.
+    pub(crate) fn upload(
+        &mut self,
+        gpu: &Gpu,
+        rays: Option<&RayBuffers>,
+        slot: Slot,
+        codes: &[u8],
+    ) -> Result<(), GpuError> {
+        self.uploader.check(&self.atlas, slot, codes)?;
+        if let (Some(rays), Some(plan)) = (rays, &self.plan.raycast) {
+            let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
+            let cells = match plan.leaps {
+                true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge as usize, bricks),
+                false => MacroCells::of_anything(encoding.format, edge as usize),
+            };
+            let packed: Vec<u32> = cells.ranges().iter().map(|&range| pack_range(range)).collect();
+            let at = self.ranges.at + plan.ranges_bytes(slot.0);
+            gpu.queue.write_buffer(&rays.ranges, at, bytemuck::cast_slice(&packed));
+            self.slot_ranges[slot.0 as usize] = cells.whole();
+        }
+        self.uploader.upload(gpu, &self.atlas, slot, codes)
+    }
+
+    /// Whether a list is of slots that there are.
+    pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
+        match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
+            None => Ok(()),
+            Some(cell) => {
+                let problem = format!("{} is drawn from slot {} of {}", cell.brick, cell.slot.0, self.slots());
+                Err(GpuError::Mismatch(problem))
+            }
+        }
+    }
+
+    /// The octree over a layer's list, where these of its codes have opacity.
+    pub(crate) fn tree(&self, framed: &Framed<'_>, draw: &DrawList, opaque: &OpaqueCodes) -> Tree {
+        let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
+        let slots = Slots { atlas: &self.plan.atlas, apron: self.apron(), macro_cells, ranges: &self.slot_ranges };
+        let leaps = self.plan.raycast.is_some_and(|plan| plan.leaps);
+        let (mode, has_invalid) = (framed.settings.mode, self.needs.encoding.has_invalid);
+        Tree::new(framed.pyramid, draw, &Visibility { mode, has_invalid, opaque, leaps }, &slots)
+    }
+}
