@@ -79,20 +79,21 @@ fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
 
 /// The media of an expression's values, segment by segment.
 fn combined(combination: &Combination, ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
-    let transfer = &combination.transfer;
+    let (transfer, first) = (&combination.transfer, &ways[0]);
     let mut light = Light::WHOLE;
     for segment in segments(ways, limits) {
         let (mut together, mut longest) = (Together::default(), 0.0f64);
-        let mut values = [f64::NAN; MAX_VOLUMES];
+        let (mut values, mut gradients) = ([f64::NAN; MAX_VOLUMES], [DVec3::ZERO; MAX_VOLUMES]);
         for way in ways {
             let Some((Segment { start, end }, value)) = way.middle(segment) else { continue };
-            values[way.index] = value;
+            (values[way.index], gradients[way.index]) = (value, way.gradient(segment, value));
             longest = longest.max(end - start);
         }
-        let value = combination.expression.value(&values);
+        let (value, gradient) = combination.expression.value_and_gradient(&values, &gradients);
         if !value.is_nan() {
             let length = longest / transfer.unit_distance;
-            together.put(Blend::Mix, transfer.rgb(value), transfer.alpha(value), length);
+            let color = first.lit(DVec3::from_array(transfer.rgb(value)), gradient, segment.middle());
+            together.put(Blend::Mix, color.to_array(), transfer.alpha(value), length);
         }
         light.see(together.seen());
     }
@@ -458,6 +459,51 @@ mod tests {
                 assert!((found - expected).abs().max_element() < 1e-12, "{mode:?} {looks:?}: {found} {expected}");
             }
         }
+    }
+
+    /// Two ramps, one of them turned, leaning and stretched: a sum of them is a ramp again, lit on one side as its own gradient says.
+    #[test]
+    fn an_expression_is_lit_by_its_own_gradient() {
+        let slope = DVec3::new(3.0, 1.0, 2.0);
+        let levels =
+            [[cube(24, |v| slope.dot(DVec3::from_array(v.map(f64::from))))], [cube(24, |[x, ..]| 5.0 * x as f64)]];
+        let level_at = one_level(0);
+        let transfer = fog([1.0, 0.5, 0.0], 0.1, 1.0);
+        let placements = ["1 0 0 0 0 1 0 0 0 0 1 0", "0.8 -1.2 0.3 12.7  0.6 0.9 -0.5 -0.5  0.1 0.7 2.5 -28.1"];
+        let placements = placements.map(|text| Placement::from_text(text).unwrap());
+        let volumes = [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer });
+        let target = DVec3::splat(11.5);
+        let eye = DVec3::new(-40.0, 3.0, 25.0);
+        let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
+        let lighting = Lighting { model: LightingModel::BlinnPhong, lights: vec![], ..Lighting::default() };
+        let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
+        let frame = |i: usize| {
+            let placement = placements[i];
+            let plain = settings(Mode::Dvr, Geometry::default(), view, &transfer, 0.3);
+            let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
+            VolumeFrame::alone(FrameSettings { placement, lighting: lighting.clone(), clip, ..plain })
+        };
+        let mut seen = Vec::new();
+        for text in ["a + b", "a - 3 * b", "max(a, b - 1000)", "b - b"] {
+            let expression = brickyard_volume::Expression::parse(text, 2).unwrap();
+            let value = |place: DVec3| {
+                let value = |i: usize| [slope, DVec3::X * 5.0][i].dot(placements[i].volume_from_world(place));
+                expression.value(&[value(0), value(1)])
+            };
+            let gradient = DVec3::from_array(DVec3::AXES.map(|axis| value(target + axis) - value(target)));
+            let combination = Combination::new(expression.clone(), transfer.clone());
+            let found = pixel(&[frame(0), frame(1)], &volumes, Some(&combination), 16, 16);
+            let ray = view.rays(33, 33).unwrap().ray(16.5, 16.5);
+            let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
+            let normal = (gradient.length() > 1e-9).then(|| gradient.normalize());
+            let lit = lighting.shade(DVec3::new(1.0, 0.5, 0.0), normal, ray.direction, ray.origin);
+            let left = 0.9f64.powf(to - from);
+            let expected = lit * (1.0 - left) + DVec3::new(0.25, 0.0, 1.0) * left;
+            let off = (DVec3::from_array(found) - expected).abs().max_element();
+            assert!(off < 1e-9, "{text}: {found:?} {expected}");
+            seen.push(lit);
+        }
+        assert!((0..4).all(|i| (0..i).all(|j| (seen[i] - seen[j]).length() > 0.01)), "{seen:?}");
     }
 
     /// Two cubes that overlap by 3 of their 8 voxels, and what an expression makes of their values where it has one.

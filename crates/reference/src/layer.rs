@@ -5,7 +5,7 @@ use crate::medium::Field;
 use crate::path::Path;
 use crate::surface::Crossings;
 use brickyard_volume::look::Alone;
-use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Segment, VolumeFrame, surface};
+use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, surface};
 use glam::DVec3;
 
 /// A ray's way through one layer.
@@ -84,6 +84,19 @@ impl<'a> Way<'a> {
     pub(crate) fn middle(&self, segment: Segment) -> Option<(Segment, f64)> {
         let (part, field) = self.part(segment)?;
         Some((part, field.value(part.middle())?))
+    }
+
+    /// A colour of fog at a distance, lit where there is this gradient in the scene's world.
+    pub(crate) fn lit(&self, color: DVec3, gradient: Option<DVec3>, t: f64) -> DVec3 {
+        let Ray { origin, direction } = self.path.world;
+        self.fog_lighting.shade(color, gradient.map(DVec3::normalize), direction, origin + direction * t)
+    }
+
+    /// The gradient in the scene's world in the middle of the layer's part of a segment, where there is this value; zero where the
+    /// field is flat, or nothing is lit.
+    pub(crate) fn gradient(&self, segment: Segment, value: f64) -> DVec3 {
+        let gradient = |(part, field): (Segment, Field<'_>)| field.gradient(field.differences(part.middle(), value));
+        self.part(segment).and_then(gradient).unwrap_or(DVec3::ZERO)
     }
 
     /// Takes the layer's part of a segment: the pieces of its fog, and its surfaces between them, lit.

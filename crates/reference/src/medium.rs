@@ -145,9 +145,13 @@ impl Field<'_> {
 
     /// The unit vector along the gradient in the scene's world; `None` where the field is flat.
     fn normal(&self, differences: DVec3) -> Option<DVec3> {
+        self.gradient(differences).map(DVec3::normalize)
+    }
+
+    /// The gradient in the scene's world; `None` where the field is flat.
+    pub(crate) fn gradient(&self, differences: DVec3) -> Option<DVec3> {
         let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
-        let gradient = || self.frame.placement.world_gradient(self.own_gradient(differences));
-        (!is_flat).then(|| gradient().normalize())
+        (!is_flat).then(|| self.frame.placement.world_gradient(self.own_gradient(differences)))
     }
 
     /// The gradient in the volume's own world, data units per world unit: transfer functions know nothing of where a volume is placed.

@@ -1,7 +1,9 @@
 //! An expression over several volumes as one picture: its value in each segment goes through one transfer function.
 //!
 //! In each segment every volume is read in the middle of its part, as when it is shown by itself; one that has no part there, or no
-//! value, has none. Where the expression has a value, the segment has its medium, over the longest of the parts with a value.
+//! value, has none. Where the expression has a value, the segment has its medium, over the longest of the parts with a value. Where the
+//! scene is lit, so is that, in the middle of the segment, by the expression's gradient: the chain rule makes it of the volumes' own in
+//! the scene's world, found where each is read. A volume whose field is flat there counts as constant.
 
 use crate::code::{SlotEncoding, SlotFormat};
 use crate::expression::{Expression, Range};

@@ -14,11 +14,17 @@ mod wgsl;
 
 pub use range::Range;
 
+use glam::DVec3;
+
 /// Volumes of a picture, at most.
 pub const MAX_VOLUMES: usize = 32;
 
 /// Operations of an expression, at most.
 pub const MAX_OPERATIONS: usize = 128;
+
+/// A gradient shorter than this share of the terms that it is made of is what rounding leaves where they cancel each other: 32-bit
+/// renderers have them to about a ten thousandth.
+pub const FLAT_SHARE: f64 = 1e-3;
 
 /// What is done with one value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,6 +166,35 @@ impl Expression {
     /// # Panics
     /// If there are fewer than it was read for.
     pub fn value(&self, volumes: &[f64]) -> f64 {
+        self.work_out(volumes, |_, _, _| {})
+    }
+
+    /// The value and its gradient where volumes have these, by the chain rule. There is no gradient where the volumes' cancel each
+    /// other to less than [`FLAT_SHARE`] of what they add up to, where the value has steps, and where it has a gradient without end.
+    ///
+    /// # Panics
+    /// If there are fewer values or gradients than it was read for.
+    pub fn value_and_gradient(&self, volumes: &[f64], gradients: &[DVec3]) -> (f64, Option<DVec3>) {
+        let mut slopes = [Slope::FLAT; MAX_OPERATIONS];
+        let value = self.work_out(volumes, |i, operation, results| {
+            slopes[i] = match *operation {
+                Operation::Number(_) => Slope::FLAT,
+                Operation::Volume(volume) => Slope { gradient: gradients[volume], terms: gradients[volume].length() },
+                Operation::Unary(unary, x) => slopes[x].times(unary.slope(results[x])),
+                Operation::Binary(binary, x, y) => {
+                    let [of_x, of_y] = binary.slopes(results[x], results[y]);
+                    slopes[x].times(of_x).plus(slopes[y].times(of_y))
+                }
+                Operation::Choose(condition, yes, no) => slopes[if results[condition] == 0.0 { no } else { yes }],
+            };
+        });
+        let Slope { gradient, terms } = slopes[self.operations.len() - 1];
+        let is_steep = gradient.is_finite() && gradient.length() > FLAT_SHARE * terms;
+        (value, is_steep.then_some(gradient))
+    }
+
+    /// The value where volumes have these; `see` gets each operation by its position, and all results so far.
+    fn work_out(&self, volumes: &[f64], mut see: impl FnMut(usize, &Operation, &[f64; MAX_OPERATIONS])) -> f64 {
         let mut results = [0.0; MAX_OPERATIONS];
         for (i, operation) in self.operations.iter().enumerate() {
             let result = match *operation {
@@ -174,8 +209,32 @@ impl Expression {
                 },
             };
             results[i] = if result.is_finite() { result } else { f64::NAN };
+            see(i, operation, &results);
         }
         results[self.operations.len() - 1]
+    }
+}
+
+/// A gradient, and the sum of the lengths of the terms that it is made of.
+#[derive(Clone, Copy)]
+struct Slope {
+    gradient: DVec3,
+    terms: f64,
+}
+
+impl Slope {
+    const FLAT: Self = Self { gradient: DVec3::ZERO, terms: 0.0 };
+
+    fn times(self, factor: f64) -> Self {
+        // What is flat is so however steep what is made of it would be.
+        if self.terms == 0.0 || factor == 0.0 {
+            return Self::FLAT;
+        }
+        Self { gradient: self.gradient * factor, terms: self.terms * factor.abs() }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self { gradient: self.gradient + other.gradient, terms: self.terms + other.terms }
     }
 }
 
@@ -202,6 +261,20 @@ impl Unary {
             Self::Cos => x.cos(),
         }
     }
+
+    /// The derivative; of steps 0.
+    fn slope(self, x: f64) -> f64 {
+        match self {
+            Self::Negate => -1.0,
+            Self::Abs => truth(x > 0.0) - truth(x < 0.0),
+            Self::Sqrt => 0.5 / x.sqrt(),
+            Self::Exp => x.exp(),
+            Self::Log => 1.0 / x,
+            Self::Sin => x.cos(),
+            Self::Cos => -x.sin(),
+            Self::Not | Self::Sign | Self::Floor | Self::Ceil | Self::Round | Self::Valid => 0.0,
+        }
+    }
 }
 
 impl Binary {
@@ -222,6 +295,23 @@ impl Binary {
             Self::Equal => truth(x == y),
             Self::And => truth(x != 0.0 && y != 0.0),
             Self::Or => truth(x != 0.0 || y != 0.0),
+        }
+    }
+
+    /// The derivatives by both; of steps 0, and where two are equal that of the first.
+    fn slopes(self, x: f64, y: f64) -> [f64; 2] {
+        let first = |is_first: bool| [truth(is_first), truth(!is_first)];
+        match self {
+            Self::Add => [1.0, 1.0],
+            Self::Subtract => [1.0, -1.0],
+            Self::Multiply => [y, x],
+            Self::Divide => [1.0 / y, -x / (y * y)],
+            // Of what is not positive, whole powers alone are numbers: beside them there are none.
+            Self::Power => [y * x.powf(y - 1.0), if x > 0.0 { x.powf(y) * x.ln() } else { 0.0 }],
+            Self::Min => first(x <= y),
+            Self::Max => first(x >= y),
+            Self::Default => first(!x.is_nan()),
+            Self::Less | Self::LessOrEqual | Self::Equal | Self::And | Self::Or => [0.0; 2],
         }
     }
 }

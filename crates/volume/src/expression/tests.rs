@@ -118,6 +118,53 @@ fn texts() -> impl Strategy<Value = String> {
     })
 }
 
+#[test]
+fn gradients_follow_the_chain_rule() {
+    let at = DVec3::new(0.3, -0.7, 1.1);
+    let fields: [fn(DVec3) -> f64; 2] = [|p| 3.0 + p.dot(DVec3::new(0.5, 1.0, -0.25)), |p| 2.0 + p.x * p.y + p.z];
+    let gradients = [DVec3::new(0.5, 1.0, -0.25), DVec3::new(at.y, at.x, 1.0)];
+    let values = |p: DVec3| fields.map(|field| field(p));
+    for text in [
+        "a",
+        "-a",
+        "a + b",
+        "a - 2 * b",
+        "a * b",
+        "a / b",
+        "b ^ 3",
+        "2 ^ b",
+        "a ^ b",
+        "(-a) ^ 2",
+        "min(a, b)",
+        "max(a, b)",
+        "abs(-b)",
+        "sqrt(a)",
+        "exp(b / 4)",
+        "log(a * b)",
+        "sin(a) + cos(b)",
+        "a > b ? a * a : b",
+        "default(log(-a), a * b)",
+        "smoothstep(0, 10, a) * b",
+        "valid(a) * b + floor(a)",
+    ] {
+        let expression = Expression::parse(text, 2).unwrap();
+        let (value, gradient) = expression.value_and_gradient(&values(at), &gradients);
+        let h = 1e-5;
+        let difference = |axis: DVec3| {
+            let [before, after] = [-h, h].map(|h| expression.value(&values(at + axis * h)));
+            (after - before) / (2.0 * h)
+        };
+        let expected = DVec3::from_array(DVec3::AXES.map(difference));
+        // Central differences are off by the third derivative times h^2, and by rounding over h.
+        let off = (gradient.expect(text) - expected).length();
+        assert!(value == expression.value(&values(at)) && off < 1e-7 * (1.0 + expected.length()), "{text}: {off}");
+    }
+    for flat in ["a - a", "a < b", "1", "floor(b)", "sqrt(a - 3.625) * 0", "a * 1000 - a * 1000.1"] {
+        let (value, gradient) = Expression::parse(flat, 2).unwrap().value_and_gradient(&values(at), &gradients);
+        assert_eq!(gradient, None, "{flat} is {value}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

@@ -3,7 +3,7 @@
 //! Shaders need know neither infinity nor NaN: beside each value goes whether it is one, and what would be no number is not
 //! computed.
 
-use super::{Binary, Expression, Operation, Unary};
+use super::{Binary, Expression, FLAT_SHARE, Operation, Unary};
 use std::fmt::Write;
 
 /// The greatest finite `f32`, rounded towards zero.
@@ -13,17 +13,92 @@ impl Expression {
     /// `struct Result { value: f32, is_valid: bool }` and `fn expression(values: array<f32, N>, are_valid: array<bool, N>) -> Result`
     /// over so many volumes.
     pub fn wgsl(&self, volumes: usize) -> String {
-        let mut text = String::from("struct Result {\n    value: f32,\n    is_valid: bool,\n}\n\n");
-        let arrays = format!("values: array<f32, {volumes}>, are_valid: array<bool, {volumes}>");
+        self.function(volumes, false)
+    }
+
+    /// The same with gradients: `fn expression(values: array<f32, N>, are_valid: array<bool, N>, gradients: array<vec3f, N>) -> Result`,
+    /// whose result has a `gradient: vec3f`, too, which is zero where there is none.
+    pub fn wgsl_with_gradient(&self, volumes: usize) -> String {
+        self.function(volumes, true)
+    }
+
+    fn function(&self, volumes: usize, has_gradient: bool) -> String {
+        let (member, argument, result) = match has_gradient {
+            true => ("    gradient: vec3f,\n", format!(", gradients: array<vec3f, {volumes}>"), ", steep_or_flat(g$n)"),
+            false => ("", String::new(), ""),
+        };
+        let mut text = format!("struct Result {{\n    value: f32,\n    is_valid: bool,\n{member}}}\n\n");
+        if has_gradient {
+            let _ = writeln!(text, "{}", STEEP_OR_FLAT.replace("$share", &format!("{FLAT_SHARE:?}")));
+        }
+        let arrays = format!("values: array<f32, {volumes}>, are_valid: array<bool, {volumes}>{argument}");
         let _ = writeln!(text, "fn expression({arrays}) -> Result {{");
         for (i, operation) in self.operations.iter().enumerate() {
             let (value, is_valid) = line(operation);
             let _ =
                 writeln!(text, "    let x{i} = {value};\n    let k{i} = {};", is_valid.replace("$x", &format!("x{i}")));
+            if has_gradient {
+                let _ = writeln!(text, "    let g{i} = {};", slope(operation, i));
+            }
         }
         let last = self.operations.len() - 1;
-        let _ = writeln!(text, "    return Result(select(0.0, x{last}, k{last}), k{last});\n}}");
+        let result = result.replace("$n", &last.to_string());
+        let _ = writeln!(text, "    return Result(select(0.0, x{last}, k{last}), k{last}{result});\n}}");
         text
+    }
+}
+
+/// A slope, `vec4f`, is a gradient and the sum of the lengths of the terms that it is made of; see [`Expression::value_and_gradient`].
+const STEEP_OR_FLAT: &str = "\
+fn steep_or_flat(slope: vec4f) -> vec3f {
+    let steepness = length(slope.xyz);
+    return select(vec3f(), slope.xyz, steepness > $share * slope.w && steepness <= 3.4e38);
+}
+
+fn sloped(slope: vec4f, factor: f32) -> vec4f {
+    return vec4f(slope.xyz * factor, slope.w * abs(factor));
+}
+";
+
+/// An operation's slope; its own value is of this number.
+fn slope(operation: &Operation, own: usize) -> String {
+    let flat = || "vec4f()".to_string();
+    let sloped = |x: usize, factor: &str| format!("sloped(g{x}, {factor})");
+    match *operation {
+        Operation::Number(_) => flat(),
+        Operation::Volume(volume) => format!("vec4f(gradients[{volume}], length(gradients[{volume}]))"),
+        Operation::Choose(c, yes, no) => format!("select(g{no}, g{yes}, x{c} != 0.0)"),
+        Operation::Unary(unary, x) => match unary {
+            Unary::Negate => sloped(x, "-1.0"),
+            Unary::Abs => sloped(x, &format!("sign(x{x})")),
+            Unary::Sqrt => sloped(x, &format!("0.5 / max(x{own}, 1e-19)")),
+            Unary::Exp => sloped(x, &format!("x{own}")),
+            Unary::Log => sloped(x, &format!("1.0 / max(x{x}, 1e-37)")),
+            Unary::Sin => sloped(x, &format!("cos(x{x})")),
+            Unary::Cos => sloped(x, &format!("-sin(x{x})")),
+            Unary::Not | Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Valid => flat(),
+        },
+        Operation::Binary(binary, x, y) => match binary {
+            Binary::Add => format!("g{x} + g{y}"),
+            Binary::Subtract => format!("g{x} + {}", sloped(y, "-1.0")),
+            Binary::Multiply => format!("{} + {}", sloped(x, &format!("x{y}")), sloped(y, &format!("x{x}"))),
+            Binary::Divide => {
+                let divisor = format!("select(x{y}, 1.0, x{y} == 0.0)");
+                let of_y = sloped(y, &format!("-x{own} / {divisor}"));
+                format!("{} + {of_y}", sloped(x, &format!("1.0 / {divisor}")))
+            }
+            Binary::Power => {
+                let of_x = format!(
+                    "select(x{y} * x{own} / select(x{x}, 1.0, x{x} == 0.0), select(0.0, 1.0, x{y} == 1.0), x{x} == 0.0)"
+                );
+                let of_y = format!("select(0.0, x{own} * log(max(x{x}, 1e-37)), x{x} > 0.0)");
+                format!("{} + {}", sloped(x, &of_x), sloped(y, &of_y))
+            }
+            Binary::Min => format!("select(g{y}, g{x}, x{x} <= x{y})"),
+            Binary::Max => format!("select(g{y}, g{x}, x{x} >= x{y})"),
+            Binary::Default => format!("select(g{y}, g{x}, k{x})"),
+            Binary::Less | Binary::LessOrEqual | Binary::Equal | Binary::And | Binary::Or => flat(),
+        },
     }
 }
 
