@@ -18,6 +18,8 @@ bindings! {
     BRICKS = 1;
     /// Group 0 of marches: the cells of a draw list that is drawn as boxes.
     CELLS = 2;
+    /// Group 0 of marches: the bricks that stand for layers in such cells.
+    CELL_BRICKS = 14;
     /// Group 0 of marches: how atlases are sampled.
     ATLAS_SAMPLER = 3;
     /// Group 0: the transfer tables.
@@ -40,9 +42,9 @@ bindings! {
     CORNERS = 12;
     /// Group 0 of the pass over meshes: how each mesh looks.
     LOOKS = 13;
-    /// Group 0 of marches: the first layer's atlas; the others follow.
+    /// Group 0 of marches: the first pool's atlas; the others follow.
     FIRST_ATLAS = 16;
-    /// Group 0 of marches: the first layer's stored gradients, behind as many atlases as there can be; the others follow.
+    /// Group 0 of marches: the first pool's stored gradients, behind as many atlases as there can be; the others follow.
     FIRST_GRADIENTS = 48;
     /// Group 1: distances of the layer of meshes in front of a slab.
     NEAR_LAYER = 0;

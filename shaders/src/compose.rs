@@ -12,9 +12,9 @@ macro_rules! files {
 
 /// All files, by name.
 pub(crate) const FILES: &[(&str, &str)] = files! {
-    "alone" "average" "axes" "axes_own" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "field" "frame"
+    "alone" "average" "axes" "axes_own" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "field" "find_cell" "find_leaf" "frame"
     "fullscreen" "gathered" "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "lattice" "lighting"
-    "limits_none" "limits_slab" "macrocells" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour"
+    "limits_none" "limits_slab" "macrocells" "march_joint" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour"
     "opaque" "part_media" "part_value" "peel" "project" "projected" "ranks" "ray" "raycast_compute" "raycast_fragment"
     "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined"
     "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_valid" "sample_valid"

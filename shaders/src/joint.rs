@@ -5,7 +5,7 @@
 //! drivers fold what is constant.
 
 use crate::compose::Parts;
-use crate::{Curve, Light, Medium, Stage, Surfaces, margin, sample};
+use crate::{Curve, Light, Medium, Surfaces, margin, sample};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -72,7 +72,8 @@ impl JointVariant {
         self.layers.iter().any(|layer| layer.has_surfaces)
     }
 
-    pub(crate) fn parts(&self, stage: Stage, marks: bool) -> Parts {
+    /// What all marches share, but for how layers are found.
+    pub(crate) fn parts(&self) -> Parts {
         let parts = Parts::new()
             .text("context", self.context())
             .text(
@@ -83,13 +84,10 @@ impl JointVariant {
                 ),
             )
             .text("layers", self.layers())
-            .file("cast", "cast_joint")
             .file("world", "axes")
             .file("pixel", "alone")
             .file("gradient", self.medium.gradient.file())
-            .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
-            .file("feedback", if marks { "mark" } else { "mark_none" });
-        let parts = stage.part(parts);
+            .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" });
         match &self.expression {
             None => parts.file("part", "part_media").file("see", "see_media"),
             Some(expression) => {

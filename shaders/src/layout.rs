@@ -163,7 +163,7 @@ impl MeshLook {
     pub const IS_LIT: u32 = 8;
 }
 
-/// One entry of the draw list, as a box to draw; `Cell` in WGSL.
+/// A cell of the draw list, as a box to draw; `Cell` in WGSL.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CellInstance {
@@ -175,14 +175,20 @@ pub struct CellInstance {
     pub region_max: [f32; 3],
     /// The first threshold that is too great.
     pub pixels_to: u32,
+}
+
+/// The brick that stands for a layer in a cell; `CellBrick` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct CellBrick {
     /// Atlas texels per level-0 voxel: one over the brick's level's factor.
     pub texel_scale: [f32; 3],
-    /// Padding.
-    pub spare: f32,
+    /// 1 if there is one, else 0.
+    pub is_there: u32,
     /// Atlas texel of voxel-space zero.
     pub texel_offset: [f32; 3],
     /// Padding.
-    pub spare_2: f32,
+    pub spare: f32,
 }
 
 /// One entry of the draw list, as a leaf of the octree or what it gives way to; `RayBrick` in WGSL.

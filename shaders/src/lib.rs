@@ -9,7 +9,7 @@ mod layout;
 
 use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
-pub use layout::{CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
+pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
 
 /// How a cell's samples become its pixel, and how cells meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -233,7 +233,20 @@ pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
 
 /// What casts a ray for each pixel through several layers at once; otherwise as [`raycast`].
 pub fn raycast_joint(variant: &JointVariant, stage: Stage, marks: bool) -> String {
-    variant.parts(stage, marks).compose(&[stage.root()])
+    variant.casting(stage, marks).compose(&[stage.root()])
+}
+
+/// The sorted compositor's march through several layers at once that share their grid; otherwise as [`sorted`].
+pub fn sorted_joint(variant: &JointVariant) -> String {
+    variant.parts().file("find", "find_cell").compose(&["march_joint"])
+}
+
+impl JointVariant {
+    /// With what casts rays.
+    fn casting(&self, stage: Stage, marks: bool) -> Parts {
+        let feedback = if marks { "mark" } else { "mark_none" };
+        stage.part(self.parts().file("cast", "cast_joint").file("find", "find_leaf").file("feedback", feedback))
+    }
 }
 
 impl Variant {
@@ -428,6 +441,7 @@ mod tests {
             let stage = if is_cubic { COMPUTE } else { Stage::Fragment };
             let name = if is_cubic { "raycast compute joint" } else { "raycast joint" };
             all.push((format!("{name} {count} {medium:?}"), raycast_joint(&variant, stage, !is_cubic)));
+            all.push((format!("sorted joint {count} {medium:?}"), sorted_joint(&variant)));
         }
         all
     }
@@ -484,7 +498,8 @@ mod tests {
         }
         let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
         let joint = JointVariant { medium: lit, is_cubic: false, has_meshes: false, layers, expression: None };
-        companies.push(joint.parts(COMPUTE, true));
+        companies.push(joint.casting(COMPUTE, true));
+        companies.push(joint.parts().file("find", "find_cell"));
         let expression = ExpressionShader {
             wgsl: brickyard_volume::Expression::parse("a", 1).unwrap().wgsl(2),
             first_place: 0,
@@ -492,7 +507,7 @@ mod tests {
             values: [0, 0],
         };
         let joint = JointVariant { medium: Medium::PLAIN, expression: Some(expression), ..joint };
-        companies.push(joint.parts(COMPUTE, true));
+        companies.push(joint.casting(COMPUTE, true));
         for (name, _) in compose::FILES {
             let check = |parts: &Parts| -> Result<(), String> {
                 let source = parts.gather(&[name])?;
@@ -567,9 +582,10 @@ mod tests {
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
             if name.starts_with("sorted") {
-                let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to texel_scale spare
-                    texel_offset spare_2);
+                let expected = offsets!(CellInstance: region_min pixels_from region_max pixels_to);
                 assert_eq!(layout(&module, "Cell"), (expected, size_of::<CellInstance>()), "{name}");
+                let expected = offsets!(CellBrick: texel_scale is_there texel_offset spare);
+                assert_eq!(layout(&module, "CellBrick"), (expected, size_of::<CellBrick>()), "{name}");
             }
             if name == "peel" {
                 let expected = offsets!(MeshVertex: place color normal spare);

@@ -9,16 +9,15 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;
-    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
-    let first = max(own.x, stretch.x);
-    let field = field_about((in.region_min + in.region_max) * 0.5, in.texel_scale, in.texel_offset, ray);
-    let before = max(first - 1.5 * voxel_length(ray, in.texel_scale), max(stretch.x, field.reach.x));
+    let own = own_stretch(in, ray, stretch);
+    let brick = cell_bricks[in.first_brick];
+    let field = field_about(box_of(in).centre, brick.texel_scale, brick.texel_offset, ray);
+    let before = max(own.x - 1.5 * voxel_length(ray, brick.texel_scale), max(stretch.x, field.reach.x));
     var walk = enter_zone(tick_at(before), 0u, stretch);
-    let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
+    let last = min(own.y + overhang(ray, brick.texel_scale, walk.stride), stretch.y);
     var pixel = pixel_start();
     pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
-    let is_drawn = first < min(own.y, stretch.y) && has_pixel(in);
-    while (is_drawn && walk.middle < last && !is_final(pixel)) {
+    while (own.x < own.y && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
         walk = walk_on(walk, stretch);
         if (is_zone_left(walk)) {

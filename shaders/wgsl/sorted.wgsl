@@ -2,7 +2,7 @@
 //
 // Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples whose
 // points lie in its cell's half-open box: cells share no sample and leave none out, whatever the rasteriser does at edges.
-//!import bindings dither frame world
+//!import bindings context dither frame ray world
 
 // Twin of `CellInstance` in layout.rs.
 struct Cell {
@@ -10,22 +10,27 @@ struct Cell {
     pixels_from: u32,
     region_max: vec3f,
     pixels_to: u32,
+}
+
+// Twin of `CellBrick` in layout.rs.
+struct CellBrick {
     // texel = voxel * texel_scale + texel_offset
     texel_scale: vec3f,
-    spare: f32,
+    is_there: u32,
     texel_offset: vec3f,
-    spare_2: f32,
+    spare: f32,
 }
 
 @group(0) @binding(CELLS) var<storage, read> cells: array<Cell>;
+// Of each cell one for each layer.
+@group(0) @binding(CELL_BRICKS) var<storage, read> cell_bricks: array<CellBrick>;
 
 struct Proxy {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat) region_min: vec3f,
     @location(1) @interpolate(flat) region_max: vec3f,
-    @location(2) @interpolate(flat) texel_scale: vec3f,
-    @location(3) @interpolate(flat) texel_offset: vec3f,
-    @location(4) @interpolate(flat) pixels: vec2u,
+    @location(2) @interpolate(flat) pixels: vec2u,
+    @location(3) @interpolate(flat) first_brick: u32,
 }
 
 // Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
@@ -55,10 +60,39 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     out.position = select(vec4f(x, y, w - frame.near, w), vec4f(x, y, 0.5, 1.0), frame.orthographic != 0u);
     out.region_min = cell.region_min;
     out.region_max = cell.region_max;
-    out.texel_scale = cell.texel_scale;
-    out.texel_offset = cell.texel_offset;
     out.pixels = vec2u(cell.pixels_from, cell.pixels_to);
+    out.first_brick = instance * LAYERS;
     return out;
+}
+
+// The cell that is drawn.
+struct Box {
+    // Where middles of its segments are.
+    low: vec3f,
+    high: vec3f,
+    centre: vec3f,
+    first_brick: u32,
+}
+
+var<private> drawn: Box;
+
+fn box_of(in: Proxy) -> Box {
+    // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
+    let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
+    let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
+    return Box(low, high, (in.region_min + in.region_max) * 0.5, in.first_brick);
+}
+
+fn is_in_box(box: Box, point: vec3f) -> bool {
+    return all(point >= box.low) && all(point < box.high);
+}
+
+// Where on a stretch middles of the cell's segments can be: its box, widened by what rounding moves a point. Empty where the entry does
+// not draw the pixel.
+fn own_stretch(in: Proxy, ray: Ray, stretch: vec2f) -> vec2f {
+    let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
+    let first = max(own.x, stretch.x);
+    return vec2f(first, select(first, min(own.y, stretch.y), has_pixel(in)));
 }
 
 // Whether the entry draws a pixel: another one may have it.

@@ -1,8 +1,8 @@
 //! What is gathered for a picture, and by which shaders.
 //!
 //! One layer by itself has shaders of its own, which know that they are alone. So have projections of several: each layer is gathered by
-//! itself, and the pictures are joined. Fog and surfaces of several layers, and of one that adds or is placed, are gathered by one ray
-//! through all of them.
+//! itself, and the pictures are joined. Fog and surfaces of several layers, and of one that adds or is placed, are gathered together: by one
+//! ray through all of them, or cell by cell where they share their cells.
 
 use crate::compositor::Compositor;
 use crate::error::GpuError;
@@ -21,7 +21,7 @@ pub(crate) enum Course {
     Single(Shader),
     /// Each by itself, into one target after the other's part is taken.
     Each(Gather, Vec<Shader>),
-    /// All of them by one ray.
+    /// All of them together.
     Joint(Shader),
 }
 
@@ -43,8 +43,11 @@ impl Course {
             several if combination.is_none() && is_projected => {
                 Ok(Self::Each(gather_of(several[0].settings), several.iter().map(single).collect()))
             }
-            _ if compositor == Compositor::Sorted => {
-                Err(GpuError::Mismatch("`sorted` has no order for cells of several layers".into()))
+            [first, others @ ..]
+                if compositor == Compositor::Sorted && !others.iter().all(|other| other.shares_cells_with(first)) =>
+            {
+                let problem = "`sorted` has no order for cells of layers that do not share a grid, a place and a cut";
+                Err(GpuError::Mismatch(problem.into()))
             }
             all => {
                 let expression = match (combination, first_place) {

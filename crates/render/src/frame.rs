@@ -3,12 +3,14 @@
 use crate::atlas::{Atlas, AtlasPlan, texel_placement};
 use crate::table::last_place;
 use crate::tree::{root_size, splits};
-use brickyard_pager::DrawCell;
-use brickyard_shaders::{CellInstance, FrameUniform};
+use brickyard_pager::{DrawCell, Pixels};
+use brickyard_shaders::{CellBrick, CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
-use brickyard_volume::{Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid};
+use brickyard_volume::{
+    Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
+};
 use glam::DVec3;
 
 /// The transfer table that a frame finds in its buffer.
@@ -30,9 +32,19 @@ pub(crate) struct Framed<'a> {
     pub(crate) blend: Blend,
     /// Of its projection.
     pub(crate) opacity: f64,
+    /// The cut that its list is drawn from.
+    pub(crate) cut: u32,
 }
 
 impl Framed<'_> {
+    /// Whether its cells are those of another layer, in one order.
+    pub(crate) fn shares_cells_with(&self, other: &Self) -> bool {
+        let place = |framed: &Self| (framed.cut, framed.settings.placement);
+        place(self) == place(other)
+            && self.settings.geometry == other.settings.geometry
+            && self.pyramid == other.pyramid
+    }
+
     /// Whether its colours are lit.
     pub(crate) fn is_lit(&self) -> bool {
         self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
@@ -46,7 +58,7 @@ pub(crate) fn frame_uniform(
     table: TableInUse,
     most_depth: f64,
 ) -> FrameUniform {
-    let Framed { settings: frame, pyramid, blend, opacity } = *framed;
+    let Framed { settings: frame, pyramid, blend, opacity, .. } = *framed;
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
@@ -175,25 +187,27 @@ fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     planes
 }
 
-/// A cell drawn from its brick's slot.
-pub(crate) fn cell_instance(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellInstance {
-    let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
+/// A cell's box, drawn in these pixels.
+pub(crate) fn cell_instance(region: &VoxelBox, pixels: Pixels) -> CellInstance {
     CellInstance {
-        region_min: cell.region.min.to_array().map(|v| v as f32),
-        pixels_from: cell.pixels.from as u32,
-        region_max: cell.region.max.to_array().map(|v| v as f32),
-        pixels_to: cell.pixels.to as u32,
-        texel_scale,
-        texel_offset,
-        ..Default::default()
+        region_min: region.min.to_array().map(|v| v as f32),
+        pixels_from: pixels.from as u32,
+        region_max: region.max.to_array().map(|v| v as f32),
+        pixels_to: pixels.to as u32,
     }
+}
+
+/// The brick in a cell's slot.
+pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
+    let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
+    CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_pager::{Pixels, Slot};
-    use brickyard_volume::{BrickId, BrickIndex, Extent, Level, VoxelBox};
+    use brickyard_pager::Slot;
+    use brickyard_volume::{BrickId, BrickIndex, Extent, Level};
 
     #[test]
     fn a_voxel_centre_meets_its_texel_centre() {
@@ -203,7 +217,7 @@ mod tests {
         let brick = id(1, 4, 2, 1);
         let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);
         let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(17), rank: 0 };
-        let instance = cell_instance(&cell, &pyramid, &atlas, 1);
+        let instance = cell_brick(&cell, &pyramid, &atlas, 1);
         // Voxel (5, 0, 31) of the brick, level 1: its centre in level-0 voxels.
         let voxel = [4 * 32 + 5, 2 * 32, 32 + 31].map(|v| (v as f32 + 0.5) * 2.0);
         let origin = atlas.origin(Slot(17));

@@ -7,11 +7,11 @@ use crate::error::GpuError;
 use crate::table::{COMBINED, Room};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{VolumeNeeds, Wish, pools, share};
-use brickyard_shaders::{CellInstance, FrameUniform, MeshLook, MeshVertex};
+use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVertex};
 use brickyard_volume::{MeshRoom, SlotFormat};
 use wgpu::TextureFormat;
 
-/// Cells drawn per submission: longer draw lists take several. Short enough that no watchdog sees one as a hang.
+/// Bricks of cells drawn per submission, those of all layers: longer draw lists take several. Short enough that no watchdog sees one as a hang.
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
 /// Two timestamps and their room in the read-back buffer.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
@@ -211,13 +211,14 @@ impl MemoryNeeds<'_> {
             return Err(GpuError::Meshes { bytes: largest, limit_bytes: self.max_binding_bytes });
         }
         let compositor = match self.casts_rays {
-            None => (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64,
-            Some(_) if self.has_expressions => Room::of_places(COMBINED).bytes_staged(),
+            None => (CELLS_PER_SUBMISSION * (size_of::<CellInstance>() + size_of::<CellBrick>())) as u64,
             Some(_) => 0,
         };
+        let combined = if self.has_expressions { Room::of_places(COMBINED).bytes_staged() } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
             + compositor
+            + combined
             + size_of::<FrameUniform>() as u64
             + self.layers.iter().map(|layer| self.layer_bytes(layer)).sum::<u64>()
             + asks.iter().map(|ask| ask.fixed_bytes).sum::<u64>())
@@ -321,7 +322,8 @@ mod tests {
 
     /// For either compositor.
     fn both(needs: MemoryNeeds<'_>) -> [MemoryNeeds<'_>; 2] {
-        [needs, MemoryNeeds { casts_rays: Some(true), has_expressions: needs.layers.len() > 1, ..needs }]
+        let needs = MemoryNeeds { has_expressions: needs.layers.len() > 1, ..needs };
+        [needs, MemoryNeeds { casts_rays: Some(true), ..needs }]
     }
 
     #[test]

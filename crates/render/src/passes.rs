@@ -12,6 +12,7 @@ use crate::pipelines::{MarchPipeline, Shader};
 use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March, check_size};
+use crate::sorted::{Boxes, Drawn};
 use crate::table::{self, COMBINED};
 use crate::targets::{Found, Targets};
 use crate::tree::Tree;
@@ -52,14 +53,15 @@ impl GpuRenderer {
     /// Draws layers, which come in the order that the renderer was made for; or an expression over them.
     ///
     /// # Errors
-    /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and has no order for what is
-    /// asked for, an expression is lit, has surfaces or another method than the plain one, or the device fails.
+    /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers do not share their
+    /// cells, an expression is lit, has surfaces or another method than the plain one, or the device fails.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
         let framed = layers.iter().map(|layer| Framed {
             settings: &layer.frame.settings,
             pyramid: layer.pyramid,
             blend: layer.frame.blend,
             opacity: layer.frame.opacity,
+            cut: layer.cut,
         });
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
         let mut passes = self.begin(framed.collect(), combination)?;
@@ -81,7 +83,7 @@ impl GpuRenderer {
         if !frame.placement.is_identity() {
             return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
         }
-        self.begin(vec![Framed { settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0 }], None)
+        self.begin(vec![Framed { settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }], None)
     }
 
     fn begin<'a>(
@@ -216,7 +218,7 @@ impl Passes<'_> {
                     self.join(i)?;
                 }
             }
-            Course::Joint(shader) => self.cast_together(shader, draws)?,
+            Course::Joint(shader) => self.march_together(shader, draws)?,
         }
         self.lists += 1;
         self.cells = draws.iter().map(|draw| draw.cells.len()).collect();
@@ -230,7 +232,8 @@ impl Passes<'_> {
         let (gathering, pipeline) = (self.gathering(i)?, self.pipeline(shader)?);
         match (march, pipeline) {
             (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
-                sorted.draw(gpu, (&gathering, pipeline), (i, self.pool(i)), self.framed[i].pyramid, draw, is_first);
+                let boxes = Boxes::new(&[self.drawn(i, draw)])?;
+                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[i], &boxes, is_first);
             }
             (March::Raycast(raycast), pipeline) if is_first => {
                 raycast.set_trees(gpu, shared, &[self.tree(i, draw)])?;
@@ -241,16 +244,28 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// Gathers all layers by one ray.
-    fn cast_together(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, march: March::Raycast(raycast), .. } = &*self.renderer else {
-            return Err(no_target());
-        };
-        let trees: Vec<_> = draws.iter().enumerate().map(|(i, draw)| self.tree(i, draw)).collect();
-        raycast.set_trees(gpu, shared, &trees)?;
+    /// Gathers all layers together.
+    fn march_together(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
+        let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
-        gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32);
+        let all = draws.iter().enumerate();
+        match (march, pipeline) {
+            (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
+                let boxes = Boxes::new(&all.map(|(i, draw)| self.drawn(i, draw)).collect::<Vec<_>>())?;
+                sorted.draw(gpu, (&gathering, pipeline), &sorted.joint, &boxes, self.lists == 0);
+            }
+            (March::Raycast(raycast), pipeline) => {
+                raycast.set_trees(gpu, shared, &all.map(|(i, draw)| self.tree(i, draw)).collect::<Vec<_>>())?;
+                gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32);
+            }
+            _ => return Err(no_target()),
+        }
         Ok(())
+    }
+
+    /// A layer's list as `sorted` draws it.
+    fn drawn<'a>(&'a self, i: usize, draw: &'a DrawList) -> Drawn<'a> {
+        (draw, self.framed[i].pyramid, self.pool(i))
     }
 
     /// The octree over a layer's list, and the part of the frames' buffer with the layer's.

@@ -6,7 +6,7 @@ use crate::compositor::Compositor;
 use crate::frame::Framed;
 use brickyard_shaders::{
     Curve, Gather, JointVariant, Light, Medium, Seen, Shown, Stage, Surfaces, Variant, bindings, raycast,
-    raycast_joint, resolve, sorted,
+    raycast_joint, resolve, sorted, sorted_joint,
 };
 use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
 use std::collections::HashMap;
@@ -212,7 +212,8 @@ fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: 
     let textures = (bindings::FIRST_ATLAS..).take(pools).chain(gradients);
     march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
     match compositor {
-        Compositor::Sorted => march.push((bindings::CELLS, ShaderStages::VERTEX, storage())),
+        Compositor::Sorted => march
+            .extend([(bindings::CELLS, ShaderStages::VERTEX, storage()), (bindings::CELL_BRICKS, stage, storage())]),
         Compositor::Raycast | Compositor::Compute => {
             let read = [bindings::BRICKS, bindings::NODES, bindings::RANGES, bindings::OPAQUE_BEFORE];
             march.extend(read.map(|binding| (binding, stage, storage())));
@@ -330,8 +331,12 @@ impl MarchPipeline {
             Shader::Single(variant) => raycast(variant, stage, gpu.report.feedback),
             Shader::Joint(variant) => raycast_joint(variant, stage, gpu.report.feedback),
         };
-        match (compositor, shader) {
-            (Compositor::Sorted, Shader::Single(variant)) => {
+        match compositor {
+            Compositor::Sorted => {
+                let source = match shader {
+                    Shader::Single(variant) => sorted(variant),
+                    Shader::Joint(variant) => sorted_joint(variant),
+                };
                 let primitive = wgpu::PrimitiveState {
                     topology: wgpu::PrimitiveTopology::TriangleStrip,
                     cull_mode: Some(wgpu::Face::Front),
@@ -339,13 +344,13 @@ impl MarchPipeline {
                 };
                 let boxes = Shape { primitive, ..Shape::default() };
                 let (target, entries) = (write(format, Some(blend(gather))), ["proxy", "march"]);
-                Self::Fragment(pipeline(gpu, &sorted(variant), &bindings, entries, boxes, &[target]))
+                Self::Fragment(pipeline(gpu, &source, &bindings, entries, boxes, &[target]))
             }
-            (Compositor::Compute, _) => {
+            Compositor::Compute => {
                 let source = cast(Stage::Compute(texel_format(format)));
                 Self::Compute(compute_pipeline(gpu, &source, own, limits, format))
             }
-            (Compositor::Raycast | Compositor::Sorted, _) => {
+            Compositor::Raycast => {
                 let entries = ["fullscreen", "raycast"];
                 let source = cast(Stage::Fragment);
                 Self::Fragment(pipeline(gpu, &source, &bindings, entries, Shape::default(), &[format.into()]))

@@ -31,7 +31,7 @@ pub struct GpuOptions {
     pub compositor: Compositor,
     /// Whether rays of `raycast` leap over what shows nothing; without, pictures are the same and take longer.
     pub leaps: bool,
-    /// Whether there may be expressions over the layers: their table takes a mebibyte. `sorted` has none.
+    /// Whether there may be expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
     /// Allocations above this are refused as if by the device: for tests.
     #[doc(hidden)]
@@ -97,7 +97,7 @@ impl Recipe {
             max_texture_3d: gpu.report.max_texture_3d,
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
             casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.leaps),
-            has_expressions: self.has_expressions(),
+            has_expressions: self.options.expressions,
         })
     }
 
@@ -107,16 +107,10 @@ impl Recipe {
         let each = if self.has_gradients() { 2 } else { 1 };
         let pools = pools(&self.layers).iter().max().map_or(0, |last| last + 1);
         let needed = each * pools + if self.layers[0].bricks.meshes.is_none() { 0 } else { 3 };
-        match self.options.compositor {
-            Compositor::Raycast | Compositor::Compute if needed > limit as usize => {
-                Err(GpuError::Textures { volumes: self.layers.len(), needed, limit })
-            }
-            _ => Ok(()),
+        if needed > limit as usize {
+            return Err(GpuError::Textures { volumes: self.layers.len(), needed, limit });
         }
-    }
-
-    fn has_expressions(&self) -> bool {
-        self.options.expressions && self.options.compositor != Compositor::Sorted
+        Ok(())
     }
 
     fn has_gradients(&self) -> bool {
@@ -184,7 +178,7 @@ impl GpuRenderer {
         let layers: Vec<GpuLayer> =
             made.map(|(&needs, &pool)| GpuLayer::new(needs, pool, ends.layer(&needs))).collect();
         let (of_meshes, compositor) = (ends.frame(), recipe.options.compositor);
-        let combined_part = recipe.has_expressions().then(|| ends.combined());
+        let combined_part = recipe.options.expressions.then(|| ends.combined());
         let mut pools: Vec<Pool> = Vec::new();
         for layer in &layers {
             if let Some(&plan) = memory.pools.get(pools.len()).filter(|_| layer.pool == pools.len()) {

@@ -1,24 +1,85 @@
-//! The `sorted` compositor: the draw list as instanced boxes, back to front, blended one over the other.
+//! The `sorted` compositor: cells of draw lists as instanced boxes, back to front, blended one over the other.
+//!
+//! Layers of one grid are drawn together: their lists are merged by rank into one of cells, and a cell has a brick of each layer. Where
+//! bricks fade in, a cell becomes as many boxes as there are shares of the pixels with other bricks.
 
 use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
-use crate::frame::cell_instance;
+use crate::frame::{cell_brick, cell_instance};
 use crate::gathering::Gathering;
 use crate::layer::GpuLayer;
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pipelines::Layouts;
 use crate::pool::Pool;
-use brickyard_pager::DrawList;
-use brickyard_shaders::{CellInstance, bindings};
+use brickyard_pager::{DrawCell, DrawList, Pixels};
+use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::Pyramid;
 use wgpu::BufferUsages;
 
-/// Its buffer of cells, written anew for every submission, and each layer's bindings.
+/// Its buffers of cells and their bricks, written anew for every submission, and the bindings of each layer and of all.
 #[derive(Debug)]
 pub(crate) struct Sorted {
     cells: wgpu::Buffer,
-    bindings: Vec<wgpu::BindGroup>,
+    bricks: wgpu::Buffer,
+    pub(crate) bindings: Vec<wgpu::BindGroup>,
+    pub(crate) joint: wgpu::BindGroup,
+}
+
+/// A layer's list, its levels, and the pool that its bricks are in.
+pub(crate) type Drawn<'a> = (&'a DrawList, &'a Pyramid, &'a Pool);
+
+/// Boxes, back to front, and of each the bricks that stand for the layers in it.
+#[derive(Debug, Default)]
+pub(crate) struct Boxes {
+    cells: Vec<CellInstance>,
+    bricks: Vec<CellBrick>,
+}
+
+impl Boxes {
+    /// Those of layers drawn together.
+    ///
+    /// # Errors
+    /// If the layers' cells are not those of one cut.
+    pub(crate) fn new(layers: &[Drawn<'_>]) -> Result<Self, GpuError> {
+        let mut entries: Vec<(usize, &DrawCell)> = Vec::new();
+        for (i, (draw, ..)) in layers.iter().enumerate() {
+            entries.extend(draw.cells.iter().map(|entry| (i, entry)));
+        }
+        if layers.len() > 1 {
+            // Entries of one layer keep their order.
+            entries.sort_by_key(|(_, entry)| entry.rank);
+            let is_torn =
+                |(_, a): &(usize, &DrawCell), (_, b): &(usize, &DrawCell)| (a.rank == b.rank) != (a.cell == b.cell);
+            if let Some([(_, a), (_, b)]) = entries.array_windows().find(|[a, b]| is_torn(a, b)) {
+                let problem = format!("{} at rank {}, {} at rank {}", a.cell, a.rank, b.cell, b.rank);
+                return Err(GpuError::Mismatch(format!("the layers' cells are not of one cut: {problem}")));
+            }
+        }
+        let mut boxes = Self::default();
+        for cell in entries.chunk_by(|(_, a), (_, b)| a.cell == b.cell) {
+            boxes.push(layers, cell);
+        }
+        Ok(boxes)
+    }
+
+    /// Adds a cell with these entries, once for each share of the pixels in which no layer changes its brick.
+    fn push(&mut self, layers: &[Drawn<'_>], entries: &[(usize, &DrawCell)]) {
+        let mut from = 0;
+        while from < Pixels::THRESHOLDS {
+            let ends = entries.iter().flat_map(|(_, entry)| [entry.pixels.from, entry.pixels.to]);
+            let to = ends.filter(|&end| end > from).min().unwrap_or(Pixels::THRESHOLDS);
+            let shown = entries.iter().filter(|(_, entry)| (entry.pixels.from..entry.pixels.to).contains(&from));
+            let first = self.bricks.len();
+            self.bricks.resize(first + layers.len(), CellBrick::default());
+            for (i, entry) in shown {
+                let (_, pyramid, pool) = layers[*i];
+                self.bricks[first + i] = cell_brick(entry, pyramid, &pool.atlas.plan, pool.apron());
+            }
+            self.cells.push(cell_instance(&entries[0].1.region, Pixels { from, to }));
+            from = to;
+        }
+    }
 }
 
 impl Sorted {
@@ -28,41 +89,50 @@ impl Sorted {
         shared: &SharedBuffers,
         (layers, pools): (&[GpuLayer], &[Pool]),
     ) -> Result<Self, GpuError> {
-        let bytes = (CELLS_PER_SUBMISSION * size_of::<CellInstance>()) as u64;
+        let sizes = [("cells", size_of::<CellInstance>()), ("cells' bricks", size_of::<CellBrick>())];
+        let sizes = sizes.map(|(label, bytes)| (label, (CELLS_PER_SUBMISSION * bytes) as u64));
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let cells = gpu.allocate("cells", bytes, |device| buffer(device, "cells", bytes, usage))?;
-        let of = |layer: &GpuLayer| {
-            let own = vec![
-                entry(bindings::FRAMES, layer.parts.frame.of(&shared.frame)),
-                entry(bindings::TABLE, layer.parts.table.of(&shared.table)),
+        let [cells, bricks] = gpu.allocate("cells", sizes.iter().map(|(_, bytes)| bytes).sum(), |device| {
+            sizes.map(|(label, bytes)| buffer(device, label, bytes, usage))
+        })?;
+        let own = |frame, table| {
+            vec![
+                entry(bindings::FRAMES, frame),
+                entry(bindings::TABLE, table),
                 entry(bindings::CELLS, cells.as_entire_binding()),
-            ];
+                entry(bindings::CELL_BRICKS, bricks.as_entire_binding()),
+            ]
+        };
+        let of = |layer: &GpuLayer| {
+            let own = own(layer.parts.frame.of(&shared.frame), layer.parts.table.of(&shared.table));
             shared.bindings(gpu, &layouts.march, std::slice::from_ref(&pools[layer.pool]), own)
         };
-        let bindings = layers.iter().map(of).collect();
-        Ok(Self { cells, bindings })
+        let each = layers.iter().map(of).collect();
+        let all = own(shared.frame.as_entire_binding(), shared.table.as_entire_binding());
+        let joint = shared.bindings(gpu, &layouts.joint, pools, all);
+        Ok(Self { cells, bricks, bindings: each, joint })
     }
 
-    /// Draws a layer's cells in chunks, one submission each: short enough that no watchdog sees one as a hang. The
-    /// first list of a picture clears the target; the others come before what is there.
+    /// Draws boxes in chunks, one submission each: short enough that no watchdog sees one as a hang. The first list of a picture
+    /// clears the target; the others come before what is there.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
         (gathering, pipeline): (&Gathering<'_>, &wgpu::RenderPipeline),
-        (i, pool): (usize, &Pool),
-        pyramid: &Pyramid,
-        draw: &DrawList,
+        bindings: &wgpu::BindGroup,
+        boxes: &Boxes,
         is_first: bool,
     ) {
-        let (plan, apron) = (&pool.atlas.plan, pool.apron());
-        let chunks = draw.cells.len().div_ceil(CELLS_PER_SUBMISSION).max(1);
+        let layers = boxes.bricks.len() / boxes.cells.len().max(1);
+        let most = CELLS_PER_SUBMISSION / layers.max(1);
+        let chunks = boxes.cells.len().div_ceil(most).max(1);
         for chunk in 0..chunks {
-            let cells = draw.cells.chunks(CELLS_PER_SUBMISSION).nth(chunk).unwrap_or(&[]);
-            let instances: Vec<_> = cells.iter().map(|c| cell_instance(c, pyramid, plan, apron)).collect();
-            gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(&instances));
-            gathering.draw(gpu, pipeline, &self.bindings[i], is_first && chunk == 0, |pass| {
-                pass.draw(0..14, 0..instances.len() as u32)
-            });
+            let cells = boxes.cells.chunks(most).nth(chunk).unwrap_or(&[]);
+            let bricks = boxes.bricks.chunks(most * layers.max(1)).nth(chunk).unwrap_or(&[]);
+            gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(cells));
+            gpu.queue.write_buffer(&self.bricks, 0, bytemuck::cast_slice(bricks));
+            gathering
+                .draw(gpu, pipeline, bindings, is_first && chunk == 0, |pass| pass.draw(0..14, 0..cells.len() as u32));
         }
     }
 }

@@ -200,18 +200,16 @@ fn renderer(members: &[Member], compositor: Compositor, bytes: u64) -> Option<Gp
     }
 }
 
-/// Each member's cells of levels 0 and 1, with these entries, in the order of a view; their bricks uploaded, those of one member between
-/// those of the others where they share slots.
-fn draws(
-    members: &[Member],
-    renderer: &mut GpuRenderer,
-    camera: &Camera,
-    entries: &dyn Fn(usize, BrickId) -> Vec<(u8, Pixels)>,
-) -> Vec<DrawList> {
+/// Which cells are not split, and with which bricks they are drawn in which pixels.
+type Cells<'a> = (&'a dyn Fn(BrickId) -> bool, &'a dyn Fn(usize, BrickId) -> Vec<(u8, Pixels)>);
+
+/// Each member's cells in the order of a view; their bricks uploaded, those of one member between those of the others where they share
+/// slots.
+fn draws(members: &[Member], renderer: &mut GpuRenderer, camera: &Camera, (stop, entries): Cells<'_>) -> Vec<DrawList> {
     let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
     let draw = |(i, member): (usize, &Member)| {
         let into = Into { layer: i, first: i as u32, step: members.len() as u32 };
-        member.bricks.draw_fading(renderer, into, &rays, &is_coarse, &|cell| entries(i, cell))
+        member.bricks.draw_fading(renderer, into, &rays, stop, &|cell| entries(i, cell))
     };
     members.iter().enumerate().map(draw).collect()
 }
@@ -298,7 +296,7 @@ fn volumes_of_unlike_grids_match_the_oracle() {
     let mut problems = Vec::new();
     for compositor in [Compositor::Raycast, Compositor::Compute, Compositor::Sorted] {
         let Some(mut renderer) = renderer(&members, compositor, MEMORY_BYTES) else { return };
-        let draws = draws(&members, &mut renderer, &views[0].0, &own);
+        let draws = draws(&members, &mut renderer, &views[0].0, (&is_coarse, &own));
         for (i, look) in looks().into_iter().enumerate() {
             // A rasteriser in software takes seconds to compile a shader of several layers: by rays some of each kind, which are all tried on
             // the CPU; and without rays what needs no order.
@@ -358,7 +356,7 @@ fn budgets_and_layers_are_checked() {
     let Some(mut renderer) = renderer(&members, Compositor::Raycast, MEMORY_BYTES) else { return };
     assert!(renderer.gpu_bytes() <= MEMORY_BYTES);
     let camera = camera(false, [-40.0, -25.0, 60.0]);
-    let draws = draws(&members, &mut renderer, &camera, &own);
+    let draws = draws(&members, &mut renderer, &camera, (&is_coarse, &own));
     let frames = frames(&members, &camera, (0.7, 0.01), Filter::Trilinear, None, &PLAIN);
     assert!(matches!(renderer.render(&layers(&members, &frames, &draws)[..2], None), Err(GpuError::Mismatch(_))));
     let mut lit = frames.clone();
@@ -379,7 +377,7 @@ fn expressions_match_the_oracle() {
     let mut members = members();
     let Some(mut renderer) = renderer(&members, Compositor::Raycast, MEMORY_BYTES) else { return };
     let camera = camera(false, [-40.0, -25.0, 60.0]);
-    let draws = draws(&members, &mut renderer, &camera, &own);
+    let draws = draws(&members, &mut renderer, &camera, (&is_coarse, &own));
     for text in EXPRESSIONS {
         let transfer = ramp((0.0, 1.2), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.5);
         let combination = Combination::new(Expression::parse(text, 3).expect("an expression"), transfer);
@@ -410,12 +408,23 @@ fn channels_of_one_image_match_the_oracle() {
         (camera(true, [70.0, 35.0, 20.0]), 1.0),
     ];
     let mut problems = Vec::new();
-    for (compositor, taken) in [(Compositor::Raycast, &[0, 7, 20][..])] {
+    for compositor in [Compositor::Sorted, Compositor::Raycast] {
         let Some(mut renderer) = renderer(&members, compositor, MEMORY_BYTES) else { return };
-        for (i, look) in looks().into_iter().enumerate().filter(|(i, _)| taken.contains(i)) {
+        // Cell by cell fog and lit surfaces by every method, with meshes and without, opacities by gradients, and surfaces alone.
+        let is_taken = |(i, look): &(usize, Look)| match compositor {
+            Compositor::Sorted => {
+                let is_of_method = look.sampling.method != Method::Udvr && look.lighting.model == LightingModel::Phong;
+                is_of_method || [0, 4, 6, 12].contains(i) || look.mode == Mode::Isosurface && look.has_meshes
+            }
+            _ => [0, 7].contains(i),
+        };
+        for (i, look) in looks().into_iter().enumerate().filter(is_taken) {
             let (camera, step) = &views[i % 3];
             let step = if look.sampling.method == Method::Udvr { *step } else { f64::min(*step, 0.4) };
-            let draws = draws(&members, &mut renderer, camera, &entries);
+            // Cells do not know on which side of a surface a ray comes from bricks of another level.
+            let is_even = compositor == Compositor::Sorted && look.has_surfaces;
+            let cells: Cells<'_> = if is_even { (&|_| false, &own) } else { (&is_coarse, &entries) };
+            let draws = draws(&members, &mut renderer, camera, cells);
             let frames = frames(&members, camera, (step, 0.01), Filter::Trilinear, None, &look);
             let found = renderer.render(&layers(&members, &frames, &draws), None).expect("a picture");
             let expected = oracle(&members, &frames, &draws, &look, None);

@@ -1,0 +1,23 @@
+// What a cell's fragment finds on its way through a layer: the one brick that stands for the layer in the cell, if there is one.
+//!import context field ray sorted way
+struct Found {
+    // Nothing is remembered.
+    none: u32,
+}
+
+fn nothing_found() -> Found {
+    return Found(0u);
+}
+
+// A fragment takes the parts of segments whose middles are in its cell.
+fn is_own(t: f32) -> bool {
+    return is_in_box(drawn, way.ray.origin + way.ray.direction * t);
+}
+
+fn find(t: f32, threshold: u32, stride: u32, transmittance: f32) {
+    let brick = cell_bricks[drawn.first_brick + layer];
+    way.until = 1e30;
+    way.stride = stride;
+    way.is_seen = brick.is_there != 0u;
+    way.field = field_about(drawn.centre, brick.texel_scale, brick.texel_offset, way.ray);
+}
