@@ -19,7 +19,7 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
     "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined"
     "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_valid" "sample_valid"
     "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
-    "sorted" "surface" "surfaces" "surfaces_none" "through" "together" "tree" "way"
+    "sorted" "surface" "surfaces" "surfaces_none" "through" "together" "tree" "value_lit" "value_unlit" "way"
 };
 
 const IMPORT: &str = "//!import";

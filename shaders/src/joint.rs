@@ -42,7 +42,7 @@ pub struct LayerShader {
 /// What the shader has to know of an expression over the layers.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ExpressionShader {
-    /// The function `expression` and its result.
+    /// The function `expression` and its result; of lit layers, those with a gradient.
     pub wgsl: String,
     /// The first place of its values' media in the transfer tables.
     pub first_place: u32,
@@ -91,8 +91,10 @@ impl JointVariant {
         match &self.expression {
             None => parts.file("part", "part_media").file("see", "see_media"),
             Some(expression) => {
+                let is_lit = self.medium.light != Light::Unlit;
                 let parts = parts.file("part", "part_value").file("see", "combine");
-                parts.text("expression", expression.declarations())
+                let parts = parts.file("value", if is_lit { "value_lit" } else { "value_unlit" });
+                parts.text("expression", expression.declarations(self.layers.len(), is_lit))
             }
         }
     }
@@ -166,11 +168,7 @@ impl JointVariant {
 
     /// What an expression reads.
     fn reading(&self) -> String {
-        let count = self.layers.len();
-        let mut text = format!(
-            "struct Read {{\n    values: array<f32, {count}>,\n    are_valid: array<bool, {count}>,\n    longest: f32,\n}}\n\n\
-             fn read_all() -> Read {{\n    var read: Read;\n"
-        );
+        let mut text = String::from("//!import expression\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
             let _ = write!(
@@ -179,6 +177,9 @@ impl JointVariant {
                  read.are_valid[{i}] = way_{i}.value >= 0.0;\n    \
                  read.longest = max(read.longest, select(0.0, way_{i}.length, way_{i}.value >= 0.0));\n"
             );
+            if self.medium.light != Light::Unlit {
+                let _ = writeln!(text, "    read.gradients[{i}] = way_{i}.gradient * {width:?}f;");
+            }
         }
         text + "    return read;\n}\n"
     }
@@ -202,11 +203,16 @@ impl LayerShader {
 }
 
 impl ExpressionShader {
-    fn declarations(&self) -> String {
+    /// The function over what is read of so many layers, and where the media of its values are.
+    fn declarations(&self, count: usize, is_lit: bool) -> String {
         let [low, width] = self.values.map(f32::from_bits);
         let (first, last) = (self.first_place, self.last_place);
+        let gradients = if is_lit { format!("    gradients: array<vec3f, {count}>,\n") } else { String::new() };
+        let read = if is_lit { ", read.gradients" } else { "" };
         format!(
-            "const COMBINED_LOW: f32 = {low:?}f;\nconst COMBINED_WIDTH: f32 = {width:?}f;\n\
+            "struct Read {{\n    values: array<f32, {count}>,\n    are_valid: array<bool, {count}>,\n{gradients}    longest: f32,\n}}\n\n\
+             fn result_of(read: Read) -> Result {{\n    return expression(read.values, read.are_valid{read});\n}}\n\n\
+             const COMBINED_LOW: f32 = {low:?}f;\nconst COMBINED_WIDTH: f32 = {width:?}f;\n\
              const COMBINED_PLACE: u32 = {first}u;\nconst COMBINED_LAST: f32 = {last}.0;\n{}",
             self.wgsl
         )

@@ -448,23 +448,26 @@ mod tests {
 
     /// As many layers as there can be, and expressions over some.
     fn joint_expressions() -> Vec<(String, String)> {
-        let of = |count: u32, expression| {
-            let medium = match expression {
-                None => Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN },
-                Some(_) => Medium::PLAIN,
-            };
+        let of = |count: u32, expression: Option<(Light, ExpressionShader)>| {
+            let fog = Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+            let medium = expression.as_ref().map_or(fog, |(light, _)| Medium { light: *light, ..Medium::PLAIN });
             let layers = (0..count).map(|i| layer_shader(i, expression.is_none())).collect();
+            let expression = expression.map(|(_, expression)| expression);
             let variant = JointVariant { medium, is_cubic: false, has_meshes: false, layers, expression };
             (format!("raycast joint, {count} layers"), raycast_joint(&variant, Stage::Fragment, true))
         };
-        let expression = |count: u32| ExpressionShader {
-            wgsl: brickyard_volume::Expression::parse("sqrt(a * 2)", 1).unwrap().wgsl(count as usize),
-            first_place: 7,
-            last_place: 65535,
-            values: [(-1e-7f32).to_bits(), 1e20f32.to_bits()],
+        let expression = |light: Light, count: u32| {
+            let expression = brickyard_volume::Expression::parse("sqrt(a * 2)", 1).unwrap();
+            let wgsl = match light {
+                Light::Unlit => expression.wgsl(count as usize),
+                _ => expression.wgsl_with_gradient(count as usize),
+            };
+            let values = [(-1e-7f32).to_bits(), 1e20f32.to_bits()];
+            Some((light, ExpressionShader { wgsl, first_place: 7, last_place: 65535, values }))
         };
         let most = brickyard_volume::MAX_VOLUMES as u32;
-        vec![of(most, None), of(1, Some(expression(1))), of(most, Some(expression(most)))]
+        let (alone, all) = (expression(Light::Unlit, 1), expression(Light::Tone, most));
+        vec![of(most, None), of(1, alone), of(2, expression(Light::Phong, 2)), of(most, all)]
     }
 
     #[test]
@@ -500,14 +503,12 @@ mod tests {
         let joint = JointVariant { medium: lit, is_cubic: false, has_meshes: false, layers, expression: None };
         companies.push(joint.casting(COMPUTE, true));
         companies.push(joint.parts().file("find", "find_cell"));
-        let expression = ExpressionShader {
-            wgsl: brickyard_volume::Expression::parse("a", 1).unwrap().wgsl(2),
-            first_place: 0,
-            last_place: 1,
-            values: [0, 0],
-        };
-        let joint = JointVariant { medium: Medium::PLAIN, expression: Some(expression), ..joint };
-        companies.push(joint.casting(COMPUTE, true));
+        let read = brickyard_volume::Expression::parse("a", 1).unwrap();
+        for (light, wgsl) in [(Light::Unlit, read.wgsl(2)), (Light::Phong, read.wgsl_with_gradient(2))] {
+            let expression = Some(ExpressionShader { wgsl, first_place: 0, last_place: 1, values: [0, 0] });
+            let joint = JointVariant { medium: Medium { light, ..Medium::PLAIN }, expression, ..joint.clone() };
+            companies.push(joint.casting(COMPUTE, true));
+        }
         for (name, _) in compose::FILES {
             let check = |parts: &Parts| -> Result<(), String> {
                 let source = parts.gather(&[name])?;
@@ -543,8 +544,9 @@ mod tests {
     fn expressions_are_valid_shaders() {
         let every = "a + b * c / v3 - a ^ -2 + min(a, b) * max(b, c) + (a < b && b <= c || a == 1e300 || !c ? sin(a) : cos(b)) \
                      + default(sqrt(a), exp(b)) + valid(log(c)) + abs(a) + sign(b) + floor(a) + ceil(b) + round(c) + 1e-7";
-        for text in [every, "a", "1"] {
-            let wgsl = brickyard_volume::Expression::parse(text, 4).unwrap().wgsl(4);
+        let of = |text: &str| brickyard_volume::Expression::parse(text, 4).unwrap();
+        let both = |text| [of(text).wgsl(4), of(text).wgsl_with_gradient(4)].map(|wgsl| (text, wgsl));
+        for (text, wgsl) in [every, "a", "1"].into_iter().flat_map(both) {
             let module = parse(text, &wgsl);
             use naga::valid::{Capabilities, ValidationFlags, Validator};
             let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);

@@ -54,7 +54,8 @@ struct Frame {
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,
     light_places: array<vec4f, 4>,
-    // What a voxel along each axis is in the scene's world, and a gradient of 1 to a voxel there, but for its length.
+    // What a voxel along each axis is in the scene's world, and a gradient of 1 to a voxel there, but for its length. The first `w` is
+    // what that has to be multiplied by to be by the step.
     axes: array<vec4f, 3>,
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,

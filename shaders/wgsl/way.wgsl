@@ -24,9 +24,14 @@ struct Way {
     // Where media are an expression's: the value in the middle of the part, negative if there is none, and the part's length.
     value: f32,
     length: f32,
+    // Where that is lit: the gradient of the value's code by the step, in the scene's world; zero where the field is flat.
+    gradient: vec3f,
 }
 
 var<private> way: Way;
+
+// The middle of the segment.
+var<private> segment_middle: f32;
 
 // Nothing is seen before.
 var<private> empty_until: f32;
@@ -57,6 +62,7 @@ fn shift_by(shift: f32) {
 
 // Takes the layer's part of a segment, and notes up to where there is nothing of it.
 fn take_part(walk: Walk, threshold: u32, transmittance: f32) {
+    segment_middle = walk.middle;
     let start = max(walk.start, way.stretch.x);
     let end = min(walk.end, way.stretch.y);
     let middle = 0.5 * (start + end);

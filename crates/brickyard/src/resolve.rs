@@ -80,11 +80,6 @@ impl ResolvedScene {
         let alone = matches!(&self.layers[..], [layer] if in_its_own_world(layer) && layer.frames[0].is_plain());
         alone && self.combination.is_none()
     }
-
-    /// Whether the cells of its layers need an order: those of projections do not, nor does one layer's list, which has one.
-    pub(crate) fn has_no_order(&self) -> bool {
-        !self.is_alone() && !self.layers[0].frames[0].settings.mode.is_projection()
-    }
 }
 
 /// The rays of one eye or two.

@@ -19,7 +19,7 @@ use brickyard_pager::{
     Wish, pools, share,
 };
 use brickyard_render::Compositor;
-use brickyard_volume::{Needs, Picture, Scene, SlotEncoding, TransferFunction};
+use brickyard_volume::{FrameSettings, Needs, Picture, Scene, SlotEncoding, TransferFunction};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -93,7 +93,7 @@ impl Session {
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
         let shown: Vec<usize> = scene.layers.iter().map(|layer| layer.volume).collect();
-        check_order(scene, options.compositor == CompositorChoice::Sorted)?;
+        check_order(&volumes, scene, options.compositor == CompositorChoice::Sorted)?;
         Self::make(volumes, &shown, scene.is_alone(), options)
     }
 
@@ -144,7 +144,7 @@ impl Session {
             let problem = "the session was made for other layers: make another one with Session::of_scene";
             return Err(SessionError::Scene(problem.into()));
         }
-        check_order(&resolved, self.backend.compositor() == Compositor::Sorted.name())?;
+        check_order(&self.volumes, &resolved, self.backend.compositor() == Compositor::Sorted.name())?;
         for layer in &mut resolved.layers {
             layer.view.opaque = layer.view.opaque.filter(|_| self.leaps);
         }
@@ -325,13 +325,18 @@ impl Session {
     }
 }
 
-/// Cells of several layers are in no one order from back to front: their fog and surfaces take rays.
-fn check_order(scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionError> {
-    if !(is_sorted && scene.has_no_order()) {
+/// Cells of unlike grids are in no one order from back to front: their fog and surfaces take rays.
+fn check_order(volumes: &[VolumeSource], scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionError> {
+    let grid = |layer: &ResolvedLayer| {
+        let FrameSettings { geometry, placement, encoding, .. } = &layer.frames[0].settings;
+        let slots = (encoding.format, encoding.has_invalid);
+        (volumes[layer.volume].source.pyramid().clone(), geometry.clone(), *placement, slots)
+    };
+    let has_one_grid = || scene.layers.iter().all(|layer| grid(layer) == grid(&scene.layers[0]));
+    if !is_sorted || scene.layers[0].frames[0].settings.mode.is_projection() || has_one_grid() {
         return Ok(());
     }
-    let problem =
-        "the sorted compositor has no order for the cells of several layers, of one that is placed or of one that adds";
+    let problem = "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size";
     Err(SessionError::Scene(format!("{problem}; use --compositor raycast or compute")))
 }
 

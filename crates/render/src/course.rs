@@ -101,19 +101,19 @@ fn expression(
     combination: &Combination,
     first_place: u32,
 ) -> Result<ExpressionShader, GpuError> {
-    let has_gradient = |framed: &Framed<'_>| {
-        framed.is_lit() || !framed.settings.surfaces.is_empty() || framed.settings.grid().is_some()
-    };
+    let is_cut = |framed: &Framed<'_>| !framed.settings.surfaces.is_empty() || framed.settings.grid().is_some();
     let is_plain =
         |framed: &Framed<'_>| framed.settings.mode == Mode::Dvr && framed.settings.sampling.method == Method::Udvr;
-    if framed.iter().any(has_gradient) {
-        return Err(GpuError::Mismatch("what an expression makes has no gradient".into()));
+    if framed.iter().any(is_cut) || !framed.iter().all(is_plain) {
+        let problem = "an expression is drawn as fog, classified by value and sampled plainly";
+        return Err(GpuError::Mismatch(problem.into()));
     }
-    if !framed.iter().all(is_plain) {
-        return Err(GpuError::Mismatch("an expression is drawn as fog, and sampled plainly".into()));
-    }
+    let Combination { expression, .. } = combination;
     Ok(ExpressionShader {
-        wgsl: combination.expression.wgsl(framed.len()),
+        wgsl: match framed[0].is_lit() {
+            true => expression.wgsl_with_gradient(framed.len()),
+            false => expression.wgsl(framed.len()),
+        },
         first_place,
         last_place: last_place(COMBINED),
         values: value_bits(&combination.encoding),

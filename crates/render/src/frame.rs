@@ -133,7 +133,7 @@ pub(crate) fn frame_uniform(
         grid: grid(frame),
         light_places: light_places(frame),
         axes: axes.map(|axis| frame.placement.world_vector(axis * spacing).extend(0.0).as_vec4().to_array()),
-        slopes: slopes.map(|slope| (slope / steepest).extend(0.0).as_vec4().to_array()),
+        slopes: slopes.map(|slope| (slope / steepest).extend(steepest * frame.lattice.step).as_vec4().to_array()),
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
         list_at: [0; 4],
