@@ -61,6 +61,15 @@ pub trait Renderer: Send {
     /// If the device is lost or out of memory.
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError>;
 
+    /// Has a thread make what [`Renderer::render`] of the same would have to make first, such as compiled shaders. Other pictures can be drawn
+    /// meanwhile; what was asked for before and is not begun is left.
+    fn prepare(&mut self, _layers: &[Layer<'_>], _combination: Option<&Combination>) {}
+
+    /// Whether [`Renderer::render`] of the same has nothing to make first. What is drawn sooner makes it, or waits for the thread.
+    fn is_prepared(&self, _layers: &[Layer<'_>], _combination: Option<&Combination>) -> bool {
+        true
+    }
+
     /// For each cell of a layer's last list drawn, in its order, how much light was left where a ray entered it, the most of all
     /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, and of `sorted`.
     fn visibility(&self, _layer: usize) -> Option<&[f32]> {
@@ -107,6 +116,14 @@ impl Renderer for GpuRenderer {
 
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
         Ok(self.render(layers, combination)?)
+    }
+
+    fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
+        self.prepare(layers, combination);
+    }
+
+    fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
+        self.is_prepared(layers, combination)
     }
 
     fn visibility(&self, layer: usize) -> Option<&[f32]> {

@@ -179,8 +179,8 @@ impl Fault {
     }
 }
 
-/// A device, its queue, and what is known of it. All calls come from one thread.
-#[derive(Debug)]
+/// A device, its queue, and what is known of it. All calls come from one thread, but those that are [guarded](Gpu::guarded).
+#[derive(Clone, Debug)]
 pub(crate) struct Gpu {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
@@ -269,6 +269,25 @@ impl Gpu {
             None if requested_bytes <= self.refuse_above_bytes => self.check().map(|()| made),
             _ => Err(GpuError::OutOfMemory { label: label.to_string(), requested_bytes }),
         }
+    }
+
+    /// Makes something that is not of memory, on any thread. What the device has against it is this call's own error, and no other's.
+    pub(crate) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+        let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        // A thread that ends here would leave those who wait for it without a word.
+        let made = catch_unwind(AssertUnwindSafe(make)).map_err(|_| "the driver gave it up".to_string());
+        let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
+        match errors.first() {
+            Some(error) => Err(GpuError::Refused(error.to_string())),
+            None => made.map_err(GpuError::Refused),
+        }
+    }
+
+    /// What is behind an error of something guarded: the loss of the device, if that is it.
+    pub(crate) fn reason(&self, error: GpuError) -> GpuError {
+        self.fault.set(error.clone());
+        self.check().err().unwrap_or(error)
     }
 
     /// Waits until a submission is done.

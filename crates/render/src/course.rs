@@ -8,10 +8,11 @@ use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::layer::{GpuLayer, value_bits};
-use crate::pipelines::{Shader, gather_of, medium_of, variant_of};
+use crate::pipelines::Wanted;
 use crate::pool::Pool;
 use crate::table::{COMBINED, last_place};
-use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Variant};
+use crate::variant::{Shader, gather_of, medium_of, variant_of};
+use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Shown, Variant};
 use brickyard_volume::{Blend, Combination, Filter, Method, Mode};
 
 /// How a picture's layers are gathered.
@@ -72,7 +73,7 @@ impl Course {
     }
 
     /// The marches.
-    pub(crate) fn shaders(&self) -> &[Shader] {
+    fn shaders(&self) -> &[Shader] {
         match self {
             Self::Single(shader) | Self::Joint(shader) => std::slice::from_ref(shader),
             Self::Each(_, shaders) => shaders,
@@ -82,6 +83,14 @@ impl Course {
     /// Whether layers' pictures are joined.
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
+    }
+
+    /// All that is drawn with.
+    pub(crate) fn wanted(&self) -> Vec<Wanted> {
+        let has_meshes = self.shaders().iter().any(Shader::has_meshes);
+        let last = Wanted::Resolve(self.seen(), if has_meshes { Shown::Slab } else { Shown::Picture });
+        let join = self.is_joined().then(|| Wanted::Resolve(Seen::Gathered(self.gather()), Shown::Sums));
+        self.shaders().iter().cloned().map(Wanted::March).chain([last]).chain(join).collect()
     }
 
     /// What colours are made of.

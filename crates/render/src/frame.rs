@@ -3,7 +3,7 @@
 use crate::atlas::{Atlas, AtlasPlan, texel_placement};
 use crate::table::last_place;
 use crate::tree::{root_size, splits};
-use brickyard_pager::{DrawCell, Pixels};
+use brickyard_pager::{DrawCell, Layer, Pixels};
 use brickyard_shaders::{CellBrick, CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
@@ -36,7 +36,13 @@ pub(crate) struct Framed<'a> {
     pub(crate) cut: u32,
 }
 
-impl Framed<'_> {
+impl<'a> Framed<'a> {
+    /// A layer's.
+    pub(crate) fn of(layer: &Layer<'a>) -> Self {
+        let Layer { frame, pyramid, cut, .. } = *layer;
+        Self { settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut }
+    }
+
     /// Whether its cells are those of another layer, in one order.
     pub(crate) fn shares_cells_with(&self, other: &Self) -> bool {
         let place = |framed: &Self| (framed.cut, framed.settings.placement);

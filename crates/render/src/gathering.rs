@@ -4,7 +4,7 @@ use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, entry};
 use crate::memory::TIMESTAMP_BYTES;
 use crate::parts::{Part, Parts};
-use crate::pipelines::{MarchPipeline, TEXELS_GROUP};
+use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
@@ -146,22 +146,22 @@ pub(crate) struct Gathering<'a> {
 
 impl Gathering<'_> {
     /// A ray for each pixel, through so many layers, some rows of the picture per submission.
-    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &MarchPipeline, bindings: &wgpu::BindGroup, layers: u32) {
+    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &Pipeline, bindings: &wgpu::BindGroup, layers: u32) {
         let (width, height) = self.size_px;
         let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
         let rows = match pipeline {
-            MarchPipeline::Fragment(_) => most,
+            Pipeline::Render(_) => most,
             // Whole workgroups.
-            MarchPipeline::Compute(_) => (most / WORKGROUP_PX).max(1) * WORKGROUP_PX,
+            Pipeline::Compute(_) => (most / WORKGROUP_PX).max(1) * WORKGROUP_PX,
         };
         for top in (0..height).step_by(rows as usize) {
             let rows = rows.min(height - top);
             match pipeline {
-                MarchPipeline::Fragment(pipeline) => self.draw(gpu, pipeline, bindings, top == 0, |pass| {
+                Pipeline::Render(pipeline) => self.draw(gpu, pipeline, bindings, top == 0, |pass| {
                     pass.set_scissor_rect(0, top, width, rows);
                     pass.draw(0..3, 0..1);
                 }),
-                MarchPipeline::Compute(pipeline) => self.dispatch(gpu, pipeline, bindings, (top, rows)),
+                Pipeline::Compute(pipeline) => self.dispatch(gpu, pipeline, bindings, (top, rows)),
             }
         }
     }

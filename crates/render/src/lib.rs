@@ -8,9 +8,10 @@
 //! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
 //! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`. What of several layers is
 //! gathered one by one, and what together, is said in `course`.
-//! One [`GpuRenderer`] is used from one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
+//! Pipelines can be made ahead by a thread (`ahead`). All else of one [`GpuRenderer`] is done on one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
+mod ahead;
 mod atlas;
 mod buffers;
 mod compositor;
@@ -19,6 +20,7 @@ mod error;
 mod frame;
 mod gathering;
 mod layer;
+mod layouts;
 mod memory;
 mod meshes;
 mod parts;
@@ -32,6 +34,7 @@ mod table;
 mod targets;
 mod tree;
 mod upload;
+mod variant;
 
 pub use adapter::{AdapterReport, GpuFormats, GpuPreference, adapters};
 pub use atlas::AtlasPlan;

@@ -12,9 +12,10 @@ use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::gathering::attachment;
+use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
 use crate::memory::{COLOR_FORMAT, NUMBER_FORMAT, QUERY_BYTES, geometry_bytes, mesh_bytes};
 use crate::parts::Part;
-use crate::pipelines::{MeshLayouts, Shape, bind_group_layout, pipeline, storage, texture, texture_of};
+use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
 use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};
 use glam::DVec3;
@@ -132,7 +133,7 @@ impl Meshes {
         let shape = Shape { depth_stencil: Some(nearest), ..Shape::default() };
         let targets = [COLOR_FORMAT.into(), NUMBER_FORMAT.into()];
         let peel = pipeline(gpu, &peel(), &[&own, &before], ["corner", "peel"], shape, &targets);
-        let display = [crate::pipelines::DISPLAY_FORMAT.into()];
+        let display = [DISPLAY_FORMAT.into()];
         let show = pipeline(
             gpu,
             &resolve(Seen::Slabs, Shown::Picture),
@@ -163,8 +164,8 @@ impl Meshes {
     }
 
     /// For pipelines that draw slabs.
-    pub(crate) fn layouts(&self) -> MeshLayouts<'_> {
-        MeshLayouts { limits: &self.limits, layer: &self.layer }
+    pub(crate) fn layouts(&self) -> MeshLayouts {
+        MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
 
     /// Sends what is new of a frame's meshes.

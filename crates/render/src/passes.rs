@@ -6,9 +6,9 @@ use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::gathering::{Gathering, attachment, draw_over_all};
 use crate::layer::GpuLayer;
-use crate::meshes::{Meshes, Peeled};
+use crate::meshes::Peeled;
 use crate::parts::Part;
-use crate::pipelines::{MarchPipeline, Shader};
+use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March, check_size};
@@ -16,6 +16,7 @@ use crate::sorted::{Boxes, Drawn};
 use crate::table::{self, COMBINED};
 use crate::targets::{Found, Targets};
 use crate::tree::Tree;
+use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{MARK_STEPS, Seen, Shown};
 use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
@@ -56,21 +57,30 @@ impl GpuRenderer {
     /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers do not share their
     /// cells, an expression is lit, has surfaces or another method than the plain one, or the device fails.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
-        let framed = layers.iter().map(|layer| Framed {
-            settings: &layer.frame.settings,
-            pyramid: layer.pyramid,
-            blend: layer.frame.blend,
-            opacity: layer.frame.opacity,
-            cut: layer.cut,
-        });
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
-        let mut passes = self.begin(framed.collect(), combination)?;
+        let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination)?;
         loop {
             passes.draw_all(&draws)?;
             if !passes.next_slab()? {
                 return passes.finish();
             }
         }
+    }
+
+    /// Has a thread make what [`GpuRenderer::render`] of the same would have to make first: pipelines, whose shaders may take long to
+    /// compile. Other pictures can be drawn meanwhile. A thread that has not begun what it was asked for before leaves it.
+    pub fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
+        // What cannot be drawn says so when it is.
+        if let Ok(course) = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination) {
+            self.pipelines.prepare(course.wanted());
+        }
+    }
+
+    /// Whether [`GpuRenderer::render`] of the same has nothing to make first. A picture that is drawn sooner makes it, or waits for the
+    /// thread that does.
+    pub fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
+        let course = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination);
+        course.map_or(true, |course| self.pipelines.are_made(&course.wanted()))
     }
 
     /// Begins a picture of the one layer there is, in its own world, from several lists, each farther to the front than the last.
@@ -93,18 +103,8 @@ impl GpuRenderer {
     ) -> Result<Passes<'a>, GpuError> {
         let start = Instant::now();
         self.gpu.check()?;
-        if framed.len() != self.layers.len() {
-            let problem = format!("{} layers: this renderer was made for {}", framed.len(), self.layers.len());
-            return Err(GpuError::Mismatch(problem));
-        }
-        for (layer, framed) in self.layers.iter().zip(&framed) {
-            check_size((framed.settings.rays.width, framed.settings.rays.height), self.recipe.max_size_px)?;
-            layer.check(framed)?;
-        }
-        let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
-        let layers = (&self.layers[..], &self.pools[..]);
-        let course = Course::new(layers, &framed, (combination, first_place), self.compositor())?;
-        self.prepare(&course, framed[0].settings)?;
+        let course = self.course(&framed, combination)?;
+        self.make_ready(&course, framed[0].settings)?;
         self.send(&framed, combination);
         self.gpu.check()?;
         self.entered = None;
@@ -113,10 +113,24 @@ impl GpuRenderer {
         Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next })
     }
 
+    /// How a picture of such frames is gathered.
+    fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {
+        if framed.len() != self.layers.len() {
+            let problem = format!("{} layers: this renderer was made for {}", framed.len(), self.layers.len());
+            return Err(GpuError::Mismatch(problem));
+        }
+        for (layer, framed) in self.layers.iter().zip(framed) {
+            check_size((framed.settings.rays.width, framed.settings.rays.height), self.recipe.max_size_px)?;
+            layer.check(framed)?;
+        }
+        let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
+        Course::new((&self.layers, &self.pools), framed, (combination, first_place), self.compositor())
+    }
+
     /// Pipelines and targets for this picture.
-    fn prepare(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
+    fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
         let compositor = self.compositor();
-        let Self { gpu, layouts, shared, pipelines, meshes, peeled, targets, marks_bytes, .. } = self;
+        let Self { gpu, shared, pipelines, meshes, peeled, targets, marks_bytes, .. } = self;
         let size_px = (frame.rays.width, frame.rays.height);
         let has_meshes = !frame.meshes.is_empty();
         if let Some(meshes) = meshes.as_mut().filter(|_| has_meshes) {
@@ -127,15 +141,7 @@ impl GpuRenderer {
                 *peeled = Some(Peeled::new(gpu, meshes, shared, size_px)?);
             }
         }
-        let of_meshes = meshes.as_ref().filter(|_| has_meshes).map(Meshes::layouts);
-        for shader in course.shaders() {
-            pipelines.need_march(gpu, layouts, of_meshes.as_ref(), compositor, shader);
-        }
-        let last = (course.seen(), if has_meshes { Shown::Slab } else { Shown::Picture });
-        let join = course.is_joined().then_some((Seen::Gathered(course.gather()), Shown::Sums));
-        for resolve in [Some(last), join].into_iter().flatten() {
-            pipelines.need_resolve(gpu, layouts, of_meshes.as_ref(), resolve);
-        }
+        course.wanted().iter().try_for_each(|wanted| pipelines.need(wanted)).map_err(|error| gpu.reason(error))?;
         let wanted = (course.gather(), course.is_joined());
         if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
             // The old ones go first: both together would pass the budget.
@@ -231,7 +237,7 @@ impl Passes<'_> {
         let is_first = self.lists == 0;
         let (gathering, pipeline) = (self.gathering(i)?, self.pipeline(shader)?);
         match (march, pipeline) {
-            (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
+            (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let boxes = Boxes::new(&[self.drawn(i, draw)])?;
                 sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[i], &boxes, is_first);
             }
@@ -250,7 +256,7 @@ impl Passes<'_> {
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
         let all = draws.iter().enumerate();
         match (march, pipeline) {
-            (March::Sorted(sorted), MarchPipeline::Fragment(pipeline)) => {
+            (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let boxes = Boxes::new(&all.map(|(i, draw)| self.drawn(i, draw)).collect::<Vec<_>>())?;
                 sorted.draw(gpu, (&gathering, pipeline), &sorted.joint, &boxes, self.lists == 0);
             }
@@ -281,10 +287,10 @@ impl Passes<'_> {
 
     /// Adds what has been gathered of a layer to the sums.
     fn join(&self, i: usize) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, layouts, layers, pipelines, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, layouts, layers, .. } = &*self.renderer;
         let targets = self.targets()?;
-        let pipeline = pipelines.resolve(Seen::Gathered(self.course.gather()), Shown::Sums);
-        let (Some(pipeline), Some([mixed, glow])) = (pipeline, &targets.sums) else { return Err(no_target()) };
+        let pipeline = self.resolve(Seen::Gathered(self.course.gather()), Shown::Sums)?;
+        let Some([mixed, glow]) = &targets.sums else { return Err(no_target()) };
         let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &layers[i].parts, targets);
         let load = if i == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -326,11 +332,10 @@ impl Passes<'_> {
         }
         self.draw_nothing()?;
         let bindings = self.resolve_bindings()?;
-        let GpuRenderer { gpu, peeled: Some(peeled), pipelines, .. } = &*self.renderer else {
+        let GpuRenderer { gpu, peeled: Some(peeled), .. } = &*self.renderer else {
             return Err(no_target());
         };
-        let pipeline = pipelines.resolve(self.course.seen(), Shown::Slab).ok_or_else(no_target)?;
-        peeled.compose(gpu, pipeline, &bindings);
+        peeled.compose(gpu, self.resolve(self.course.seen(), Shown::Slab)?, &bindings);
         if self.next == Next::End {
             self.next = Next::All;
             return Ok(false);
@@ -376,7 +381,7 @@ impl Passes<'_> {
 
     /// Queues the pass to display colours and the way back, with so many marks of each layer.
     fn show(&self) -> Result<(wgpu::SubmissionIndex, Vec<usize>), GpuError> {
-        let GpuRenderer { gpu, shared, meshes, peeled, pipelines, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, meshes, peeled, .. } = &*self.renderer;
         let (targets, marked) = (self.targets()?, self.marked());
         let counts: Vec<usize> = self.cells.iter().map(|&cells| marked.map_or(0, |_| cells)).collect();
         let also = |encoder: &mut wgpu::CommandEncoder| {
@@ -389,7 +394,7 @@ impl Passes<'_> {
                 shared.resolve(gpu, targets, |pass| meshes.show(pass, peeled), also)
             }
             _ => {
-                let pipeline = pipelines.resolve(self.course.seen(), Shown::Picture).ok_or_else(no_target)?;
+                let pipeline = self.resolve(self.course.seen(), Shown::Picture)?;
                 let bindings = self.resolve_bindings()?;
                 shared.resolve(gpu, targets, |pass| draw_over_all(pass, pipeline, &bindings), also)
             }
@@ -426,8 +431,16 @@ impl Passes<'_> {
     }
 
     /// By what a march is drawn; made before.
-    fn pipeline(&self, shader: &Shader) -> Result<&MarchPipeline, GpuError> {
-        self.renderer.pipelines.march(shader).ok_or_else(no_target)
+    fn pipeline(&self, shader: &Shader) -> Result<&Pipeline, GpuError> {
+        self.renderer.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
+    }
+
+    /// By what colours are made; made before.
+    fn resolve(&self, seen: Seen, shown: Shown) -> Result<&wgpu::RenderPipeline, GpuError> {
+        match self.renderer.pipelines.get(&Wanted::Resolve(seen, shown)) {
+            Some(Pipeline::Render(pipeline)) => Ok(pipeline),
+            _ => Err(no_target()),
+        }
     }
 
     /// What makes colours of what has been gathered, or joined.

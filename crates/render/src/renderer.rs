@@ -2,18 +2,20 @@
 //!
 //! A frame (see `passes`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
 //! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
-//! the budget given at the start. Everything happens on the thread that calls.
+//! the budget given at the start. Everything happens on the thread that calls, but pipelines that are made ahead.
 
 use crate::adapter::{AdapterReport, Gpu, GpuPreference};
+use crate::ahead::Pipelines;
 use crate::buffers::RayBuffers;
 use crate::buffers::SharedBuffers;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
 use crate::layer::GpuLayer;
+use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
 use crate::meshes::{Meshes, Peeled};
 use crate::parts::{Ends, Part};
-use crate::pipelines::{Layouts, Pipelines};
+use crate::pipelines::Maker;
 use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
@@ -57,7 +59,6 @@ pub struct GpuRenderer {
     pub(crate) shared: SharedBuffers,
     pub(crate) layouts: Layouts,
     pub(crate) march: March,
-    /// Made at first use.
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     /// Where pictures may have some, and what those are drawn into besides.
@@ -201,6 +202,12 @@ impl GpuRenderer {
         let peeled =
             meshes.as_ref().map(|meshes| Peeled::new(&gpu, meshes, &shared, recipe.max_size_px)).transpose()?;
         gpu.check()?;
+        let maker = Maker {
+            gpu: gpu.clone(),
+            compositor,
+            layouts: layouts.clone(),
+            meshes: meshes.as_ref().map(Meshes::layouts),
+        };
         Ok(Self {
             recipe,
             memory,
@@ -210,7 +217,7 @@ impl GpuRenderer {
             shared,
             layouts,
             march,
-            pipelines: Default::default(),
+            pipelines: Pipelines::new(maker),
             targets,
             meshes,
             peeled,

@@ -1,0 +1,126 @@
+//! The pipelines of a renderer: made when something is first drawn with them, or ahead of that by a thread, so that what is drawn
+//! meanwhile does not wait for a compiler.
+//!
+//! Each is made once, by whoever comes first; a picture that needs one that the thread is at waits for it. What could not be made is an
+//! error of the picture that needs it, and tried again by the next.
+
+use crate::error::GpuError;
+use crate::pipelines::{Maker, Pipeline, Wanted};
+use std::collections::HashMap;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::JoinHandle;
+
+/// A pipeline, or why there is none, once somebody has made it.
+type Making = Arc<OnceLock<Result<Pipeline, GpuError>>>;
+
+/// All pipelines made so far, and the thread that makes some ahead, from when one is first asked for.
+#[derive(Debug)]
+pub(crate) struct Pipelines {
+    maker: Arc<Maker>,
+    all: HashMap<Wanted, Making>,
+    wishes: Arc<Wishes>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What the thread is to make.
+#[derive(Debug, Default)]
+struct Wishes {
+    list: Mutex<List>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct List {
+    wanted: Vec<(Wanted, Making)>,
+    is_over: bool,
+}
+
+impl Wishes {
+    fn lock(&self) -> MutexGuard<'_, List> {
+        self.list.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, list: List) {
+        *self.lock() = list;
+        self.changed.notify_all();
+    }
+
+    /// Waits for the next; `None` when all is over.
+    fn next(&self) -> Option<(Wanted, Making)> {
+        let is_idle = |list: &mut List| list.wanted.is_empty() && !list.is_over;
+        let mut list = self.changed.wait_while(self.lock(), is_idle).unwrap_or_else(PoisonError::into_inner);
+        list.wanted.pop()
+    }
+}
+
+impl Pipelines {
+    pub(crate) fn new(maker: Maker) -> Self {
+        Self { maker: Arc::new(maker), all: HashMap::new(), wishes: Default::default(), thread: None }
+    }
+
+    /// Makes a pipeline, or waits for the thread that is at it.
+    ///
+    /// # Errors
+    /// If the device does not make it.
+    pub(crate) fn need(&mut self, wanted: &Wanted) -> Result<(), GpuError> {
+        let making = self.all.entry(wanted.clone()).or_default();
+        match making.get_or_init(|| self.maker.make(wanted)) {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                let error = error.clone();
+                self.all.remove(wanted);
+                Err(error)
+            }
+        }
+    }
+
+    /// A pipeline that was made.
+    pub(crate) fn get(&self, wanted: &Wanted) -> Option<&Pipeline> {
+        self.all.get(wanted)?.get()?.as_ref().ok()
+    }
+
+    /// Has the thread make what a picture needs, in place of what it was asked for before and has not begun.
+    pub(crate) fn prepare(&mut self, wanted: Vec<Wanted>) {
+        let mut with_making = |wanted: Wanted| (wanted.clone(), self.all.entry(wanted).or_default().clone());
+        let wanted: Vec<_> =
+            wanted.into_iter().map(&mut with_making).filter(|(_, making)| making.get().is_none()).collect();
+        if wanted.is_empty() {
+            return;
+        }
+        if self.thread.is_none() {
+            let (maker, wishes) = (self.maker.clone(), self.wishes.clone());
+            let run = move || {
+                while let Some((wanted, making)) = wishes.next() {
+                    making.get_or_init(|| maker.make(&wanted));
+                }
+            };
+            match std::thread::Builder::new().name("pipelines".into()).spawn(run) {
+                Ok(thread) => self.thread = Some(thread),
+                Err(error) => {
+                    tracing::warn!("no thread for pipelines: {error}; they are made at once");
+                    for (wanted, making) in &wanted {
+                        making.get_or_init(|| self.maker.make(wanted));
+                    }
+                    return;
+                }
+            }
+        }
+        self.wishes.set(List { wanted, is_over: false });
+    }
+
+    /// Whether a picture that needs these has nothing to wait for.
+    pub(crate) fn are_made(&self, wanted: &[Wanted]) -> bool {
+        wanted.iter().all(|wanted| self.all.get(wanted).is_some_and(|making| making.get().is_some()))
+    }
+}
+
+impl Drop for Pipelines {
+    /// Waits for what the thread is at: drivers do not survive the end of a process in the middle of it.
+    fn drop(&mut self) {
+        self.wishes.set(List { wanted: Vec::new(), is_over: true });
+        if let Some(thread) = self.thread.take() {
+            // What it makes is guarded; had it died all the same, there is nobody left to tell.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Layouts of what is bound: one for each kind of pass, shared by all pipelines of that kind.
+
+use crate::adapter::Gpu;
+use crate::compositor::Compositor;
+use brickyard_shaders::bindings;
+use wgpu::{BindingType, ShaderStages, TextureViewDimension};
+
+/// The bind group layouts that all variants share.
+#[derive(Clone, Debug)]
+pub(crate) struct Layouts {
+    /// Of a march through one layer.
+    pub(crate) march: wgpu::BindGroupLayout,
+    /// Of a march through all of them.
+    pub(crate) joint: wgpu::BindGroupLayout,
+    pub(crate) resolve: wgpu::BindGroupLayout,
+    pub(crate) joined: wgpu::BindGroupLayout,
+}
+
+/// The bind group layouts that marches and slabs need besides their own.
+#[derive(Clone, Debug)]
+pub(crate) struct MeshLayouts {
+    pub(crate) limits: wgpu::BindGroupLayout,
+    pub(crate) layer: wgpu::BindGroupLayout,
+}
+
+fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
+    BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
+}
+
+/// A buffer that shaders read.
+pub(crate) fn storage() -> BindingType {
+    buffer(wgpu::BufferBindingType::Storage { read_only: true })
+}
+
+pub(crate) fn texture(view_dimension: TextureViewDimension, filterable: bool) -> BindingType {
+    let sample_type = wgpu::TextureSampleType::Float { filterable };
+    BindingType::Texture { sample_type, view_dimension, multisampled: false }
+}
+
+/// A flat texture of what is no colour.
+pub(crate) fn texture_of(sample_type: wgpu::TextureSampleType) -> BindingType {
+    BindingType::Texture { sample_type, view_dimension: TextureViewDimension::D2, multisampled: false }
+}
+
+pub(crate) fn bind_group_layout(
+    gpu: &Gpu,
+    label: &str,
+    entries: &[(u32, ShaderStages, BindingType)],
+) -> wgpu::BindGroupLayout {
+    let entry = |&(binding, visibility, ty): &(u32, ShaderStages, BindingType)| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty,
+        count: None,
+    };
+    let entries: Vec<_> = entries.iter().map(entry).collect();
+    let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+    gpu.device.create_bind_group_layout(&descriptor)
+}
+
+impl Layouts {
+    /// Those of layers in so many pools, with stored gradients or without.
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> Self {
+        let fragment = ShaderStages::FRAGMENT;
+        let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));
+        let frames = (bindings::FRAMES, fragment, storage());
+        let glow = (bindings::GLOW, fragment, texture(TextureViewDimension::D2, false));
+        let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
+        Self {
+            march: march_layout(gpu, compositor, 1, has_gradients),
+            joint: march_layout(gpu, compositor, pools, has_gradients),
+            resolve: bind_group_layout(gpu, "resolve", &resolve),
+            joined: bind_group_layout(gpu, "joined", &[frames, gathered, glow]),
+        }
+    }
+}
+
+fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> wgpu::BindGroupLayout {
+    let stage = match compositor {
+        Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
+        Compositor::Compute => ShaderStages::COMPUTE,
+    };
+    let mut march = vec![
+        (bindings::FRAMES, ShaderStages::VERTEX | stage, storage()),
+        (bindings::ATLAS_SAMPLER, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        (bindings::TABLE, stage, storage()),
+    ];
+    let gradients = (bindings::FIRST_GRADIENTS..).take(if has_gradients { pools } else { 0 });
+    let textures = (bindings::FIRST_ATLAS..).take(pools).chain(gradients);
+    march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
+    match compositor {
+        Compositor::Sorted => march
+            .extend([(bindings::CELLS, ShaderStages::VERTEX, storage()), (bindings::CELL_BRICKS, stage, storage())]),
+        Compositor::Raycast | Compositor::Compute => {
+            let read = [bindings::BRICKS, bindings::NODES, bindings::RANGES, bindings::OPAQUE_BEFORE];
+            march.extend(read.map(|binding| (binding, stage, storage())));
+            let written = buffer(wgpu::BufferBindingType::Storage { read_only: false });
+            march.extend(gpu.report.feedback.then_some((bindings::MARKS, stage, written)));
+        }
+    }
+    bind_group_layout(gpu, "march", &march)
+}

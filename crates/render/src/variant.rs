@@ -1,0 +1,91 @@
+//! Which shaders a frame needs: what is decided of it when a pipeline is made.
+
+use crate::frame::Framed;
+use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
+use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
+
+/// What gathers: one layer's samples, or those of all.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Shader {
+    Single(Variant),
+    Joint(JointVariant),
+}
+
+impl Shader {
+    /// Whether only a slab between meshes is drawn.
+    pub(crate) fn has_meshes(&self) -> bool {
+        match self {
+            Self::Single(variant) => variant.has_meshes,
+            Self::Joint(variant) => variant.has_meshes,
+        }
+    }
+}
+
+/// How a frame gathers.
+pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
+    match frame.mode {
+        Mode::Mip | Mode::MinIp => Gather::Project,
+        Mode::Average => Gather::Average,
+        Mode::Isosurface if frame.is_one_opaque_surface() => Gather::Isosurface,
+        Mode::Dvr | Mode::Isosurface => Gather::Composite,
+    }
+}
+
+/// How a composite's segments become media, where there are surfaces, and classes by value and gradient, or not.
+pub(crate) fn medium_of(frame: &FrameSettings, has_surfaces: bool, has_grid: bool) -> Medium {
+    let method = frame.sampling.method;
+    let curve = match method.curve() {
+        sampling::Curve::Middle => Curve::Middle,
+        sampling::Curve::Line => Curve::Line,
+        sampling::Curve::Cubic => Curve::Cubic,
+        sampling::Curve::Field => Curve::Field,
+    };
+    let light = light_of(&frame.lighting);
+    let surfaces = match frame.mode {
+        Mode::Isosurface => Surfaces::Alone,
+        _ if has_surfaces => Surfaces::InFog,
+        _ => Surfaces::None,
+    };
+    // Where a gradient is asked for by nothing there is no variant of its own for each.
+    let has_gradients = light != Light::Unlit || surfaces != Surfaces::None || has_grid;
+    let gradient = gradient_of(&frame.lighting, has_gradients);
+    if surfaces == Surfaces::Alone {
+        // Nor a method without fog.
+        return Medium { light, gradient, surfaces, ..Medium::PLAIN };
+    }
+    let (parts, is_pre_integrated) = (frame.sampling.parts(0.0) as u32, method.is_pre_integrated());
+    Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
+}
+
+/// How colours become lit ones.
+fn light_of(lighting: &Lighting) -> Light {
+    match lighting.model {
+        LightingModel::None => Light::Unlit,
+        LightingModel::Phong => Light::Phong,
+        LightingModel::BlinnPhong => Light::BlinnPhong,
+        LightingModel::Tone => Light::Tone,
+    }
+}
+
+/// How gradients are found; the same where none is asked for.
+fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
+    match lighting.gradient {
+        Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
+        Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
+        _ => brickyard_shaders::Gradient::Central,
+    }
+}
+
+/// The march that one layer needs by itself.
+pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
+    let frame = framed.settings;
+    let gather = gather_of(frame);
+    let medium = match gather {
+        Gather::Composite => medium_of(frame, !frame.surfaces.is_empty(), frame.grid().is_some()),
+        Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
+    };
+    let is_cubic = frame.sampling.filter == Filter::Tricubic;
+    let has_meshes = !frame.meshes.is_empty();
+    let (has_invalid, is_placed) = (frame.encoding.has_invalid, !frame.placement.is_identity());
+    Variant { gather, has_invalid, is_cubic, medium, has_meshes, is_placed }
+}

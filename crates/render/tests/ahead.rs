@@ -1,0 +1,161 @@
+//! Pipelines that are made ahead: what is drawn meanwhile, and what becomes of them when the device or the renderer goes.
+
+#[allow(dead_code, reason = "other tests draw in other ways with it")]
+mod bricks;
+
+use bricks::{Bricks, Into, MEMORY_BYTES, missing::leave_out};
+use brickyard_pager::{DrawList, Layer, Pixels};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
+use brickyard_volume::*;
+use glam::DVec3;
+use std::time::{Duration, Instant};
+
+const LAYERS: usize = 3;
+
+/// Three times the same volume, all its bricks, and a renderer.
+struct Stage {
+    bricks: Bricks,
+    renderer: GpuRenderer,
+    draw: DrawList,
+}
+
+fn rays() -> ViewRays {
+    let (eye, target) = (DVec3::new(-30.0, -25.0, 50.0), DVec3::splat(16.0));
+    let camera = Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 45.0 } };
+    camera.rays(40, 30).expect("a camera")
+}
+
+impl Stage {
+    /// `None`, said loudly, where there is no adapter at all.
+    fn new(compositor: Compositor) -> Option<Self> {
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+        let wave =
+            |v: [u32; 3]| 127.0 + 120.0 * (v[0] as f64 * 0.3).sin() * (v[1] as f64 * 0.2 + v[2] as f64 * 0.1).cos();
+        let mut bricks = Bricks::new([32; 3], 16, Geometry::default(), encoding, wave);
+        bricks.needs.apron = 4;
+        let options = GpuOptions { compositor, ..Default::default() };
+        match GpuRenderer::new(&options, &[bricks.volume_needs(); LAYERS], MEMORY_BYTES, (64, 64)) {
+            Ok(renderer) => {
+                let mut stage = Self { bricks, renderer, draw: DrawList::default() };
+                stage.upload();
+                Some(stage)
+            }
+            Err(GpuError::NoAdapter { .. }) => {
+                leave_out("gpu", "nothing was made ahead");
+                None
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+
+    fn upload(&mut self) {
+        let into = Into { layer: 0, first: 0, step: 1 };
+        let entries = |_| vec![(0, Pixels::ALL)];
+        self.draw = self.bricks.draw_fading(&mut self.renderer, into, &rays(), &|_| false, &entries);
+    }
+
+    /// A look of all three layers, by a method and with light or without.
+    fn look(&self, method: Method, model: LightingModel) -> Vec<VolumeFrame> {
+        let transfer = |hue: f64| TransferFunction {
+            color: vec![[0.0, hue, 0.2, 1.0 - hue], [255.0, 0.4, 0.6, hue]],
+            opacity: vec![[90.0, 0.0], [200.0, 0.4]],
+            ..TransferFunction::default()
+        };
+        let frame = |i: usize| {
+            let plain = self.bricks.settings(rays(), Mode::Dvr, &transfer(0.4 * i as f64), Lattice::uniform(0.7, 0));
+            let sampling = Sampling { method, ..Sampling::default() };
+            VolumeFrame::alone(FrameSettings { sampling, lighting: Lighting { model, ..Lighting::default() }, ..plain })
+        };
+        (0..LAYERS).map(frame).collect()
+    }
+
+    fn with<T>(&mut self, frames: &[VolumeFrame], f: impl FnOnce(&mut GpuRenderer, &[Layer<'_>]) -> T) -> T {
+        let Self { bricks, renderer, draw } = self;
+        let layer = |frame| Layer { frame, pyramid: &bricks.pyramid, draw, cut: 0 };
+        f(renderer, &frames.iter().map(layer).collect::<Vec<_>>())
+    }
+
+    fn render(&mut self, frames: &[VolumeFrame]) -> Result<Picture, GpuError> {
+        self.with(frames, |renderer, layers| renderer.render(layers, None))
+    }
+
+    fn prepare(&mut self, frames: &[VolumeFrame]) {
+        self.with(frames, |renderer, layers| renderer.prepare(layers, None));
+    }
+
+    fn is_prepared(&mut self, frames: &[VolumeFrame]) -> bool {
+        self.with(frames, |renderer, layers| renderer.is_prepared(layers, None))
+    }
+}
+
+#[test]
+fn the_old_look_is_drawn_until_the_new_one_is_made() {
+    for compositor in [Compositor::Raycast, Compositor::Compute, Compositor::Sorted] {
+        let Some(mut stage) = Stage::new(compositor) else { return };
+        let [old, new, other] = [
+            stage.look(Method::Udvr, LightingModel::None),
+            stage.look(Method::Lvs, LightingModel::Phong),
+            stage.look(Method::Udvr, LightingModel::Tone),
+        ];
+        let first = stage.render(&old).expect("a picture");
+        assert!(stage.is_prepared(&old) && !stage.is_prepared(&new));
+        // Of two that are asked for at once the thread makes the newer one.
+        stage.prepare(&other);
+        stage.prepare(&new);
+        let (begun, mut frames) = (Instant::now(), Vec::new());
+        while !stage.is_prepared(&new) {
+            let frame = Instant::now();
+            assert_eq!(stage.render(&old).expect("a picture"), first);
+            frames.push(frame.elapsed());
+            assert!(begun.elapsed() < Duration::from_secs(120), "a pipeline takes seconds");
+        }
+        let (made, drawing) = (begun.elapsed(), Instant::now());
+        let picture = stage.render(&new).expect("a picture");
+        let (drawn, longest) = (drawing.elapsed(), frames.iter().max().copied().unwrap_or_default());
+        let Some(mut fresh) = Stage::new(compositor) else { return };
+        let drawing = Instant::now();
+        let at_once = fresh.render(&new).expect("a picture");
+        eprintln!(
+            "{compositor:?}: made ahead in {made:?}, meanwhile {} frames of at most {longest:?}, then one of {drawn:?}; at once {:?}",
+            frames.len(),
+            drawing.elapsed()
+        );
+        assert_eq!(picture, at_once);
+        assert_ne!(picture, first);
+        assert!(!stage.is_prepared(&stage.look(Method::Cvs, LightingModel::None)), "it was not asked for");
+    }
+}
+
+#[test]
+fn a_device_may_go_while_a_thread_makes_something_for_it() {
+    let Some(mut stage) = Stage::new(Compositor::Raycast) else { return };
+    let (old, new) = (stage.look(Method::Udvr, LightingModel::None), stage.look(Method::Cvs, LightingModel::Phong));
+    let first = stage.render(&old).expect("a picture");
+    stage.prepare(&new);
+    stage.renderer.destroy_device();
+    for frames in [&old, &new] {
+        assert!(matches!(stage.render(frames), Err(GpuError::DeviceLost(_))));
+    }
+    stage.prepare(&new);
+    stage.renderer.renew().expect("another device");
+    stage.upload();
+    assert!(!stage.is_prepared(&new), "what was made for the old device is gone");
+    assert_eq!(stage.render(&old).expect("a picture"), first);
+    // Drawn before it is made ahead.
+    stage.prepare(&new);
+    assert_ne!(stage.render(&new).expect("a picture"), first);
+    assert!(stage.is_prepared(&new));
+    // And the renderer may go.
+    let last = stage.look(Method::Asm, LightingModel::Tone);
+    stage.prepare(&last);
+}
+
+#[test]
+fn what_cannot_be_drawn_says_so_when_it_is() {
+    let Some(mut stage) = Stage::new(Compositor::Raycast) else { return };
+    let mut frames = stage.look(Method::Udvr, LightingModel::None);
+    frames.pop();
+    stage.prepare(&frames);
+    assert!(stage.is_prepared(&frames), "there is nothing to wait for");
+    assert!(matches!(stage.render(&frames), Err(GpuError::Mismatch(_))));
+}
