@@ -246,19 +246,13 @@ impl Session {
 
     fn try_draw(&mut self, scene: &ResolvedScene) -> Result<Picture, BackendError> {
         let Self { shown, backend, .. } = self;
-        let nothing = DrawList::default();
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
         let eyes = 1 + scene.stereo.is_some() as usize;
         let is_told = self.clock.is_some() && shown.iter().all(|shown| shown.draws.len() == eyes);
         let mut seen: Vec<Option<Vec<f32>>> = vec![is_told.then(Vec::new); shown.len()];
         let picture = scene.picture(|eye| {
-            let layer = |(shown, layer)| {
-                let (shown, layer): (&Shown, &ResolvedLayer) = (shown, layer);
-                let draw = shown.draws.get(eye).or(shown.draws.first()).unwrap_or(&nothing);
-                Layer { frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: shown.cut }
-            };
-            let layers: Vec<Layer<'_>> = shown.iter().zip(&scene.layers).map(layer).collect();
+            let layers = drawn(shown, scene, eye);
             let picture = backend.render(&layers, scene.combination.as_ref())?;
             for (i, seen) in seen.iter_mut().enumerate() {
                 *seen = match (seen.take(), backend.visibility(i)) {
@@ -324,6 +318,18 @@ impl Session {
         self.shown.iter().filter_map(|shown| shown.draws.first())
     }
 }
+
+/// What is drawn now of a scene's layers, seen by one eye.
+fn drawn<'a>(shown: &'a [Shown], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
+    let layer = |(volume, (shown, layer)): (usize, (&'a Shown, &'a ResolvedLayer))| {
+        let draw = shown.draws.get(eye).or(shown.draws.first()).unwrap_or(&NOTHING);
+        Layer { volume, frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: shown.cut }
+    };
+    shown.iter().zip(&scene.layers).enumerate().map(layer).collect()
+}
+
+/// What is drawn of a layer before it was streamed.
+static NOTHING: DrawList = DrawList { cells: Vec::new() };
 
 /// Cells of unlike grids are in no one order from back to front: their fog and surfaces take rays.
 fn check_order(volumes: &[VolumeSource], scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionError> {

@@ -46,9 +46,11 @@ pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     pools
 }
 
-/// One volume's part of a picture of several, which come in the order that the renderer was made for.
+/// One volume's part of a picture, in which the others may be left out.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
+    /// Which it is of the volumes that the renderer was made for. In a picture they come in ascending order.
+    pub volume: usize,
     /// Its frame.
     pub frame: &'a VolumeFrame,
     /// Its levels.

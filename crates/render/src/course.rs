@@ -80,6 +80,11 @@ impl Course {
         }
     }
 
+    /// Whether layers are gathered together.
+    pub(crate) fn is_joint(&self) -> bool {
+        matches!(self, Self::Joint(_))
+    }
+
     /// Whether layers' pictures are joined.
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
@@ -136,6 +141,10 @@ fn joint(
     expression: Option<ExpressionShader>,
 ) -> JointVariant {
     let settings = framed[0].settings;
+    let shader = |framed: &Framed<'_>| {
+        let layer = &layers[framed.number];
+        layer.shader(framed, pools[layer.pool].ranges)
+    };
     JointVariant {
         medium: medium_of(
             settings,
@@ -144,11 +153,7 @@ fn joint(
         ),
         is_cubic: settings.sampling.filter == Filter::Tricubic,
         has_meshes: !settings.meshes.is_empty(),
-        layers: layers
-            .iter()
-            .zip(framed)
-            .map(|(layer, framed)| layer.shader(framed, pools[layer.pool].ranges))
-            .collect(),
+        layers: framed.iter().map(shader).collect(),
         expression,
     }
 }

@@ -27,6 +27,8 @@ pub(crate) struct TableInUse {
 /// A layer's part of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Framed<'a> {
+    /// The layer's number among those that the renderer was made for.
+    pub(crate) number: usize,
     pub(crate) settings: &'a FrameSettings,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) blend: Blend,
@@ -39,8 +41,8 @@ pub(crate) struct Framed<'a> {
 impl<'a> Framed<'a> {
     /// A layer's.
     pub(crate) fn of(layer: &Layer<'a>) -> Self {
-        let Layer { frame, pyramid, cut, .. } = *layer;
-        Self { settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut }
+        let Layer { volume: number, frame, pyramid, cut, .. } = *layer;
+        Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut }
     }
 
     /// Whether its cells are those of another layer, in one order.

@@ -7,7 +7,7 @@ use crate::frame::Framed;
 use crate::gathering::{Gathering, attachment, draw_over_all};
 use crate::layer::GpuLayer;
 use crate::meshes::Peeled;
-use crate::parts::Part;
+use crate::parts::{Part, Parts};
 use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
 use crate::raycast::Raycast;
@@ -51,7 +51,7 @@ enum Next {
 }
 
 impl GpuRenderer {
-    /// Draws layers, which come in the order that the renderer was made for; or an expression over them.
+    /// Draws layers, or an expression over them. Those of the renderer's layers that are not given are not there.
     ///
     /// # Errors
     /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers do not share their
@@ -93,7 +93,7 @@ impl GpuRenderer {
         if !frame.placement.is_identity() {
             return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
         }
-        self.begin(vec![Framed { settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }], None)
+        self.begin(vec![Framed { number: 0, settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }], None)
     }
 
     fn begin<'a>(
@@ -105,7 +105,7 @@ impl GpuRenderer {
         self.gpu.check()?;
         let course = self.course(&framed, combination)?;
         self.make_ready(&course, framed[0].settings)?;
-        self.send(&framed, combination);
+        self.send(&framed, &course, combination);
         self.gpu.check()?;
         self.entered = None;
         let next = self.first_peeled(framed[0].settings)?;
@@ -115,13 +115,15 @@ impl GpuRenderer {
 
     /// How a picture of such frames is gathered.
     fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {
-        if framed.len() != self.layers.len() {
-            let problem = format!("{} layers: this renderer was made for {}", framed.len(), self.layers.len());
+        let is_sorted = framed.is_sorted_by(|a, b| a.number < b.number);
+        if framed.is_empty() || !is_sorted || framed.iter().any(|framed| framed.number >= self.layers.len()) {
+            let numbers: Vec<usize> = framed.iter().map(|framed| framed.number).collect();
+            let problem = format!("layers {numbers:?}, in this order, of {}", self.layers.len());
             return Err(GpuError::Mismatch(problem));
         }
-        for (layer, framed) in self.layers.iter().zip(framed) {
+        for framed in framed {
             check_size((framed.settings.rays.width, framed.settings.rays.height), self.recipe.max_size_px)?;
-            layer.check(framed)?;
+            self.layers[framed.number].check(framed)?;
         }
         let first_place = self.combined_part.map(|part| part.first(size_of::<[u32; 2]>()));
         Course::new((&self.layers, &self.pools), framed, (combination, first_place), self.compositor())
@@ -152,7 +154,8 @@ impl GpuRenderer {
     }
 
     /// Sends tables and frames, and the frame of the meshes: the first layer's, but in the scene's world.
-    fn send(&mut self, framed: &[Framed<'_>], combination: Option<&Combination>) {
+    fn send(&mut self, framed: &[Framed<'_>], course: &Course, combination: Option<&Combination>) {
+        let parts: Vec<Part> = (0..framed.len()).map(|i| frame_part(&self.layers, framed, course, i)).collect();
         let Self { gpu, shared, march, meshes, layers, pools, combined, combined_part, .. } = self;
         let composite = gpu.report.formats.composite;
         let settings = framed[0].settings;
@@ -163,13 +166,14 @@ impl GpuRenderer {
             uniform.mesh_far = mesh_far;
             gpu.queue.write_buffer(&shared.frame, part.at, bytemuck::bytes_of(&uniform));
         };
-        for (layer, framed) in layers.iter_mut().zip(framed) {
+        for (framed, part) in framed.iter().zip(parts) {
+            let layer = &mut layers[framed.number];
             layer.set_table(gpu, shared, march.rays(), &framed.settings.table);
-            write(layer.parts.frame, layer, framed);
+            write(part, layer, framed);
         }
         if let Some(meshes) = meshes {
             let in_scene = FrameSettings { placement: Placement::default(), ..settings.clone() };
-            write(meshes.frame, &layers[0], &Framed { settings: &in_scene, ..framed[0] });
+            write(meshes.frame, &layers[framed[0].number], &Framed { settings: &in_scene, ..framed[0] });
         }
         if let (Some(Combination { table: wanted, .. }), Some(part)) = (combination, combined_part)
             && combined.as_ref() != Some(wanted)
@@ -191,6 +195,12 @@ impl GpuRenderer {
             _ => Ok(Next::Picture),
         }
     }
+}
+
+/// Where the frame of one of the layers in a picture is: those that are drawn together have theirs one behind the other, from the first.
+fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: usize) -> Part {
+    let at = if course.is_joint() { i } else { framed[i].number };
+    layers[at].parts.frame
 }
 
 impl Passes<'_> {
@@ -239,11 +249,11 @@ impl Passes<'_> {
         match (march, pipeline) {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let boxes = Boxes::new(&[self.drawn(i, draw)])?;
-                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[i], &boxes, is_first);
+                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[self.framed[i].number], &boxes, is_first);
             }
             (March::Raycast(raycast), pipeline) if is_first => {
                 raycast.set_trees(gpu, shared, &[self.tree(i, draw)])?;
-                gathering.cast_rays(gpu, pipeline, &raycast.bindings[i], 1);
+                gathering.cast_rays(gpu, pipeline, &raycast.bindings[self.framed[i].number], 1);
             }
             _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
         }
@@ -276,22 +286,30 @@ impl Passes<'_> {
 
     /// The octree over a layer's list, and the part of the frames' buffer with the layer's.
     fn tree(&self, i: usize, draw: &DrawList) -> (Part, Tree) {
-        let layer = &self.renderer.layers[i];
-        (layer.parts.frame, self.pool(i).tree(&self.framed[i], draw, &layer.opaque))
+        (self.frame_part(i), self.pool(i).tree(&self.framed[i], draw, &self.layer(i).opaque))
     }
 
     /// Where a layer's bricks are.
     fn pool(&self, i: usize) -> &Pool {
-        &self.renderer.pools[self.renderer.layers[i].pool]
+        &self.renderer.pools[self.layer(i).pool]
+    }
+
+    fn layer(&self, i: usize) -> &GpuLayer {
+        &self.renderer.layers[self.framed[i].number]
+    }
+
+    /// Where a layer's frame is.
+    fn frame_part(&self, i: usize) -> Part {
+        frame_part(&self.renderer.layers, &self.framed, &self.course, i)
     }
 
     /// Adds what has been gathered of a layer to the sums.
     fn join(&self, i: usize) -> Result<(), GpuError> {
-        let GpuRenderer { gpu, shared, layouts, layers, .. } = &*self.renderer;
+        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let targets = self.targets()?;
         let pipeline = self.resolve(Seen::Gathered(self.course.gather()), Shown::Sums)?;
         let Some([mixed, glow]) = &targets.sums else { return Err(no_target()) };
-        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &layers[i].parts, targets);
+        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(i).parts, targets);
         let load = if i == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         draw_over_all(
@@ -309,7 +327,7 @@ impl Passes<'_> {
 
     /// What a march of a layer, or of all from the first on, draws into.
     fn gathering(&self, i: usize) -> Result<Gathering<'_>, GpuError> {
-        let GpuRenderer { shared, peeled, layers, .. } = &*self.renderer;
+        let GpuRenderer { shared, peeled, .. } = &*self.renderer;
         let targets = self.targets()?;
         Ok(Gathering {
             shared,
@@ -317,7 +335,7 @@ impl Passes<'_> {
             size_px: (targets.width_px, targets.height_px),
             limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
             is_begin: self.slabs == 0 && i == 0,
-            frame: layers[i].parts.frame,
+            frame: self.frame_part(i),
         })
     }
 
@@ -367,14 +385,14 @@ impl Passes<'_> {
         let last_frame_ms = self.frame_ms(&found);
         let Found { picture, marks, .. } = found;
         let mut rest = &marks[..];
-        let mut of_layer = |&count: &usize| {
+        let mut entered = vec![Vec::new(); self.renderer.layers.len()];
+        for (framed, &count) in self.framed.iter().zip(&counts) {
             let (own, others) = rest.split_at(count);
             rest = others;
             // Bricks are numbered from front to back, cells from back to front.
-            own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect()
-        };
-        let entered = is_marked.then(|| counts.iter().map(&mut of_layer).collect());
-        self.renderer.entered = entered;
+            entered[framed.number] = own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect();
+        }
+        self.renderer.entered = is_marked.then_some(entered);
         self.renderer.last_frame_ms = last_frame_ms;
         Ok(picture)
     }
@@ -445,8 +463,8 @@ impl Passes<'_> {
 
     /// What makes colours of what has been gathered, or joined.
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
-        let GpuRenderer { gpu, shared, layouts, layers, .. } = &*self.renderer;
-        let (targets, parts) = (self.targets()?, &layers[0].parts);
+        let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
+        let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
         Ok(match &targets.sums {
             Some(sums) if self.course.is_joined() => shared.joined_bindings(gpu, &layouts.joined, parts, sums),
             _ => shared.resolve_bindings(gpu, &layouts.resolve, parts, targets),

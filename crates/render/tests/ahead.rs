@@ -71,8 +71,8 @@ impl Stage {
 
     fn with<T>(&mut self, frames: &[VolumeFrame], f: impl FnOnce(&mut GpuRenderer, &[Layer<'_>]) -> T) -> T {
         let Self { bricks, renderer, draw } = self;
-        let layer = |frame| Layer { frame, pyramid: &bricks.pyramid, draw, cut: 0 };
-        f(renderer, &frames.iter().map(layer).collect::<Vec<_>>())
+        let layer = |(volume, frame)| Layer { volume, frame, pyramid: &bricks.pyramid, draw, cut: 0 };
+        f(renderer, &frames.iter().enumerate().map(layer).collect::<Vec<_>>())
     }
 
     fn render(&mut self, frames: &[VolumeFrame]) -> Result<Picture, GpuError> {

@@ -94,9 +94,16 @@ impl<'a> Stage<'a> {
     }
 
     fn try_render(&mut self, frames: &[VolumeFrame]) -> Result<Picture, GpuError> {
-        let all = frames.iter().zip(&self.volumes).zip(&self.lists);
-        let layers: Vec<_> =
-            all.map(|((frame, volume), draw)| Layer { frame, pyramid: &volume.pyramid, draw, cut: 0 }).collect();
+        let all = (0..).zip(frames).zip(&self.volumes).zip(&self.lists);
+        let layers: Vec<_> = all
+            .map(|(((number, frame), volume), draw)| Layer {
+                volume: number,
+                frame,
+                pyramid: &volume.pyramid,
+                draw,
+                cut: 0,
+            })
+            .collect();
         self.renderer.render(&layers, None)
     }
 

@@ -182,8 +182,15 @@ fn frames(
 }
 
 fn layers<'a>(members: &'a [Member], frames: &'a [VolumeFrame], draws: &'a [DrawList]) -> Vec<Layer<'a>> {
-    let all = members.iter().zip(frames).zip(draws);
-    all.map(|((member, frame), draw)| Layer { frame, pyramid: &member.bricks.pyramid, draw, cut: 0 }).collect()
+    let all = (0..).zip(members).zip(frames).zip(draws);
+    let layer = |(((volume, member), frame), draw): (((usize, &'a Member), _), _)| Layer {
+        volume,
+        frame,
+        pyramid: &member.bricks.pyramid,
+        draw,
+        cut: 0,
+    };
+    all.map(layer).collect()
 }
 
 /// A renderer; `None`, said loudly, where there is no adapter at all.

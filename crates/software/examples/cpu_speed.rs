@@ -116,7 +116,8 @@ fn measure(layers: &[(&Volume, &FrameSettings)], threads: usize) -> (f64, f64, P
     let layers: Vec<Layer<'_>> = layers
         .iter()
         .zip(&drawn)
-        .map(|((volume, _), (frame, draw))| Layer { frame, pyramid: &volume.pyramid, draw, cut: 0 })
+        .enumerate()
+        .map(|(i, ((volume, _), (frame, draw)))| Layer { volume: i, frame, pyramid: &volume.pyramid, draw, cut: 0 })
         .collect();
     let mut picture = renderer.render(&layers, None);
     let (mut wall, mut cpu) = (f64::INFINITY, f64::INFINITY);

@@ -133,15 +133,18 @@ impl SoftwareRenderer {
         self.pools[self.pool_of[layer]].upload(slot, codes);
     }
 
-    /// Draws the layers, which come in the order that the renderer was made for; or an expression over them. Costs time in proportion to
+    /// Draws layers, or an expression over them; those of the renderer's layers that are not given are not there. Costs time in proportion to
     /// the samples taken; a draw list may not be longer than [`SoftwareRenderer::slots`] for the byte account to hold.
     ///
     /// # Panics
-    /// If there are other layers, a list names a slot that was never uploaded, frames, pyramids and needs do not belong together, or an
+    /// If layers are none, in another order or not the renderer's, a list names a slot that was never uploaded, frames, pyramids and needs do not belong together, or an
     /// expression is lit, has surfaces, or is shown by another mode or method than the plain one.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
-        assert_eq!(layers.len(), self.layers.len(), "a layer for each that the renderer was made for");
-        layers.iter().zip(&self.layers).for_each(|(layer, needs)| check(layer, needs, combination.is_some()));
+        assert!(
+            !layers.is_empty() && layers.is_sorted_by(|a, b| a.volume < b.volume),
+            "layers in the renderer's order"
+        );
+        layers.iter().for_each(|layer| check(layer, &self.layers[layer.volume], combination.is_some()));
         let settings = &layers[0].frame.settings;
         let (size, most) = ((settings.rays.width, settings.rays.height), self.options.max_picture_px);
         assert!(size.0 <= most[0] && size.1 <= most[1], "the picture is larger than was agreed");
@@ -155,8 +158,8 @@ impl SoftwareRenderer {
         let meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
         let (drawn, visibility) = self.threads.install(|| {
             let by_itself = !is_mixed || settings.mode.is_projection();
-            let slots = self.pool_of.iter().map(|&pool| &self.pools[pool]);
-            let frames = layers.iter().zip(slots).map(|(layer, slots)| frame(layer, slots, by_itself)).collect();
+            let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
+            let frames = layers.iter().map(|layer| frame(layer, slots(layer), by_itself)).collect();
             let scene = Scene::new(frames, meshes, is_mixed, combination);
             let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {
@@ -164,7 +167,11 @@ impl SoftwareRenderer {
             };
             (drawn, scene.frames().iter().map(light).collect::<Vec<_>>())
         });
-        self.visibility = if settings.mode.is_projection() { Vec::new() } else { visibility };
+        self.visibility = Vec::new();
+        if !settings.mode.is_projection() {
+            self.visibility.resize(self.layers.len(), Vec::new());
+            layers.iter().zip(visibility).for_each(|(layer, light)| self.visibility[layer.volume] = light);
+        }
         tiles::picture(size, &tiles, &drawn)
     }
 

@@ -144,9 +144,15 @@ fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combina
             renderer.upload(layer, Slot(slot as u32), codes.clone());
         }
     }
-    let layers = members.iter().zip(frames).zip(&loaded);
+    let layers = members.iter().zip(frames).zip(&loaded).enumerate();
     let layers: Vec<Layer<'_>> = layers
-        .map(|((member, frame), (_, draw))| Layer { frame, pyramid: &member.volume.pyramid, draw, cut: 0 })
+        .map(|(volume, ((member, frame), (_, draw)))| Layer {
+            volume,
+            frame,
+            pyramid: &member.volume.pyramid,
+            draw,
+            cut: 0,
+        })
         .collect();
     renderer.render(&layers, combination)
 }

@@ -35,7 +35,7 @@ pub(crate) trait RenderOne {
 impl RenderOne for GpuRenderer {
     fn render_one(&mut self, frame: &FrameSettings, pyramid: &Pyramid, draw: &DrawList) -> Result<Picture, GpuError> {
         let frame = VolumeFrame { settings: frame.clone(), blend: Blend::Mix, opacity: 1.0 };
-        self.render(&[Layer { frame: &frame, pyramid, draw, cut: 0 }], None)
+        self.render(&[Layer { volume: 0, frame: &frame, pyramid, draw, cut: 0 }], None)
     }
 }
 

@@ -167,7 +167,7 @@ impl Volume {
     /// The picture of a list over the bricks that a renderer holds.
     pub(crate) fn draw(&self, renderer: &mut SoftwareRenderer, frame: &FrameSettings, draw: &DrawList) -> Picture {
         let frame = &VolumeFrame::alone(frame.clone());
-        renderer.render(&[Layer { frame, pyramid: &self.pyramid, draw, cut: 0 }], None)
+        renderer.render(&[Layer { volume: 0, frame, pyramid: &self.pyramid, draw, cut: 0 }], None)
     }
 
     /// What the volume needs of a renderer, whose bricks need so much.
