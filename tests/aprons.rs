@@ -80,7 +80,7 @@ fn scene() -> Scene {
         unit_distance: 1.0,
         ..brickyard::volume::TransferFunction::default()
     };
-    Scene { transfer: Some(transfer), level: LevelPolicy::Locked(0), ..Scene::default() }
+    Scene { level: LevelPolicy::Locked(0), ..Scene::of(transfer) }
 }
 
 #[test]

@@ -3,12 +3,12 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice,
-    TransferFunction, Voxel,
+    Camera, ClipPlane, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice, TransferFunction,
+    Voxel,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, oracle, read_png, session, session_for,
-    settled,
+    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, oracle, read_png, session,
+    session_for, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -52,11 +52,8 @@ fn volume() -> (TestStore, (DVec3, DVec3), Scene) {
     let geometry = Geometry { spacing: DVec3::new(0.5, 0.8, 1.1), ..Geometry::default() };
     let value = |v| u8::from_f64_rounded(shells(extent, v) * 255.0);
     let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), |_, _, v| value(v)), 16);
-    let scene = Scene {
-        transfer: Some(transfer(geometry.voxel_size(extent) * 2.0)),
-        background: [0.1, 0.05, 0.2],
-        ..Scene::default()
-    };
+    let transfer = transfer(geometry.voxel_size(extent) * 2.0);
+    let scene = Scene { background: [0.1, 0.05, 0.2], ..Scene::of(transfer) };
     (test, geometry.world_box(extent), scene)
 }
 
@@ -97,10 +94,9 @@ fn planes_equal_the_oracle_in_all_modes() {
         ("six planes", six.to_vec()),
     ];
     for mode in Mode::ALL {
-        let isosurfaces: Vec<_> = (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
         let scene = |camera: Camera, clip_planes: &[ClipPlane]| {
             let (camera, clip_planes) = (Some(camera), clip_planes.to_vec());
-            Scene { camera, clip_planes, mode, isosurfaces: isosurfaces.clone(), ..scene.clone() }
+            in_mode(Scene { camera, clip_planes, ..scene.clone() }, mode, 110.0)
         };
         let mut scenes = Vec::new();
         for (view, camera) in views {
@@ -132,9 +128,7 @@ fn what_planes_leave_nothing_of_is_the_background() {
         for way in WAYS {
             let Some(mut session) = session_for(&test.store, mode, way, SIZE) else { continue };
             for clip_planes in planes.clone() {
-                let isosurfaces: Vec<_> =
-                    (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
-                let scene = Scene { clip_planes, mode, isosurfaces, ..scene.clone() };
+                let scene = in_mode(Scene { clip_planes, ..scene.clone() }, mode, 110.0);
                 let (picture, stats) = settled(&mut session, &scene, SIZE);
                 let background = Picture::quantise(scene.background.map(|c| c as f32));
                 assert!(picture.rgb.iter().all(|p| *p == background), "{mode:?} {way:?}");
@@ -178,13 +172,7 @@ fn a_constant_medium_cut_obliquely_is_beer_lambert() {
     for (step, projection) in [(0.7, view.projection), (3.0, Projection::Orthographic { height: 40.0 })] {
         let camera = Camera { projection, ..view };
         let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
-        let scene = Scene {
-            camera: Some(camera),
-            transfer: Some(transfer.clone()),
-            step,
-            clip_planes: planes.clone(),
-            ..Scene::default()
-        };
+        let scene = Scene { camera: Some(camera), step, clip_planes: planes.clone(), ..Scene::of(transfer.clone()) };
         for way in WAYS {
             let Some(mut session) = session(&test.store, way, SIZE) else { continue };
             let (picture, _) = settled(&mut session, &scene, SIZE);
@@ -236,10 +224,9 @@ fn thin_slices_are_the_values_on_the_plane() {
         camera,
         slice: Some(slice),
         mode: Mode::Average,
-        transfer: Some(gray()),
         level: LevelPolicy::Locked(0),
         background: [1.0, 0.0, 0.0],
-        ..Scene::default()
+        ..Scene::of(gray())
     };
     // Brick borders are at 15.5, 4095.5 and 8175.5, kinks at multiples of 8.
     let across = [
@@ -345,7 +332,7 @@ fn bricks_out_of_sight_are_not_uploaded() {
     let test =
         TestStore::pack(&FunctionSource::new(extent, Geometry::default(), |_, _, [x, y, z]| (x + y + z) as u8), 16);
     let middle = DVec3::splat(63.5);
-    let scene = |mode| Scene { mode, level: LevelPolicy::Locked(0), transfer: Some(gray()), ..Scene::default() };
+    let scene = |mode| Scene { mode, level: LevelPolicy::Locked(0), ..Scene::of(gray()) };
     let slice = |slice| Scene { slice: Some(slice), ..scene(Mode::Average) };
     // Those with i + j + k up to 3, and up to 1 and 0.
     let corner = vec![plane(DVec3::splat(20.0), [-1.0, -1.0, -1.0])];

@@ -4,16 +4,15 @@ use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::OfflineError;
 use brickyard::render::GpuError;
-use brickyard::session::{Session, SessionError, SessionOptions};
+use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::software::SoftwareError;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::tiles::render_exact;
-use brickyard::volume::{
-    Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Scene, Stereo, StereoLayout, TransferFunction,
-};
+use brickyard::volume::{Extent, Geometry, LevelPolicy, Mode, Picture, Scene, Stereo, StereoLayout, TransferFunction};
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, leave_out, oracle, read_png, resolved,
+    FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, in_mode, leave_out, oracle, read_png,
+    resolved,
 };
 use serde_json::Value;
 use std::sync::Arc;
@@ -40,7 +39,8 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
         unit_distance: 1.0,
         ..TransferFunction::default()
     };
-    Scene { mode, level, transfer: Some(transfer), pixel_error: 0.93, background: [0.1, 0.0, 0.2], ..Scene::default() }
+    let scene = Scene { level, pixel_error: 0.93, background: [0.1, 0.0, 0.2], ..Scene::of(transfer) };
+    in_mode(scene, mode, 140.0)
 }
 
 fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
@@ -94,8 +94,7 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
             assert_eq!((stats.level_cells[0], stats.completeness), (216, 1.0));
         }
         // A surface, from cells that do not know of each other.
-        let surface =
-            Scene { isosurfaces: vec![Isosurface::at(140.0)], ..scene(Mode::Isosurface, LevelPolicy::Locked(0)) };
+        let surface = scene(Mode::Isosurface, LevelPolicy::Locked(0));
         let (picture, stats) = draw(&mut exact, &test.store, &surface);
         assert_same_surface(&picture, &oracle(&test.store, &surface, SIZE), &format!("surface in {gpu_bytes} bytes"));
         assert!(passes.contains(&stats.passes.expect("passes")), "{stats:?}");
@@ -126,7 +125,7 @@ fn tiles_are_exact_however_the_picture_is_drawn() {
         let open = |bytes: u64| {
             let (backend, compositor) = way;
             let options = SessionOptions { backend, compositor, ..options(bytes, HOST_BYTES) };
-            Session::new(test.store.clone(), (0.0, 255.0), &options)
+            Session::new(VolumeSource::of_store(&test.store), &options)
         };
         let least = match open(1000).err() {
             Some(SessionError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. }))) => least_bytes,
@@ -141,14 +140,13 @@ fn tiles_are_exact_however_the_picture_is_drawn() {
         let bytes = bytes.expect("some budget is enough");
         let mut session = open(bytes).expect("opened before");
         assert!(session.slots() < 80, "{way:?}: {} slots", session.slots());
-        let surfaces = vec![Isosurface::at(140.0)];
         let stereo = Some(Stereo::new(StereoLayout::Anaglyph));
         let scenes = [
             scene(Mode::Dvr, LevelPolicy::Locked(0)),
             scene(Mode::Mip, LevelPolicy::Locked(0)),
             scene(Mode::Average, LevelPolicy::Locked(0)),
             Scene { stereo, ..scene(Mode::Dvr, LevelPolicy::Locked(0)) },
-            Scene { isosurfaces: surfaces, ..scene(Mode::Isosurface, LevelPolicy::Locked(0)) },
+            scene(Mode::Isosurface, LevelPolicy::Locked(0)),
         ];
         for scene in scenes {
             let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");

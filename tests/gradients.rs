@@ -73,13 +73,12 @@ fn an_even_slope_is_beer_lambert_by_its_gradient() {
         ] {
             let scene = Scene {
                 camera: Some(camera),
-                transfer: Some(transfer.clone()),
                 sampling: Sampling { method, filter, ..Sampling::default() },
                 lighting: Lighting { gradient, ..Lighting::default() },
                 step,
                 level: LevelPolicy::Locked(level),
                 clip: Some([from, to]),
-                ..Scene::default()
+                ..Scene::of(transfer.clone())
             };
             for way in WAYS {
                 let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
@@ -107,7 +106,7 @@ fn ball() -> TestStore {
 
 fn scene_of(transfer: TransferFunction) -> Scene {
     let camera = Camera::looking_at_box(Geometry::default().world_box(Extent::new(60, 56, 64))).orbited(25.0);
-    Scene { camera: Some(camera), transfer: Some(transfer), level: LevelPolicy::Locked(0), ..Scene::default() }
+    Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(transfer) }
 }
 
 /// What shows only where it is steep: by a factor, and by regions of every shape.

@@ -9,11 +9,11 @@ use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource, re
 use brickyard::store::Store;
 use brickyard::volume::{
     Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, MAX_VOLUMES,
-    Method, Mode, Placement, Projection, Region, Sampling, Scene, Shape, Stereo, StereoLayout, TransferFunction,
-    VolumeLook,
+    Method, Mode, Placement, Projection, Region, Sampling, Scene, SceneLayer, Shape, Stereo, StereoLayout,
+    TransferChoice, TransferFunction,
 };
 use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, leave_out, options, oracle,
+    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, in_mode, leave_out, options, oracle,
     session_for_scene, settled,
 };
 use glam::DVec3;
@@ -35,24 +35,26 @@ fn store() -> TestStore {
     TestStore::pack(&FunctionSource::new(EXTENT, geometry(), value), 16)
 }
 
-fn base() -> Scene {
-    let transfer = TransferFunction {
+fn transfer() -> TransferFunction {
+    TransferFunction {
         color: vec![[0.0, 0.1, 0.2, 0.9], [128.0, 0.2, 0.9, 0.3], [255.0, 1.0, 0.6, 0.1]],
         opacity: vec![[90.0, 0.0], [120.0, 0.3], [140.0, 0.05], [255.0, 0.4]],
         unit_distance: 1.0,
         ..TransferFunction::default()
-    };
+    }
+}
+
+fn base() -> Scene {
     let (low, high) = geometry().world_box(EXTENT);
     let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
     let projection = Projection::Perspective { fov_y_deg: 36.0 };
     let camera = Camera { eye: at(2.1, -1.3, 1.6), target: at(0.5, 0.5, 0.5), up: DVec3::Z, projection };
-    Scene { camera: Some(camera), transfer: Some(transfer), background: [0.1, 0.0, 0.2], ..Scene::default() }
+    Scene { camera: Some(camera), background: [0.1, 0.0, 0.2], ..Scene::of(transfer()) }
 }
 
 /// A scene of a mode.
 fn of_mode(mode: Mode) -> Scene {
-    let isosurfaces = if mode == Mode::Isosurface { vec![Isosurface::at(131.0)] } else { Vec::new() };
-    Scene { mode, isosurfaces, ..base() }
+    in_mode(base(), mode, 131.0)
 }
 
 fn lit(model: LightingModel, gradient: Gradient) -> Lighting {
@@ -80,19 +82,19 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
             color: [1.0, 1.0, 0.2],
             opacity: 0.2,
         };
-        let steep = TransferFunction {
-            gradient_opacity: vec![[2.0, 0.0], [25.0, 1.0]],
-            regions: vec![region],
-            ..base().transfer.unwrap_or_default()
-        };
-        Scene { transfer: Some(steep), lighting, ..base() }
+        let steep =
+            TransferFunction { gradient_opacity: vec![[2.0, 0.0], [25.0, 1.0]], regions: vec![region], ..transfer() };
+        Scene { lighting, layers: vec![steep.into()], ..base() }
     };
     let lightings = |model| Gradient::ALL.map(|gradient| by_gradient(lit(model, gradient)));
     let classified = [LightingModel::None, LightingModel::Tone].map(lightings).concat();
     let jitters = [Jitter::None, Jitter::White(3), Jitter::Blue].map(|jitter| sampled(Sampling { jitter, ..plain }));
     let layouts = StereoLayout::ALL.map(|layout| Scene { stereo: Some(Stereo::new(layout)), ..base() });
     let surfaces = [(100.0, 1.0), (131.0, 0.4)].map(|(value, opacity)| Isosurface { opacity, ..Isosurface::at(value) });
-    let foggy = [Mode::Dvr, Mode::Isosurface].map(|mode| Scene { mode, isosurfaces: surfaces.to_vec(), ..base() });
+    let foggy = [Mode::Dvr, Mode::Isosurface].map(|mode| {
+        let layer = SceneLayer { isosurfaces: surfaces.to_vec(), ..transfer().into() };
+        Scene { mode, layers: vec![layer], ..base() }
+    });
     vec![
         ("modes", Mode::ALL.map(of_mode).to_vec()),
         ("modes with splines", Mode::ALL.map(smooth).to_vec()),
@@ -122,29 +124,33 @@ fn every_way_to_look_is_the_oracle_s_by_every_way_to_draw() {
             for (i, (scene, expected)) in scenes.iter().zip(&expected).enumerate() {
                 let Some(mut session) = session_for_scene(&test.store, scene, way, SIZE) else { continue };
                 let (picture, _) = settled(&mut session, scene, SIZE);
-                let same = if scene.isosurfaces.is_empty() { assert_same } else { assert_same_surface };
+                let same = if has_surfaces(scene) { assert_same_surface } else { assert_same };
                 same(&picture, expected, &format!("{name}, the {i}th, {way:?}"));
             }
         }
     }
 }
 
-/// The scene of so many layers: as it is, beside it, leaning and in other colours, and glowing, again and again.
+fn has_surfaces(scene: &Scene) -> bool {
+    scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty())
+}
+
+/// The scene of one layer as one of so many of two stores: as it is, beside it, leaning and in other colours, and glowing, again and again.
 fn of_layers(scene: &Scene, count: usize) -> Scene {
-    let turned = TransferFunction {
-        color: vec![[0.0, 0.9, 0.1, 0.1], [255.0, 0.2, 0.3, 1.0]],
-        ..scene.transfer.clone().unwrap_or_default()
-    };
-    let look = |i: usize| match i % 3 {
-        0 => VolumeLook { isosurfaces: scene.isosurfaces.clone(), ..VolumeLook::default() },
+    let Some(TransferChoice::Function(function)) = &scene.layers[0].transfer else { panic!("a function is given") };
+    let color = vec![[0.0, 0.9, 0.1, 0.1], [255.0, 0.2, 0.3, 1.0]];
+    let turned = TransferFunction { color, ..function.clone() };
+    let layer = |i: usize| match i % 3 {
+        0 => scene.layers[0].clone(),
         1 => {
             let aside = format!("0.9 -0.3 0 {}  0.3 1 0.1 {}  0 0 1.1 -3", 9 + i % 7, i % 5);
             let world_from_volume = Placement::from_text(&aside).expect("a map");
-            VolumeLook { world_from_volume, transfer: Some(turned.clone()), ..VolumeLook::default() }
+            SceneLayer { world_from_volume, ..turned.clone().into() }
         }
-        _ => VolumeLook { blend: Blend::Add, opacity: 0.4, ..VolumeLook::default() },
+        _ => SceneLayer { blend: Blend::Add, opacity: 0.4, ..function.clone().into() },
     };
-    Scene { isosurfaces: Vec::new(), volumes: (0..count).map(look).collect(), ..scene.clone() }
+    let layers = (0..count).map(|i| SceneLayer { source: Some(i % 2), ..layer(i) });
+    Scene { layers: layers.collect(), ..scene.clone() }
 }
 
 /// Whether a scene, the `i`th of a group, is tried with so many layers by a way to draw: on the CPU all with three layers, elsewhere some of
@@ -171,9 +177,9 @@ fn layers_are_the_oracle_s_by_every_way_to_draw() {
     };
     let wide = Geometry { spacing: DVec3::new(1.5, 1.1, 0.8), ..Geometry::default() };
     let stores = [store(), TestStore::pack(&FunctionSource::new(Extent::new(29, 34, 41), wide, other), 16)];
+    let volumes: Vec<VolumeSource> = stores.iter().map(|test| VolumeSource::of_store(&test.store)).collect();
+    let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
     for (count, size) in [(3, (40, 32)), (2, (40, 32)), (MAX_VOLUMES, (20, 16))] {
-        let shown: Vec<&Store> = (0..count).map(|i| &*stores[i % 2].store).collect();
-        let volumes: Vec<VolumeSource> = (0..count).map(|i| VolumeSource::of_store(&stores[i % 2].store, 0)).collect();
         for (group, (name, scenes)) in groups().into_iter().enumerate() {
             for (i, scene) in scenes.iter().enumerate().map(|(i, scene)| (i, of_layers(scene, count))) {
                 let what = |way| format!("{name}, the {i}th of {count} layers, {way:?}");
@@ -196,8 +202,7 @@ fn layers_are_the_oracle_s_by_every_way_to_draw() {
                     let (picture, _) = settled(&mut session, &scene, size);
                     let expected = expected
                         .get_or_insert_with(|| render_reference(&shown, &resolved, 1 << 30).expect("the levels"));
-                    let has_surfaces = scene.volumes.iter().any(|look| !look.isosurfaces.is_empty());
-                    let same = if has_surfaces { assert_same_surface } else { assert_same };
+                    let same = if has_surfaces(&scene) { assert_same_surface } else { assert_same };
                     same(&picture, expected, &what(way));
                 }
             }

@@ -7,15 +7,16 @@
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::render::GpuError;
-use brickyard::session::{Session, SessionError, SessionOptions};
+use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, FrameSettings, Geometry, Isosurface, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method,
-    Mode, Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
+    Camera, Extent, FrameSettings, Geometry, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method, Mode,
+    Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
 };
 use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, leave_out, options, oracle, resolved, session_for_scene, session_within, settled,
+    FunctionSource, TestStore, WAYS, in_mode, leave_out, options, oracle, resolved, session_for_scene, session_within,
+    settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -82,8 +83,8 @@ fn volume(edge: u32) -> (TestStore, (DVec3, DVec3), Scene) {
     };
     let code = move |v| u8::from_f64_rounded(value(v) * 255.0);
     let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), move |_, _, v| code(v)), edge);
-    let transfer = Some(transfer(geometry.voxel_size(extent) * 2.0));
-    (test, geometry.world_box(extent), Scene { transfer, background: [0.1, 0.05, 0.2], ..Scene::default() })
+    let transfer = transfer(geometry.voxel_size(extent) * 2.0);
+    (test, geometry.world_box(extent), Scene { background: [0.1, 0.05, 0.2], ..Scene::of(transfer) })
 }
 
 fn perspective(eye: DVec3, target: DVec3) -> Camera {
@@ -185,9 +186,8 @@ fn opaque_meshes_equal_the_oracle_in_all_modes_and_bricks() {
         let mut scenes = Vec::new();
         for mode in Mode::ALL {
             for (view, camera) in views(world) {
-                let isosurfaces = if mode == Mode::Isosurface { vec![Isosurface::at(140.0)] } else { Vec::new() };
                 let meshes = crowd(world, [1.0; 3]);
-                let scene = Scene { camera: Some(camera), mode, isosurfaces, meshes, ..scene.clone() };
+                let scene = in_mode(Scene { camera: Some(camera), meshes, ..scene.clone() }, mode, 140.0);
                 scenes.push((format!("{view}, bricks of {edge}"), scene));
             }
         }
@@ -205,7 +205,7 @@ fn translucent_meshes_equal_the_oracle_whatever_the_bricks() {
         for (view, camera) in views(world) {
             let scene = Scene { camera: Some(camera), ..scene.clone() };
             let crowd = |opacities| crowd(world, opacities);
-            let surface = Scene { mode: Mode::Isosurface, isosurfaces: vec![Isosurface::at(140.0)], ..scene.clone() };
+            let surface = in_mode(scene.clone(), Mode::Isosurface, 140.0);
             scenes.push((format!("{view}, fog"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..scene.clone() }));
             scenes.push((format!("{view}, surface"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..surface }));
             scenes.push((format!("{view}, some opaque"), Scene { meshes: crowd([0.5, 1.0, 0.5]), ..scene.clone() }));
@@ -280,11 +280,10 @@ fn layers_in_fog_are_as_deep_as_they_should_be() {
     for count in [2, 5, 6] {
         let scene = Scene {
             camera: Some(perspective(DVec3::new(-45.0, 21.3, 19.1), DVec3::splat(20.0))),
-            transfer: Some(transfer.clone()),
             background: background.to_array(),
             meshes: walls[..count].iter().map(|(_, _, look)| look.clone()).collect(),
             level: LevelPolicy::Locked(0),
-            ..Scene::default()
+            ..Scene::of(transfer.clone())
         };
         let frame = frame_of(&test.store, &scene, SIZE);
         let (low, high) = frame.geometry.world_box(extent);
@@ -385,8 +384,8 @@ fn budgets_pay_for_meshes_and_sessions_are_made_for_them() {
     let scene = Scene { camera: Some(views(world)[0].1), meshes: crowd(world, [1.0; 3]), ..scene };
     for way in WAYS {
         let Some(session) = session_within(&test.store, way, SIZE, 64 << 20, 64 << 20) else { continue };
-        let Err(SessionError::Scene(problem)) = session.resolve(&scene, SIZE) else { panic!("no room was made") };
-        assert!(problem.contains("SessionOptions::bricks"), "{problem}");
+        let error = session.resolve(&scene, SIZE).expect_err("no room was made");
+        assert!(matches!(error, SessionError::Needs { .. }), "{error}");
         // On a GPU there are slots for all bricks, and what meshes take comes on top; the CPU has fewer slots for it.
         let with = session_for_scene(&test.store, &scene, way, SIZE).expect("made before");
         let without = session_for_scene(&test.store, &Scene { meshes: vec![], ..scene.clone() }, way, SIZE);
@@ -396,6 +395,6 @@ fn budgets_pay_for_meshes_and_sessions_are_made_for_them() {
     }
     let room = scene.needs();
     let small = SessionOptions { bricks: room, ..options(WAYS[2], SIZE, 1 << 30, room.meshes.bytes()) };
-    let refused = Session::new(test.store.clone(), test.store.default_window(0), &small).err();
+    let refused = Session::new(VolumeSource::of_store(&test.store), &small).err();
     assert!(matches!(refused, Some(SessionError::Pager(_))), "{refused:?}");
 }

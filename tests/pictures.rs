@@ -3,12 +3,12 @@
 
 use brickyard::store::Store;
 use brickyard::volume::{
-    Camera, Extent, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, Mode, Picture, Projection,
-    Scene, TransferFunction, Voxel, VoxelType,
+    Camera, Extent, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Mode, Picture, Projection, Scene,
+    TransferFunction, Voxel, VoxelType,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, oracle, read_png, session,
-    session_for, session_for_scene, session_within, session_without_leaps, settled,
+    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, in_mode, oracle, read_png,
+    session, session_for, session_for_scene, session_within, session_without_leaps, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -66,9 +66,9 @@ fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
     ]
 }
 
-/// What a scene of a mode needs: most values of these volumes are on one side of it or on the other, between 0 and 255.
-fn isosurfaces(mode: Mode) -> Vec<Isosurface> {
-    (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect()
+/// A scene in a mode: values of these volumes, from 0 to 255, are on both sides of the surface.
+fn of_mode(mode: Mode, scene: Scene) -> Scene {
+    in_mode(scene, mode, 110.0)
 }
 
 /// The settled picture of every way to draw equals the oracle's.
@@ -94,15 +94,9 @@ fn check_volume<T: Voxel>(
     let (low, high) = geometry.world_box(extent);
     let transfer = transfer(window.0, window.1, geometry.voxel_size(extent) * 2.0);
     for (name, camera) in cameras(low, high) {
-        let scene = Scene {
-            camera: Some(camera),
-            transfer: Some(transfer.clone()),
-            background: [0.1, 0.05, 0.2],
-            ..Scene::default()
-        };
+        let scene = Scene { camera: Some(camera), background: [0.1, 0.05, 0.2], ..Scene::of(transfer.clone()) };
         check(&test.store, &scene, &format!("{} {extent} {name}", T::TYPE));
-        let isosurfaces = vec![Isosurface::at(window.0 + 0.37 * (window.1 - window.0))];
-        let surface = Scene { mode: Mode::Isosurface, isosurfaces, ..scene };
+        let surface = in_mode(scene, Mode::Isosurface, window.0 + 0.37 * (window.1 - window.0));
         check(&test.store, &surface, &format!("surface in {} {extent} {name}", T::TYPE));
     }
 }
@@ -148,9 +142,7 @@ fn all_modes_equal_the_oracle() {
     let (low, high) = Geometry::default().world_box(extent);
     for mode in Mode::ALL {
         for (name, camera) in cameras(low, high) {
-            let transfer = Some(transfer(0.0, 255.0, 2.0));
-            let scene =
-                Scene { camera: Some(camera), mode, isosurfaces: isosurfaces(mode), transfer, ..Scene::default() };
+            let scene = of_mode(mode, Scene { camera: Some(camera), ..Scene::of(transfer(0.0, 255.0, 2.0)) });
             check(&test.store, &scene, &format!("{mode:?} {name}"));
         }
     }
@@ -166,10 +158,10 @@ fn every_level_lock_and_step_equals_the_oracle() {
     let camera = Some(cameras(low, high)[0].1);
     for level in 0..test.store.pyramid().levels().len() as u8 {
         for step in [0.4, 1.0, 2.5] {
-            let transfer = Some(transfer(0.0, 255.0, 2.0));
-            let scene = Scene { camera, transfer, level: LevelPolicy::Locked(level), step, ..Scene::default() };
+            let level_policy = LevelPolicy::Locked(level);
+            let scene = Scene { camera, level: level_policy, step, ..Scene::of(transfer(0.0, 255.0, 2.0)) };
             check(&test.store, &scene, &format!("level {level} step {step}"));
-            let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene };
+            let surface = of_mode(Mode::Isosurface, scene);
             check(&test.store, &surface, &format!("surface, level {level} step {step}"));
         }
     }
@@ -187,9 +179,8 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
     for pixel_error in [1.0, 2.5] {
         let scene = Scene {
             camera: Some(perspective(eye, DVec3::new(520.0, 24.0, 20.0))),
-            transfer: Some(transfer(0.0, 255.0, 20.0)),
             pixel_error,
-            ..Scene::default()
+            ..Scene::of(transfer(0.0, 255.0, 20.0))
         };
         for backend in WAYS {
             let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
@@ -201,7 +192,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");
         }
         check(&test.store, &scene, &format!("mixed levels at {pixel_error} px"));
-        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene.clone() };
+        let surface = of_mode(Mode::Isosurface, scene.clone());
         check(&test.store, &surface, &format!("surface of mixed levels at {pixel_error} px"));
         for gradient in Gradient::ALL {
             let lighting = Lighting { model: LightingModel::BlinnPhong, gradient, ..Lighting::default() };
@@ -221,8 +212,8 @@ fn leaps_change_no_picture() {
     let (low, high) = geometry.world_box(extent);
     let (_, camera) = cameras(low, high).into_iter().next().expect("a camera");
     for mode in Mode::ALL {
-        let transfer = Some(transfer(140.0, 255.0, geometry.voxel_size(extent) * 2.0));
-        let scene = Scene { camera: Some(camera), transfer, mode, isosurfaces: isosurfaces(mode), ..Scene::default() };
+        let transfer = transfer(140.0, 255.0, geometry.voxel_size(extent) * 2.0);
+        let scene = of_mode(mode, Scene { camera: Some(camera), ..Scene::of(transfer) });
         let expected = oracle(&test.store, &scene, SIZE);
         for way in WAYS {
             let Some(mut with) = session_for(&test.store, mode, way, SIZE) else { continue };
@@ -256,9 +247,9 @@ fn a_clip_box_equals_the_oracle() {
     for (name, camera) in cameras(low, high) {
         for (i, &clip) in clips.iter().enumerate() {
             for mode in [Mode::Dvr, Mode::Average, Mode::Isosurface] {
-                let transfer = Some(transfer(0.0, 255.0, geometry.voxel_size(extent) * 2.0));
-                let (camera, clip, isosurfaces) = (Some(camera), Some(clip), isosurfaces(mode));
-                let scene = Scene { camera, transfer, mode, isosurfaces, clip, ..Scene::default() };
+                let transfer = transfer(0.0, 255.0, geometry.voxel_size(extent) * 2.0);
+                let (camera, clip) = (Some(camera), Some(clip));
+                let scene = of_mode(mode, Scene { camera, clip, ..Scene::of(transfer) });
                 let expected = oracle(&test.store, &scene, SIZE);
                 if expected.rgb.iter().all(|p| *p == expected.rgb[0]) {
                     // This camera looks past what is left.
@@ -330,8 +321,7 @@ fn a_constant_medium_is_beer_lambert() {
             (4.0, LevelPolicy::Locked(0)),
             (1.0, LevelPolicy::Locked(1)),
         ] {
-            let scene =
-                Scene { camera: Some(camera), transfer: Some(transfer.clone()), step, level, ..Scene::default() };
+            let scene = Scene { camera: Some(camera), step, level, ..Scene::of(transfer.clone()) };
             for backend in WAYS {
                 let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
                 let (picture, _) = settled(&mut session, &scene, SIZE);
@@ -359,13 +349,9 @@ fn the_brick_size_does_not_show() {
     let stores = [16, 32, 128].map(|edge| TestStore::pack(&source, edge));
     let (low, high) = Geometry::default().world_box(extent);
     for (name, camera) in cameras(low, high) {
-        let scene = Scene {
-            camera: Some(camera),
-            transfer: Some(transfer(0.0, 255.0, 2.0)),
-            level: LevelPolicy::Locked(0),
-            ..Scene::default()
-        };
-        let surface = Scene { mode: Mode::Isosurface, isosurfaces: isosurfaces(Mode::Isosurface), ..scene.clone() };
+        let scene =
+            Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(transfer(0.0, 255.0, 2.0)) };
+        let surface = of_mode(Mode::Isosurface, scene.clone());
         for backend in WAYS {
             for scene in [&scene, &surface] {
                 let picture = |test: &TestStore| {
@@ -400,8 +386,8 @@ fn a_right_angle_turns_the_picture() {
     for backend in WAYS {
         let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
         let mut picture = |angle: f64| {
-            let transfer = Some(transfer(0.0, 255.0, 3.0));
-            settled(&mut session, &Scene { camera: Some(start.orbited(angle)), transfer, ..Scene::default() }, SIZE).0
+            let scene = Scene { camera: Some(start.orbited(angle)), ..Scene::of(transfer(0.0, 255.0, 3.0)) };
+            settled(&mut session, &scene, SIZE).0
         };
         let first = picture(0.0);
         for angle in [90.0, 180.0, 270.0] {
@@ -424,8 +410,7 @@ fn a_tiny_budget_gives_a_complete_coarser_picture() {
         ..TransferFunction::default()
     };
     let camera = perspective((low + high) * 0.5 + DVec3::new(150.0, -190.0, 120.0), (low + high) * 0.5);
-    let scene =
-        Scene { camera: Some(camera), transfer: Some(opaque), level: LevelPolicy::Locked(0), ..Scene::default() };
+    let scene = Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(opaque) };
     let expected = oracle(&test.store, &scene, SIZE);
     for backend in WAYS {
         // A slot is 18^3 codes; 3 MiB leave room for a hundred or two of the thousand bricks.

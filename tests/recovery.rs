@@ -52,7 +52,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
             // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded otherwise.
             assert_same(&anew, &before, &format!("{way:?} within {mebibytes} MiB"));
             destroy_device(&session);
-            let aside = Scene { channel: 0, pixel_error: 0.5, ..scene.clone() };
+            let aside = Scene { pixel_error: 0.5, ..scene.clone() };
             let (_, stats) = settled(&mut session, &aside, SIZE);
             assert_eq!(stats.device_losses, 2, "{way:?}: {stats:?}");
             destroy_device(&session);
@@ -122,12 +122,8 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
         unit_distance: 0.1,
         ..TransferFunction::default()
     };
-    let scene = |level| Scene {
-        transfer: Some(transfer.clone()),
-        background: [0.0, 0.0, 1.0],
-        level: LevelPolicy::Locked(level),
-        ..Scene::default()
-    };
+    let scene =
+        |level| Scene { background: [0.0, 0.0, 1.0], level: LevelPolicy::Locked(level), ..Scene::of(transfer.clone()) };
     for (what, is_open, failed, harm) in harms {
         // What is drawn with makes no difference to what is read: all ways once, then the quickest.
         let ways = if what == "halved" { &WAYS[..] } else { &[(BackendChoice::Cpu, CompositorChoice::Raycast)] };

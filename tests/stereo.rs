@@ -1,15 +1,14 @@
 //! Stereo pictures end to end: both eyes equal the oracle in every layout and way to draw, and share what is resident.
 
 use brickyard::offline::render_settled;
-use brickyard::session::{ResolvedScene, Session, SessionOptions};
+use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{
-    Camera, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Scene, Stereo, StereoLayout,
-    TransferFunction,
+    Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, Stereo, StereoLayout, TransferFunction,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, leave_out, options, oracle, read_png,
-    session, session_for, settled,
+    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, leave_out, options, oracle,
+    read_png, session, session_for, settled,
 };
 use glam::DVec3;
 use std::collections::HashSet;
@@ -41,7 +40,7 @@ fn scene(camera: Camera, stereo: Option<Stereo>) -> Scene {
         unit_distance: 1.0,
         ..TransferFunction::default()
     };
-    Scene { camera: Some(camera), stereo, transfer: Some(transfer), background: [0.1, 0.0, 0.2], ..Scene::default() }
+    Scene { camera: Some(camera), stereo, background: [0.1, 0.0, 0.2], ..Scene::of(transfer) }
 }
 
 /// Cameras outside of the volume and inside, and eyes so far apart that what is off-axis shows.
@@ -70,8 +69,7 @@ fn both_eyes_equal_the_oracle_in_every_way() {
     for (name, camera, separation) in cameras() {
         for mode in [Mode::Dvr, Mode::Mip, Mode::Isosurface] {
             let stereo = Some(stereo(&camera, StereoLayout::SideBySide, separation));
-            let isosurfaces: Vec<_> = (mode == Mode::Isosurface).then(|| Isosurface::at(110.0)).into_iter().collect();
-            let scene = Scene { mode, isosurfaces, ..scene(camera, stereo) };
+            let scene = in_mode(scene(camera, stereo), mode, 110.0);
             let expected = oracle(&test.store, &scene, SIZE);
             assert_eq!((expected.width, expected.height), SIZE);
             let eye = |first: usize| expected.rgb.chunks_exact(48).skip(first).step_by(2).flatten().collect::<Vec<_>>();
@@ -189,8 +187,7 @@ fn live_pairs_settle() {
             continue;
         }
         let options = SessionOptions { live: true, ..options(way, SIZE, 256 << 20, 256 << 20) };
-        let window = test.store.default_window(0);
-        let mut session = Session::new(test.store.clone(), window, &options).expect("the same backend");
+        let mut session = Session::new(VolumeSource::of_store(&test.store), &options).expect("the same backend");
         let (_, camera, separation) = cameras()[0];
         let scene_at = |turn_deg: f64| {
             let camera = camera.orbited(turn_deg);

@@ -39,12 +39,7 @@ fn camera(turn_deg: f64) -> Camera {
 }
 
 fn scene(transfer: TransferFunction, turn_deg: f64) -> Scene {
-    Scene {
-        camera: Some(camera(turn_deg)),
-        transfer: Some(transfer),
-        level: LevelPolicy::Locked(0),
-        ..Scene::default()
-    }
+    Scene { camera: Some(camera(turn_deg)), level: LevelPolicy::Locked(0), ..Scene::of(transfer) }
 }
 
 #[test]
@@ -105,7 +100,7 @@ fn a_view_after_a_flight_equals_the_oracle() {
             for _ in 0..20 {
                 let (eye, target) = (place(&mut random, 3.0), place(&mut random, 0.5));
                 let camera = Camera { eye, target, ..camera(0.0) };
-                let frame = Scene { camera: Some(camera), transfer: Some(transfer(0.5, 0.2)), ..Scene::default() };
+                let frame = Scene { camera: Some(camera), ..Scene::of(transfer(0.5, 0.2)) };
                 let resolved = session.resolve(&frame, SIZE).expect("a possible scene");
                 let status = session.step(&resolved).expect("a frame");
                 session.draw(&resolved).expect("a picture");
@@ -114,7 +109,7 @@ fn a_view_after_a_flight_equals_the_oracle() {
             }
             let eye = (low + high) * 0.5 + DVec3::new(150.0, -120.0, 90.0) * (1.0 + random.unit());
             let camera = Camera { eye, target: (low + high) * 0.5, ..camera(0.0) };
-            let rest = Scene { camera: Some(camera), transfer: Some(transfer(0.5, 0.2)), ..Scene::default() };
+            let rest = Scene { camera: Some(camera), ..Scene::of(transfer(0.5, 0.2)) };
             let (picture, stats) = settled(&mut session, &rest, SIZE);
             assert!(!stats.memory_bound, "{stats:?}");
             assert_same(&picture, &oracle(&test.store, &rest, SIZE), &format!("{way:?}"));

@@ -41,9 +41,8 @@ fn check<T: Voxel>(side: u32) {
             projection: Projection::Orthographic { height: extent.y as f64 },
         }),
         mode,
-        transfer: Some(transfer.clone()),
         level: LevelPolicy::Locked(0),
-        ..Scene::default()
+        ..Scene::of(transfer.clone())
     };
     for mode in [Mode::Mip, Mode::Dvr] {
         for way in WAYS {

@@ -9,10 +9,11 @@ use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, V
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES,
-    Method, Mode, Picture, Placement, Sampling, Scene, Stereo, StereoLayout, TransferFunction, VolumeLook, Voxel,
+    Blend, Extent, Filter, Geometry, Gradient, Isosurface, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES, Mode,
+    Picture, Placement, Sampling, Scene, SceneExpression, SceneLayer, Stereo, StereoLayout, TransferChoice,
+    TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, read_png, resolved};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, read_png};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -33,7 +34,7 @@ fn store<T: Voxel>(extent: [u32; 3], spacing: [f64; 3], brick: u32, scale: f64) 
 }
 
 fn volumes(stores: &[TestStore]) -> Vec<VolumeSource> {
-    stores.iter().map(|test| VolumeSource::of_store(&test.store, 0)).collect()
+    stores.iter().map(|test| VolumeSource::of_store(&test.store)).collect()
 }
 
 fn transfer(rgb: [f64; 3], alpha: f64) -> TransferFunction {
@@ -49,21 +50,30 @@ fn two() -> Vec<TestStore> {
     vec![store::<u8>([61, 53, 47], [1.0, 1.0, 1.0], 16, 1.0), store::<u16>([40, 70, 33], [1.5, 0.75, 1.2], 16, 1.2)]
 }
 
-fn look_askew() -> VolumeLook {
-    VolumeLook {
+fn plain() -> SceneLayer {
+    transfer([0.9, 0.3, 0.1], 0.4).into()
+}
+
+fn askew() -> SceneLayer {
+    SceneLayer {
         world_from_volume: Placement::from_text("0.8 -0.6 0 20  0.6 0.8 0.1 -5  0 0 1.1 3").expect("a map"),
-        transfer: Some(transfer([0.1, 0.8, 0.9], 0.5)),
-        ..VolumeLook::default()
+        ..transfer([0.1, 0.8, 0.9], 0.5).into()
     }
 }
 
+fn of(layers: Vec<SceneLayer>) -> Scene {
+    Scene { background: [0.1, 0.05, 0.2], layers, ..Scene::default() }
+}
+
 fn scene() -> Scene {
-    Scene {
-        transfer: Some(transfer([0.9, 0.3, 0.1], 0.4)),
-        background: [0.1, 0.05, 0.2],
-        volumes: vec![VolumeLook::default(), look_askew()],
-        ..Scene::default()
-    }
+    of(vec![plain(), askew()])
+}
+
+/// An expression over layers that stand there, whose values look like the first layer of [`scene`].
+fn combined(text: &str, places: &[SceneLayer]) -> Scene {
+    let bare = |layer: &SceneLayer| SceneLayer { world_from_volume: layer.world_from_volume, ..SceneLayer::default() };
+    let expression = SceneExpression { text: text.into(), transfer: plain().transfer };
+    Scene { expression: Some(expression), ..of(places.iter().map(bare).collect()) }
 }
 
 fn lit(gradient: Gradient, lights: &[[f64; 3]]) -> Lighting {
@@ -121,9 +131,9 @@ fn live_sessions_of_several_volumes_settle() {
         let (picture, stats) = settle(&mut session, &resolved);
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         assert!(picture.difference(&expected).max <= 2 && stats.completeness == 1.0, "{way:?}: {stats:?}");
-        let hidden = VolumeLook { visible: false, ..VolumeLook::default() };
-        let error = session.resolve(&Scene { volumes: vec![hidden], ..scene.clone() }, SIZE).expect_err("one layer");
-        assert!(error.to_string().contains("made for other layers"), "{error}");
+        let hidden = SceneLayer { visible: false, ..plain() };
+        let error = session.resolve(&of(vec![hidden, askew()]), SIZE).expect_err("one layer");
+        assert!(matches!(error, SessionError::OtherLayers), "{error}");
     }
 }
 
@@ -137,14 +147,11 @@ fn what_another_layer_hid_comes_out() {
     let opaque = |alpha: f64| TransferFunction { opacity: vec![[0.0, alpha]], ..transfer([0.9, 0.3, 0.1], 0.4) };
     let of_alpha = |alpha: f64, x: f64| {
         let place = Placement::from_text(&format!("1 0 0 {x} 0 1 0 0 0 0 1 0")).expect("a map");
-        let first = VolumeLook { transfer: Some(opaque(alpha)), world_from_volume: place, ..VolumeLook::default() };
-        Scene { volumes: vec![first, VolumeLook::default()], ..scene() }
+        of(vec![SceneLayer { world_from_volume: place, ..opaque(alpha).into() }, plain()])
     };
-    let of_expression = |text: &str, alpha: f64| Scene {
-        expression: Some(text.into()),
-        transfer: Some(opaque(alpha)),
-        volumes: Vec::new(),
-        ..of_alpha(1.0, 0.0)
+    let of_expression = |text: &str, alpha: f64| {
+        let expression = SceneExpression { text: text.into(), transfer: Some(opaque(alpha).into()) };
+        Scene { expression: Some(expression), ..combined(text, &[plain(), plain()]) }
     };
     // As large, and where the second one is, as it can be: from all sides it is in front.
     let scenes = [
@@ -177,8 +184,8 @@ fn an_expression_reads_no_brick_of_values_that_show_nothing() {
     let volumes = volumes(&stores);
     let ramp = TransferFunction { opacity: vec![[0.0, 0.0], [1.0, 0.5]], ..transfer([0.9, 0.3, 0.1], 0.4) };
     let wanted = |text: &str| {
-        let scene =
-            Scene { expression: Some(text.into()), transfer: Some(ramp.clone()), volumes: Vec::new(), ..scene() };
+        let expression = SceneExpression { text: text.into(), transfer: Some(ramp.clone().into()) };
+        let scene = Scene { expression: Some(expression), ..combined(text, &[plain(), plain()]) };
         let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
         let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
@@ -220,29 +227,23 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
 fn two_stores_equal_the_oracle_on_every_backend() {
     let stores = two();
     let volumes = volumes(&stores);
-    let glowing = VolumeLook { blend: Blend::Add, opacity: 0.5, ..look_askew() };
-    let cropped =
-        VolumeLook { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..Default::default() };
+    let glowing = SceneLayer { blend: Blend::Add, opacity: 0.5, ..askew() };
+    let cropped = SceneLayer { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..plain() };
     let layered = vec![
-        VolumeLook { isosurfaces: vec![Isosurface { opacity: 0.5, ..Isosurface::at(140.0) }], ..Default::default() },
-        VolumeLook {
+        SceneLayer { isosurfaces: vec![Isosurface { opacity: 0.5, ..Isosurface::at(140.0) }], ..plain() },
+        SceneLayer {
             isosurfaces: [90.0, 170.0].map(|v| Isosurface { opacity: 0.4, ..Isosurface::at(v) }).into(),
-            ..look_askew()
+            ..askew()
         },
     ];
     let stereo = Some(Stereo::new(StereoLayout::SideBySide));
-    let own_look = VolumeLook { transfer: None, opacity: 1.0, blend: Blend::Mix, ..look_askew() };
-    let combined = |text: &str| Scene {
-        expression: Some(text.into()),
-        volumes: vec![VolumeLook::default(), own_look.clone()],
-        ..scene()
-    };
+    let combined = |text: &str| combined(text, &[plain(), askew()]);
     let scenes = [
         ("an expression", combined("default(a, 0) * 0.7 + default(b, 0) * 0.5")),
         ("an expression of what both have", combined("a > b ? a : sqrt(b) * 12")),
         ("both", scene()),
         ("coarse", Scene { pixel_error: 3.0, ..scene() }),
-        ("one glows, the other is cropped", Scene { volumes: vec![cropped, glowing], ..scene() }),
+        ("one glows, the other is cropped", of(vec![cropped, glowing])),
         ("clipped", Scene { clip: Some([DVec3::splat(5.0), DVec3::new(48.0, 70.0, 40.0)]), ..scene() }),
         ("two eyes", Scene { stereo, level: LevelPolicy::Locked(1), ..scene() }),
         ("lit from the eye", Scene { lighting: lit(Gradient::Central, &[]), ..scene() }),
@@ -251,11 +252,8 @@ fn two_stores_equal_the_oracle_on_every_backend() {
             "stored gradients",
             Scene { lighting: lit(Gradient::Stored, &[[9.0, -60.0, 50.0]]), pixel_error: 2.0, ..scene() },
         ),
-        ("surfaces", Scene { volumes: layered.clone(), ..scene() }),
-        (
-            "surfaces, lit",
-            Scene { lighting: lit(Gradient::Sobel, &[[-40.0, 10.0, 90.0]]), volumes: layered, ..scene() },
-        ),
+        ("surfaces", of(layered.clone())),
+        ("surfaces, lit", Scene { lighting: lit(Gradient::Sobel, &[[-40.0, 10.0, 90.0]]), ..of(layered) }),
         ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
     ];
     for (what, scene) in scenes {
@@ -278,18 +276,54 @@ fn two_stores_equal_the_oracle_on_every_backend() {
     }
 }
 
+/// Two layers of one store show its channels as two stores of a channel each would be shown, each in its style; and the scene that is written
+/// into a picture's file is of the same picture.
 #[test]
-fn one_volume_among_none_is_the_picture_of_one_volume() {
-    let stores = [store::<u8>([61, 53, 47], [1.0, 0.8, 1.3], 16, 1.0)];
-    let volumes = volumes(&stores);
-    let scene = Scene { volumes: Vec::new(), ..scene() };
-    let source = &*stores[0].store;
-    let alone = resolved(&stores[0].store, &scene, SIZE);
-    let alone = render_reference(&[source], &alone, 1 << 30).expect("the oracle's picture");
-    let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
-    for way in WAYS {
-        let Some((picture, _)) = draw(&volumes, &resolved, &options(way, SIZE, 64 << 20, 64 << 20)) else { continue };
-        assert!(picture.difference(&alone).max <= 2, "{way:?}");
+fn the_channels_of_one_store_are_layers() {
+    let extent = Extent::new(52, 47, 41);
+    let value = |channel: u32, [x, y, z]: [u32; 3]| {
+        let p = [x, y, z].map(|n| f64::from(n) * (0.2 + 0.05 * f64::from(channel)));
+        u8::from_f64_rounded(127.0 + 60.0 * p[0].sin() + 60.0 * (p[1] + p[2]).cos())
+    };
+    let both = FunctionSource::series(extent, Geometry::default(), 1, 2, |_, channel, v| value(channel, v));
+    let both = TestStore::pack(&both, 16);
+    let apart = [0, 1].map(|channel| {
+        TestStore::pack(&FunctionSource::new(extent, Geometry::default(), move |_, _, v| value(channel, v)), 16)
+    });
+    let styles = [
+        SceneLayer { color: Some([1.0, 0.3, 0.0]), window: Some([100.0, 240.0]), gamma: 1.6, ..SceneLayer::default() },
+        SceneLayer { transfer: Some(TransferChoice::preset("viridis")), opacity: 0.6, ..SceneLayer::default() },
+    ];
+    let of_channels = |source: Option<usize>| {
+        let style = |(i, style): (usize, &SceneLayer)| {
+            let channel = if source.is_some() { i as u32 } else { 0 };
+            SceneLayer { source, channel, blend: Blend::Add, ..style.clone() }
+        };
+        of(styles.iter().enumerate().map(style).collect())
+    };
+    for mode in [Mode::Dvr, Mode::Mip] {
+        let one = Scene { mode, ..of_channels(Some(0)) };
+        let two = Scene { mode, ..of_channels(None) };
+        let sources = [vec![VolumeSource::of_store(&both.store)], volumes(&apart)];
+        let [shown, expected] = [(&sources[0], one), (&sources[1], two)].map(|(sources, scene)| {
+            let resolved = resolve(sources, &scene, SIZE).expect("a possible scene");
+            let written = resolve(sources, &resolved.shown(&scene), SIZE).expect("a possible scene");
+            for (found, expected) in written.layers.iter().zip(&resolved.layers) {
+                assert_eq!(
+                    (&found.transfer, found.frames[0].opacity),
+                    (&expected.transfer, expected.frames[0].opacity)
+                );
+            }
+            resolved
+        });
+        let stores: [&Store; 2] = apart.each_ref().map(|test| &*test.store);
+        let oracle = render_reference(&stores, &expected, 1 << 30).expect("the oracle's picture");
+        assert_eq!(render_reference(&[&both.store], &shown, 1 << 30).expect("the oracle's picture"), oracle);
+        for way in WAYS {
+            let options = options(way, SIZE, 64 << 20, 64 << 20);
+            let Some((picture, _)) = draw(&sources[0], &shown, &options) else { continue };
+            assert_same(&picture, &oracle, &format!("{mode:?} {way:?}"));
+        }
     }
 }
 
@@ -301,8 +335,7 @@ fn many_volumes_live_within_the_budgets() {
         Placement::from_text(&format!("1 0 0 {} 0 1 0 {} 0 0 1 {}", at[0], at[1], at[2])).expect("a map")
     };
     let volumes: Vec<VolumeSource> = (0..MAX_VOLUMES).flat_map(|i| volumes(&small[i % 2..i % 2 + 1])).collect();
-    let look = |i| VolumeLook { world_from_volume: place(i), ..VolumeLook::default() };
-    let scene = Scene { volumes: (0..MAX_VOLUMES).map(look).collect(), ..scene() };
+    let scene = of((0..MAX_VOLUMES).map(|i| SceneLayer { world_from_volume: place(i), ..plain() }).collect());
     let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
     let shown: Vec<&Store> = (0..MAX_VOLUMES).map(|i| &*small[i % 2].store).collect();
     let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
@@ -314,51 +347,14 @@ fn many_volumes_live_within_the_budgets() {
 }
 
 #[test]
-fn what_several_volumes_cannot_do_is_refused() {
+fn impossible_scenes_and_budgets_are_refused() {
     let stores = two();
     let volumes = volumes(&stores);
-    let refused = |scene: Scene, word: &str| {
-        let error = resolve(&volumes, &scene, SIZE).expect_err(word).to_string();
-        assert!(error.contains(word), "{word}: {error}");
-    };
-    let combined = |scene: Scene| Scene { expression: Some("a + 1".into()), volumes: Vec::new(), ..scene };
-    refused(combined(Scene { mode: Mode::Mip, ..scene() }), "--mode dvr");
-    let sampled = |method, jitter| Sampling { method, jitter, ..Sampling::default() };
-    refused(combined(Scene { sampling: sampled(Method::Lvs, Jitter::None), ..scene() }), "--method udvr");
-    refused(combined(Scene { sampling: sampled(Method::Udvr, Jitter::Blue), ..scene() }), "--jitter");
-    let steep = TransferFunction { gradient_opacity: vec![[0.0, 0.0], [9.0, 1.0]], ..transfer([0.9, 0.3, 0.1], 0.4) };
-    refused(combined(Scene { transfer: Some(steep), ..scene() }), "gradient_opacity");
-    refused(Scene { mode: Mode::Isosurface, ..scene() }, "--isovalue");
-    let unseen = VolumeLook { isosurfaces: vec![Isosurface::at(7.0)], visible: false, ..VolumeLook::default() };
-    refused(Scene { mode: Mode::Isosurface, volumes: vec![unseen], ..scene() }, "--isovalue");
-    refused(Scene { volumes: vec![VolumeLook::default(); 3], ..scene() }, "3 volumes");
-    refused(Scene { volumes: vec![VolumeLook { opacity: 1.5, ..look_askew() }], ..scene() }, "volume 0");
-    refused(Scene { volumes: vec![VolumeLook { crop: Some([DVec3::ONE; 2]), ..look_askew() }], ..scene() }, "crop");
-    refused(Scene { volumes: vec![VolumeLook { visible: false, ..look_askew() }; 2], ..scene() }, "no volume");
-    refused(Scene { level: LevelPolicy::Locked(9), ..scene() }, "level 9");
-    let expression = |text: &str| Some(text.to_string());
-    let lighting = lit(Gradient::Central, &[]);
-    refused(Scene { lighting, expression: expression("a"), ..scene() }, "gradient of an expression");
-    refused(Scene { lighting: lit(Gradient::Central, &[[0.0; 3]; 5]), ..scene() }, "5 lights");
-    let layered = |surface: Isosurface, count: usize| Scene {
-        volumes: vec![VolumeLook::default(), VolumeLook { isosurfaces: vec![surface; count], ..look_askew() }],
-        ..scene()
-    };
-    refused(layered(Isosurface::at(7.0), 9), "volume 1: 9 isosurfaces");
-    refused(layered(Isosurface::at(7.0), 2), "two isosurfaces");
-    refused(layered(Isosurface::at(f64::NAN), 1), "finite");
-    refused(layered(Isosurface { opacity: 1.5, ..Isosurface::at(7.0) }, 1), "from 0 to 1");
-    refused(Scene { isosurfaces: vec![Isosurface::at(7.0)], ..scene() }, "--volume 0:isovalue=300");
-    let own = VolumeLook { isosurfaces: vec![Isosurface::at(7.0)], ..VolumeLook::default() };
-    refused(Scene { expression: expression("a"), volumes: vec![own], ..scene() }, "look of its own");
-    refused(Scene { lighting: lit(Gradient::Central, &[[0.0, f64::NAN, 0.0]]), ..scene() }, "finite");
-    refused(Scene { expression: expression("max(a, *b)"), ..scene() }, "\n         ^");
-    refused(Scene { expression: expression("a + c"), ..scene() }, "no volume c");
-    refused(Scene { expression: expression("1 + 2"), ..scene() }, "reads no volume");
-    let dimmed = VolumeLook { opacity: 0.5, ..VolumeLook::default() };
-    refused(Scene { expression: expression("a"), volumes: vec![dimmed], ..scene() }, "look of its own");
-    let hidden = VolumeLook { visible: false, ..VolumeLook::default() };
-    refused(Scene { expression: expression("a"), volumes: vec![hidden], ..scene() }, "not visible");
+    // What a scene alone, and what it asks of stores; all reasons are tried beside the check itself.
+    for scene in [of(vec![]), of(vec![plain(); 3]), Scene { level: LevelPolicy::Locked(9), ..scene() }] {
+        let error = resolve(&volumes, &scene, SIZE).expect_err("refused");
+        assert!(matches!(error, SessionError::Scene(_)), "{error}");
+    }
     let resolved = resolve(&volumes, &scene(), SIZE).expect("a possible scene");
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
     let error =
@@ -376,9 +372,18 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     let sandbox = Sandbox::default();
     sandbox.run_ok("synth flow a.zarr --shape 40,36,50 --brick 16 --shard 32 --progress none");
     sandbox.run_ok("synth ct b.zarr --shape 30,30,30 --brick 16 --shard 32 --progress none");
+    for (name, text) in [
+        ("none.json", r#"{"layers": []}"#),
+        ("store.json", r#"{"layers": [{}, {"source": 7}]}"#),
+        ("missing.json", r#"{"layers": [{"transfer": {"file": "nothing.json"}}]}"#),
+        ("words.json", r#"{"layers": [{"windw": [0, 1]}]}"#),
+        ("hidden.json", r#"{"layers": [{}, {"visible": false}]}"#),
+    ] {
+        sandbox.write(name, text);
+    }
     sandbox.write("shift.txt", "1 0 0 20\n0 1 0 3\n0 0 1 4\n0 0 0 1\n");
     sandbox.write("flat.txt", "1 0 0 20\n1 0 0 3\n0 0 1 4\n");
-    sandbox.write("scene.json", r#"{"volumes": [{}, {"world_from_volume": [[1,0,0,0],[1,0,0,0],[0,0,1,0]]}]}"#);
+    sandbox.write("scene.json", r#"{"layers": [{}, {"world_from_volume": [[1,0,0,0],[1,0,0,0],[0,0,1,0]]}]}"#);
     sandbox.run_ok(
         "render a.zarr b.zarr -o two.png --size 32x32 --backend cpu --volume 1:matrix=shift.txt --volume 1:blend=add \
          --volume 0:transfer=viridis --volume 0:opacity=0.5",
@@ -396,6 +401,29 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "render a.zarr b.zarr -o surfaces.png --size 32x32 --backend cpu --volume 0:isovalue=0.5,opacity=0.4,color=1:0:0 \
          --volume 1:isovalue=-300 --volume 1:isovalue=300,opacity=0.5 --light 9,-80,40",
     );
+    // The scene file says what the flags say; files are named as seen from its folder.
+    std::fs::create_dir(sandbox.path("deep")).expect("the sandbox is writable");
+    let fire = r#"{"color": [[0, 1, 0, 0], [9, 1, 1, 0]], "opacity": [[0, 0], [9, 0.7]]}"#;
+    sandbox.write("deep/function.json", fire);
+    sandbox.write(
+        "deep/scene.json",
+        r#"{"layers": [{"transfer": {"preset": "viridis"}, "window": [-0.5, 0.9], "gamma": 0.6, "opacity": 0.5},
+            {"transfer": {"file": "function.json"}, "window": [-900, 900], "blend": "add", "color": [0, 1, 0]}]}"#,
+    );
+    sandbox.run_ok("render a.zarr b.zarr -o file.png --size 32x32 --backend cpu --scene deep/scene.json");
+    sandbox.run_ok(
+        "render a.zarr b.zarr -o flags.png --size 32x32 --backend cpu --transfer viridis --volume 0:window=-0.5:0.9 \
+         --volume 0:gamma=0.6 --volume 0:opacity=0.5 --volume 1:transfer=deep/function.json --volume 1:window=-900:900 \
+         --volume 1:blend=add --volume 1:color=0:1:0",
+    );
+    sandbox.run_ok("render a.zarr b.zarr -o plain.png --size 32x32 --backend cpu");
+    assert_eq!(read_png(&sandbox.path("file.png")), read_png(&sandbox.path("flags.png")));
+    assert_ne!(read_png(&sandbox.path("file.png")), read_png(&sandbox.path("plain.png")));
+    // A live flight over layers, and over an expression.
+    sandbox.write("twice.json", r#"{"layers": [{}, {"source": 0, "blend": "add"}], "expression": null}"#);
+    for flags in ["--scene twice.json", "--expr abs(a)"] {
+        sandbox.run_ok(&format!("bench a.zarr --scenario sweep --frames 2 --size 32x32 --backend cpu {flags}"));
+    }
     for (i, flags) in [
         "--mode mip --volume 1:blend=add",
         "--slice z=20 --thickness 4 --volume 1:opacity=0.5",
@@ -420,29 +448,34 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     let nine = format!("render a.zarr b.zarr -o no.png {}", "--volume 1:isovalue=7 ".repeat(9));
     let too_many = format!("render {many} -o no.png --size 32x32");
     for (line, code, word) in [
-        (&too_many[..], 2, "33 volumes"),
+        (&too_many[..], 2, "33 layers"),
         ("render a.zarr b.zarr -o no.png --volume 1:matrix=flat.txt", 3, "singular"),
         ("render a.zarr b.zarr -o no.png --volume 1:matrix=missing.txt", 3, "neither a file nor"),
         ("render a.zarr b.zarr -o no.png --volume 1:matrix=1,0,0,0,0,nan,0,0,0,0,1,0", 3, "finite"),
         ("render a.zarr b.zarr -o no.png --scene scene.json", 3, "singular"),
-        ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 stores"),
+        ("render a.zarr -o no.png --scene none.json", 2, "0 layers"),
+        ("render a.zarr -o no.png --scene store.json", 2, "layer 1: store 7"),
+        ("render a.zarr -o no.png --scene missing.json", 3, "nothing.json"),
+        ("render a.zarr -o no.png --scene words.json", 3, "unknown field `windw`"),
+        ("render a.zarr b.zarr -o no.png --scene hidden.json --expr a+b", 2, "layer 1, which is hidden"),
+        ("render a.zarr -o no.png --channel 3", 2, "channel 3"),
+        ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 layers"),
         ("render a.zarr b.zarr -o no.png --volume 1:blend=over", 2, "mix or add"),
-        ("render a.zarr b.zarr -o no.png --mode mip --expr a+b", 2, "--mode dvr"),
-        ("render a.zarr b.zarr -o no.png --mode isosurface", 2, "--isovalue"),
+        ("render a.zarr b.zarr -o no.png --mode mip --expr a+b", 2, "mode dvr"),
+        ("render a.zarr b.zarr -o no.png --mode isosurface", 2, "isovalue"),
         ("render a.zarr b.zarr -o no.png --lighting phong --expr a*2", 2, "gradient of an expression"),
-        ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "--lighting"),
+        ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "without lighting"),
         ("render a.zarr b.zarr -o no.png --lighting phong --light 1,2,nan", 2, "nan"),
         ("render a.zarr b.zarr -o no.png --volume 1:isovalue=nan", 2, "finite"),
         ("render a.zarr b.zarr -o no.png --volume 1:isovalue=7,opacity=2", 2, "0 to 1"),
         (&nine, 2, "at most 8"),
-        ("render a.zarr b.zarr -o no.png --isovalue 7", 2, "isovalue=300"),
         ("render a.zarr b.zarr -o no.png --exact --compositor reference", 2, "leave --exact out"),
         ("render a.zarr b.zarr -o no.png --backend gpu --compositor sorted", 2, "raycast"),
         ("render a.zarr b.zarr -o no.png --gpu-memory 1KiB --backend cpu", 2, "least"),
         ("render a.zarr missing.zarr -o no.png", 3, "missing.zarr"),
         ("render a.zarr b.zarr -o no.png --expr max(a,*b)", 2, "\n  max(a,*b)\n        ^"),
         ("render a.zarr b.zarr -o no.png --transfer fire --expr a+c", 2, "\n  a+c\n    ^"),
-        ("bench a.zarr --expr a*2", 2, "brickyard render"),
+        ("quality a.zarr -o no.png --expr a*2", 2, "leave --expr out"),
     ] {
         let (found, _, stderr) = sandbox.run(line);
         assert_eq!(found, code, "brickyard {line}: {stderr}");

@@ -13,7 +13,7 @@ use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
-use brickyard::volume::{Extent, Geometry, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
+use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -197,7 +197,7 @@ pub fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u
 /// # Panics
 /// If the session cannot be made although there is an adapter.
 pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
-    match Session::new(store.clone(), store.default_window(0), &options) {
+    match Session::new(VolumeSource::of_store(store), &options) {
         Ok(session) => Some(session),
         Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
             leave_out("gpu", error);
@@ -205,6 +205,13 @@ pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Sessi
         }
         Err(error) => panic!("{error}"),
     }
+}
+
+/// The scene in a mode: of isosurfaces, with that of one value in each layer.
+pub fn in_mode(mut scene: Scene, mode: Mode, isovalue: f64) -> Scene {
+    let surfaces = if mode == Mode::Isosurface { vec![Isosurface::at(isovalue)] } else { Vec::new() };
+    scene.layers.iter_mut().for_each(|layer| layer.isosurfaces.clone_from(&surfaces));
+    Scene { mode, ..scene }
 }
 
 /// A settled picture of a scene, and the statistics of getting there.
@@ -224,7 +231,7 @@ pub fn settled(session: &mut Session, scene: &Scene, size_px: (u32, u32)) -> (Pi
 /// # Panics
 /// If the scene is impossible.
 pub fn resolved(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> ResolvedScene {
-    resolve(&[VolumeSource::of_store(store, scene.channel)], scene, size_px).expect("the scene is possible")
+    resolve(&[VolumeSource::of_store(store)], scene, size_px).expect("the scene is possible")
 }
 
 /// The oracle's picture of the same scene.

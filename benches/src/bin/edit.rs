@@ -13,7 +13,7 @@
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::render_settled;
-use brickyard::session::{Session, SessionOptions, subject};
+use brickyard::session::{Session, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_store::Store;
@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             leaps: true,
             live: false,
         };
-        let mut session = match Session::new(store.clone(), store.default_window(0), &options) {
+        let mut session = match Session::new(VolumeSource::of_store(&store), &options) {
             Ok(session) => session,
             Err(error) => {
                 eprintln!("{name} is left out: {error}");
@@ -94,13 +94,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The same view under two functions.
-fn scenes(store: &Store, preset: &str) -> Result<[Scene; 2], Box<dyn Error>> {
-    let subject = subject(store.geometry(), store.pyramid().levels()[0].extent, store.default_window(0));
+fn scenes(store: &Arc<Store>, preset: &str) -> Result<[Scene; 2], Box<dyn Error>> {
+    let subject = VolumeSource::of_store(store).subject(0);
     let first = TransferFunction::preset(preset, subject.window, subject.unit_distance)?;
     let mut second = first.clone();
     second.color.iter_mut().for_each(|[_, r, _, b]| std::mem::swap(r, b));
     second.opacity.iter_mut().for_each(|[_, alpha]| *alpha *= 0.999);
-    Ok([first, second].map(|transfer| Scene { transfer: Some(transfer), ..Scene::default() }))
+    Ok([first, second].map(Scene::of))
 }
 
 /// What a frame took, and the one after it, with another function.

@@ -5,7 +5,7 @@ use crate::memory::ProcessMemory;
 use crate::projection::for_mode;
 use crate::quality::{Change, Quality, QualityControl};
 use crate::scenario::{Scenario, Setting};
-use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
+use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
 use brickyard_pager::Status;
 use brickyard_store::{OpenError, Store};
@@ -83,7 +83,7 @@ pub enum FlightError {
 pub struct FlightPlan<'a> {
     /// The scenario.
     pub scenario: Scenario,
-    /// Its first frame; the camera and the transfer function may be left open.
+    /// Its first frame; the camera and transfer functions may be left open.
     pub scene: &'a Scene,
     /// Number of frames.
     pub frames: u32,
@@ -105,16 +105,15 @@ const LONGEST: Duration = Duration::from_secs(600);
 pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
     let started = Instant::now();
     let store = Arc::new(for_mode(Store::open(store)?, plan.scene.mode)?);
-    let window = store.default_window(plan.scene.channel);
-    let mut session = Session::new(store.clone(), window, options)?;
+    let volumes = vec![VolumeSource::of_store(&store)];
+    let mut session = Session::of_scene(volumes.clone(), &resolve(&volumes, plan.scene, plan.size_px)?, options)?;
     let open_ms = ms(started);
     let first = session.resolve(plan.scene, plan.size_px)?;
     let extent = store.pyramid().levels()[0].extent;
     let setting = Setting {
-        scene: plan.scene.clone(),
+        scene: first.shown(plan.scene),
         camera: first.camera,
-        transfer: first.layers[0].transfer.clone(),
-        world_box: store.geometry().world_box(extent),
+        world_box: first.world_box,
         voxel_size: store.geometry().voxel_size(extent),
         seed: plan.seed,
     };

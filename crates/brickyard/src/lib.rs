@@ -7,7 +7,6 @@
 
 pub mod backend;
 pub mod exact;
-mod expression;
 pub mod flight;
 mod losses;
 pub mod memory;
@@ -19,7 +18,6 @@ pub mod projection;
 pub mod quality;
 mod resolve;
 pub mod scenario;
-mod scene_check;
 pub mod session;
 mod session_error;
 pub mod stats;

@@ -1,16 +1,14 @@
-//! Scenes resolved for volumes and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
+//! Scenes resolved for stores and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
 //! frames that are drawn. Costs a transfer table for each function of which none is kept.
 
-use crate::expression::{combination, expression};
-use crate::scene_check::{check_layer, check_volumes};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, Expression, FrameSettings, Lattice, LevelPolicy, LightingModel, Mode, Occupancy,
-    Picture, Region, Scene, ShownMesh, SlotEncoding, StereoLayout, Surface, TransferFunction, TransferTable, ViewRays,
-    VolumeFrame, VolumeLook,
+    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Occupancy, Picture, Region, Scene,
+    SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Subject, Surface, TransferFunction,
+    TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -25,6 +23,8 @@ pub struct ResolvedScene {
     pub stereo: Option<StereoLayout>,
     /// The camera in use.
     pub camera: Camera,
+    /// The box around all layers where they stand, world.
+    pub world_box: (DVec3, DVec3),
     /// The expression over the layers whose values are shown, and how they look; `None` shows the layers themselves.
     pub combination: Option<Combination>,
 }
@@ -32,24 +32,31 @@ pub struct ResolvedScene {
 /// A layer of a resolved scene.
 #[derive(Clone, Debug)]
 pub struct ResolvedLayer {
-    /// Its volume's place among all that the scene was resolved for.
+    /// The layer's place in the scene.
+    pub place: usize,
+    /// The place of its store among all that the scene was resolved for.
     pub volume: usize,
+    /// The scene's layer, with its transfer function written out unless an expression's takes its place.
+    pub style: SceneLayer,
     /// What its pager streams for. In stereo that is what both eyes see, the left one first.
     pub view: View,
     /// The layer's frames, which renderers draw: one for each eye, the left one's first.
     pub frames: Vec<VolumeFrame>,
-    /// The transfer function in use.
+    /// The transfer function in use, opacity and all.
     pub transfer: TransferFunction,
 }
 
 impl ResolvedScene {
     /// The scene that it is of, with what was left to be found.
     pub fn shown(&self, scene: &Scene) -> Scene {
-        let transfer = match &self.layers[..] {
-            [layer] if scene.volumes.is_empty() && scene.expression.is_none() => Some(layer.transfer.clone()),
-            _ => scene.transfer.clone(),
-        };
-        Scene { camera: Some(self.camera), transfer, ..scene.clone() }
+        let mut shown = Scene { camera: Some(self.camera), ..scene.clone() };
+        for layer in &self.layers {
+            shown.layers[layer.place].clone_from(&layer.style);
+        }
+        if let (Some(expression), Some(combination)) = (&mut shown.expression, &self.combination) {
+            expression.transfer = Some(combination.transfer.clone().into());
+        }
+        shown
     }
 
     /// The picture of the scene, whoever draws an eye's, given its number.
@@ -97,56 +104,67 @@ impl Eyes {
     }
 }
 
-/// Resolves a scene against volumes: default camera and transfer functions, tables, lattice, opaque bins.
+/// Resolves a scene against stores: default camera and transfer functions, tables, lattice, opaque bins.
 ///
 /// # Errors
-/// If the camera, a level, time step, channel, isovalue, crop or opacity is impossible, or the scene asks for what several volumes do
-/// not have.
+/// If the scene is impossible ([`Scene::check`]), or its camera.
 pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
     let table = |_, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
     resolve_with(volumes, scene, size_px, table)
 }
 
-/// Resolves a scene with the tables of whoever has some, given a volume's place, a function and how codes stand for values.
+/// Resolves a scene with the tables of whoever has some, given a store's place, a function and how codes stand for values.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
     size_px: (u32, u32),
     table: impl Fn(usize, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
 ) -> Result<ResolvedScene, SessionError> {
-    check_volumes(volumes, scene)?;
-    let mut looks = scene.volumes.clone();
-    looks.resize(volumes.len(), VolumeLook::default());
-    let visible: Vec<usize> = (0..volumes.len()).filter(|&i| looks[i].visible).collect();
-    let read = expression(volumes, &looks, scene)?;
-    let shown = read.as_ref().map_or(visible, Expression::volumes);
-    if shown.is_empty() {
-        return Err(SessionError::Scene("no volume is visible: there is nothing to show".into()));
+    let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
+    scene.check(&counts)?;
+    let mut shown = shown_layers(volumes, scene)?;
+    let combination = combination(volumes, scene)?;
+    if let Some(combination) = &combination {
+        let windows: Vec<[f64; 2]> = shown.iter().map(|layer| layer.volume.source.value_range().into()).collect();
+        shown.iter_mut().enumerate().for_each(|(i, layer)| layer.transfer = combination.of_volume(i, &windows));
     }
-    let combination = read.map(|read| combination(read, volumes, scene));
-    let is_named = volumes.len() > 1 || !scene.volumes.is_empty();
-    let named = |i: usize, error| if is_named { of_volume(i, error) } else { error };
-    let has_surfaces = shown.iter().any(|&i| !looks[i].isosurfaces.is_empty());
-    let windows: Vec<[f64; 2]> = shown.iter().map(|&i| volumes[i].source.value_range().into()).collect();
-    let own = |(place, &i): (usize, &usize)| {
-        let mut own = own_scene(&volumes[i], &looks[i], scene, volumes.len());
-        own.transfer = combination.as_ref().map(|read| read.of_volume(place, &windows)).or(own.transfer);
-        check_layer(&*volumes[i].source, &own, has_surfaces).map_err(|error| named(i, error)).map(|()| own)
-    };
-    let scenes = shown.iter().enumerate().map(own).collect::<Result<Vec<Scene>, _>>()?;
-    let camera = scene.camera_for(world_box(volumes, &looks), size_px);
+    let boxes: Vec<_> = volumes.iter().map(VolumeSource::world_box).collect();
+    let world_box = scene.world_box(&boxes);
+    let camera = scene.camera_for(world_box, size_px);
     let eyes = Eyes::new(scene, &camera, size_px)?;
-    let lattice = lattice(volumes, &looks, &shown, scene, &eyes.rays[0]);
-    let layer = |(&i, own): (&usize, &Scene)| {
-        let table = |transfer: &_, encoding: &_| table(i, transfer, encoding);
-        layer(i, &volumes[i], &looks[i], own, &eyes, lattice, table).map_err(|error| named(i, error))
-    };
-    let mut layers = shown.iter().zip(&scenes).map(layer).collect::<Result<Vec<ResolvedLayer>, _>>()?;
+    let lattice = lattice(&shown, scene, &eyes.rays[0]);
+    let layers = shown.into_iter().map(|layer| layer.resolve(scene, &eyes, lattice, &table));
+    let mut layers = layers.collect::<Result<Vec<ResolvedLayer>, _>>()?;
     if layers.len() > 1 || combination.is_some() {
         let appearance = joint_appearance(&layers, combination.as_ref());
         layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
     }
-    Ok(ResolvedScene { layers, stereo: eyes.layout, camera, combination })
+    Ok(ResolvedScene { layers, stereo: eyes.layout, camera, world_box, combination })
+}
+
+/// The layers that are shown. What an expression takes the place of is left as it is.
+fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<ShownLayer<'a>>, SceneError> {
+    let shown = |place: usize| {
+        let (layer, store) = (&scene.layers[place], scene.store(place));
+        let volume = &volumes[store];
+        let function = layer.function(&volume.subject(layer.channel));
+        let function = function.map_err(|error| SceneError::Layer { layer: place, error })?;
+        let transfer = function.scaled(layer.opacity);
+        let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
+        Ok(ShownLayer { place, store, volume, style, transfer })
+    };
+    scene.shown_layers()?.into_iter().map(shown).collect()
+}
+
+/// The expression, if there is one, and how its values look: as the scene says, or on a gray ramp over all that they can be.
+fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
+    let (Some(read), Some(look)) = (scene.parsed_expression()?, &scene.expression) else { return Ok(None) };
+    let volume = |place: usize| &volumes[scene.store(place)];
+    let windows = scene.layers.iter().enumerate().map(|(i, layer)| volume(i).default_window(layer.channel));
+    let first = volume(read.volumes()[0]);
+    let subject = Subject::new(first.source.geometry(), first.extent(), read.window(windows));
+    let transfer = look.function(&subject).map_err(SceneError::ExpressionTransfer)?;
+    Ok(Some(Combination::new(read.of_its_own(), transfer)))
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
@@ -169,61 +187,13 @@ fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>)
     hasher.finish()
 }
 
-fn of_volume(i: usize, error: SessionError) -> SessionError {
-    match error {
-        SessionError::Scene(problem) => SessionError::Scene(format!("volume {i}: {problem}")),
-        other => other,
-    }
-}
-
-/// The scene that a volume would have alone.
-fn own_scene(volume: &VolumeSource, look: &VolumeLook, scene: &Scene, volumes: usize) -> Scene {
-    let transfer = look.transfer.as_ref().or(scene.transfer.as_ref());
-    let transfer = transfer.cloned().unwrap_or_else(|| volume.default_transfer());
-    let level = match scene.level {
-        // The coarsest of a volume that does not have it.
-        LevelPolicy::Locked(level) if volumes > 1 => {
-            LevelPolicy::Locked(level.min(volume.source.pyramid().coarsest().0))
-        }
-        level => level,
-    };
-    let isosurfaces = if look.isosurfaces.is_empty() { &scene.isosurfaces } else { &look.isosurfaces };
-    let mut lighting = scene.lighting.clone();
-    let has_surfaces = scene.volumes.iter().any(|look| !look.isosurfaces.is_empty());
-    if lighting.model == LightingModel::None && isosurfaces.is_empty() && has_surfaces {
-        // The lights are for the surfaces of others.
-        lighting.lights.clear();
-    }
-    Scene {
-        transfer: Some(transfer.scaled(look.opacity)),
-        isosurfaces: isosurfaces.clone(),
-        lighting,
-        channel: look.channel.unwrap_or(scene.channel),
-        level,
-        volumes: Vec::new(),
-        expression: None,
-        ..scene.clone()
-    }
-}
-
-/// The box around all volumes where they stand.
-fn world_box(volumes: &[VolumeSource], looks: &[VolumeLook]) -> (DVec3, DVec3) {
-    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let boxes = volumes.iter().zip(looks).map(|(volume, look)| look.world_from_volume.world_box(volume.world_box()));
-    boxes.fold(nowhere, |(low, high), (a, b)| (low.min(a), high.max(b)))
-}
-
 /// One lattice for all that are shown: steps of the finest volume's voxel, in zones as far out as any volume has levels.
-fn lattice(volumes: &[VolumeSource], looks: &[VolumeLook], shown: &[usize], scene: &Scene, rays: &ViewRays) -> Lattice {
-    let voxel_size = |i: usize| {
-        let VolumeSource { source, .. } = &volumes[i];
-        looks[i].world_from_volume.voxel_size(source.geometry(), volumes[i].extent())
-    };
-    let finest = shown.iter().map(|&i| voxel_size(i)).fold(f64::INFINITY, f64::min);
+fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice {
+    let finest = shown.iter().map(ShownLayer::voxel_size).fold(f64::INFINITY, f64::min);
     let step = scene.step * finest;
-    let zones = |&i: &usize| {
-        let coarser = (voxel_size(i) / finest).log2().floor() as usize;
-        volumes[i].source.pyramid().levels().len() + coarser
+    let zones = |layer: &ShownLayer<'_>| {
+        let coarser = (layer.voxel_size() / finest).log2().floor() as usize;
+        layer.volume.source.pyramid().levels().len() + coarser
     };
     let zones = shown.iter().map(zones).max().unwrap_or(1).min(MAX_ZONES);
     match scene.level {
@@ -232,77 +202,93 @@ fn lattice(volumes: &[VolumeSource], looks: &[VolumeLook], shown: &[usize], scen
     }
 }
 
-/// The volume at a place among all, shown by the scene that it would have alone, but for its place, its crop and the lattice of all.
-fn layer(
+/// A layer that is shown.
+struct ShownLayer<'a> {
     place: usize,
-    volume: &VolumeSource,
-    look: &VolumeLook,
-    scene: &Scene,
-    eyes: &Eyes,
-    lattice: Lattice,
-    table: impl FnOnce(&TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
-) -> Result<ResolvedLayer, SessionError> {
-    let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
-    let clip = scene.clip_for(&rays, &geometry, volume.extent());
-    let clip = clip.map_err(|error| SessionError::Scene(error.to_string()))?;
-    let placement = look.world_from_volume;
-    let clip = Clip::in_volume(clip.as_ref(), &placement, look.crop);
-    let clip = clip.map_err(|error| SessionError::Scene(format!("crop: {error}")))?;
-    let encoding = volume.encoding();
-    let transfer = scene.transfer.clone().unwrap_or_else(|| volume.default_transfer());
-    let table = table(&transfer, &encoding);
-    let surfaces = Surface::all(&scene.isosurfaces, &transfer, &encoding);
-    let opaque = opaque_bins(volume, scene, &transfer, &table, &surfaces);
-    let meshes = scene.shown_meshes().map_err(|error| SessionError::Scene(error.to_string()))?;
-    let view = View {
-        rays,
-        other_eye: eyes.rays.get(1).copied(),
-        opaque,
-        filter: scene.sampling.filter,
-        level: scene.level,
-        pixel_error: scene.pixel_error,
-        time: scene.time,
-        channel: scene.channel,
-        clip: clip.clone(),
-        placement,
-        appearance: appearance(&table, &transfer, scene, &meshes),
-        window: None,
-    };
-    let settings = FrameSettings {
-        rays,
-        lattice,
-        geometry,
-        placement,
-        encoding,
-        table,
-        mode: scene.mode,
-        surfaces,
-        sampling: scene.sampling,
-        lighting: scene.lighting.clone(),
-        background: scene.background.map(|c| c as f32),
-        clip,
-        meshes,
-    };
-    // Pixels are as large for one eye as for the other, so both have the same lattice.
-    let VolumeLook { blend, opacity, .. } = *look;
-    let frame = |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend, opacity };
-    Ok(ResolvedLayer { volume: place, view, frames: eyes.rays.iter().map(frame).collect(), transfer })
+    store: usize,
+    volume: &'a VolumeSource,
+    style: SceneLayer,
+    transfer: TransferFunction,
+}
+
+impl ShownLayer<'_> {
+    fn voxel_size(&self) -> f64 {
+        self.style.world_from_volume.voxel_size(self.volume.source.geometry(), self.volume.extent())
+    }
+
+    /// The layer's view and frames, on the lattice of all.
+    fn resolve(
+        self,
+        scene: &Scene,
+        eyes: &Eyes,
+        lattice: Lattice,
+        table: impl FnOnce(usize, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+    ) -> Result<ResolvedLayer, SceneError> {
+        let Self { place, store, volume, style, transfer } = self;
+        let SceneLayer { channel, world_from_volume: placement, crop, opacity, blend, .. } = style;
+        let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
+        let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
+        let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
+        let encoding = volume.encoding();
+        let table = table(store, &transfer, &encoding);
+        let surfaces = Surface::all(&style.isosurfaces, &transfer, &encoding);
+        let meshes = scene.shown_meshes()?;
+        let view = View {
+            rays,
+            other_eye: eyes.rays.get(1).copied(),
+            opaque: opaque_bins(volume, channel, scene.mode, &transfer, &table, &surfaces),
+            filter: scene.sampling.filter,
+            level: match scene.level {
+                // The coarsest of a volume that does not have it.
+                LevelPolicy::Locked(level) => LevelPolicy::Locked(level.min(volume.source.pyramid().coarsest().0)),
+                LevelPolicy::Auto => LevelPolicy::Auto,
+            },
+            pixel_error: scene.pixel_error,
+            time: scene.time,
+            channel,
+            clip: clip.clone(),
+            placement,
+            appearance: appearance(&table, &transfer, scene, &style, &meshes),
+            window: None,
+        };
+        let settings = FrameSettings {
+            rays,
+            lattice,
+            geometry,
+            placement,
+            encoding,
+            table,
+            mode: scene.mode,
+            surfaces,
+            sampling: scene.sampling,
+            lighting: scene.lighting.clone(),
+            background: scene.background.map(|c| c as f32),
+            clip,
+            meshes,
+        };
+        // Pixels are as large for one eye as for the other, so both have the same lattice.
+        let frame =
+            |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend, opacity };
+        let frames = eyes.rays.iter().map(frame).collect();
+        Ok(ResolvedLayer { place, volume: store, style, view, frames, transfer })
+    }
 }
 
 /// The bins of values of which a brick must have one to show anything; `None` where all may.
 fn opaque_bins(
     volume: &VolumeSource,
-    scene: &Scene,
+    channel: u32,
+    mode: Mode,
     transfer: &TransferFunction,
     table: &TransferTable,
     surfaces: &[Surface],
 ) -> Option<Occupancy> {
     // Quantisation moves a value by half a code.
     let slack = (table.reach_codes() + 0.5) * volume.encoding().code_width();
-    let bins = volume.source.occupancy_bins(scene.channel);
+    let bins = volume.source.occupancy_bins(channel);
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
     let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));
-    let fog = match scene.mode {
+    let fog = match mode {
         Mode::Dvr => Some(bins.opaque(transfer, slack)),
         Mode::Isosurface => Some(Occupancy::NONE),
         Mode::Mip | Mode::MinIp | Mode::Average => None,
@@ -311,11 +297,17 @@ fn opaque_bins(
 }
 
 /// A number of all in a picture that decides which bricks hide others.
-fn appearance(table: &TransferTable, transfer: &TransferFunction, scene: &Scene, meshes: &[ShownMesh]) -> u64 {
+fn appearance(
+    table: &TransferTable,
+    transfer: &TransferFunction,
+    scene: &Scene,
+    style: &SceneLayer,
+    meshes: &[ShownMesh],
+) -> u64 {
     let mut hasher = DefaultHasher::new();
     scene.mode.hash(&mut hasher);
     scene.sampling.hash(&mut hasher);
-    for surface in &scene.isosurfaces {
+    for surface in &style.isosurfaces {
         [surface.value, surface.opacity].map(f64::to_bits).hash(&mut hasher);
     }
     table.unit_distance.to_bits().hash(&mut hasher);

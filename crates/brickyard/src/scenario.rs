@@ -1,7 +1,7 @@
 //! Scripted flights: what a camera (or the transfer function) does frame by frame. The same frame of the same scenario
 //! always shows the same, so that runs can be compared.
 
-use brickyard_volume::{Camera, Scene, TransferFunction};
+use brickyard_volume::{Camera, Scene, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -18,7 +18,7 @@ pub enum Scenario {
     Fly,
     /// From the whole volume to a few voxels.
     Zoom,
-    /// The transfer function's points move up and down the values; the camera stands still.
+    /// The transfer functions' points move up and down the values; the camera stands still.
     Sweep,
     /// From one random place to the next, in and around the volume.
     Random,
@@ -44,13 +44,11 @@ impl Scenario {
 /// What a scenario starts from.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// The scene of the first frame.
+    /// The scene of the first frame, with transfer functions written out.
     pub scene: Scene,
     /// Its camera.
     pub camera: Camera,
-    /// Its transfer function.
-    pub transfer: TransferFunction,
-    /// The volume's box in the world.
+    /// The box around all layers in the world.
     pub world_box: (DVec3, DVec3),
     /// World size of the finest voxels.
     pub voxel_size: f64,
@@ -72,8 +70,13 @@ impl Setting {
             Scenario::Still | Scenario::Sweep => self.camera,
             Scenario::Random => self.random(frame),
         };
-        let transfer = if scenario == Scenario::Sweep { self.sweep(t) } else { self.transfer.clone() };
-        Scene { camera: Some(camera), transfer: Some(transfer), ..self.scene.clone() }
+        let mut scene = Scene { camera: Some(camera), ..self.scene.clone() };
+        if scenario == Scenario::Sweep {
+            let of_layers = scene.layers.iter_mut().filter_map(|layer| layer.transfer.as_mut());
+            let of_value = scene.expression.iter_mut().filter_map(|expression| expression.transfer.as_mut());
+            of_layers.chain(of_value).for_each(|choice| sweep(choice, t));
+        }
+        scene
     }
 
     /// From the eye to its mirror image behind the target, on a slight arc so that no ray stays on an axis.
@@ -108,17 +111,15 @@ impl Setting {
         let (eye, target) = (along(0, 2.0), along(3, 0.8));
         Camera { eye, target, ..self.camera }
     }
+}
 
-    fn sweep(&self, t: f64) -> TransferFunction {
-        let points = &self.transfer.opacity;
-        let span = points[points.len() - 1][0] - points[0][0];
-        let shift = 0.25 * span * (TAU * t).sin();
-        let mut transfer = self.transfer.clone();
-        transfer.opacity.iter_mut().for_each(|point| point[0] += shift);
-        transfer.color.iter_mut().for_each(|point| point[0] += shift);
-        transfer.regions.iter_mut().flat_map(|region| &mut region.value).for_each(|value| *value += shift);
-        transfer
-    }
+fn sweep(choice: &mut TransferChoice, t: f64) {
+    let TransferChoice::Function(TransferFunction { color, opacity, regions, .. }) = choice else { return };
+    let span = opacity[opacity.len() - 1][0] - opacity[0][0];
+    let shift = 0.25 * span * (TAU * t).sin();
+    opacity.iter_mut().for_each(|point| point[0] += shift);
+    color.iter_mut().for_each(|point| point[0] += shift);
+    regions.iter_mut().flat_map(|region| &mut region.value).for_each(|value| *value += shift);
 }
 
 /// A curve from the second point to the third, smooth where curves meet.
@@ -142,12 +143,18 @@ mod tests {
     fn setting() -> Setting {
         let world_box = (DVec3::ZERO, DVec3::new(100.0, 80.0, 60.0));
         Setting {
-            scene: Scene::default(),
+            scene: Scene::of(TransferFunction::preset("gray", (0.0, 255.0), 1.0).unwrap()),
             camera: Camera::looking_at_box(world_box),
-            transfer: TransferFunction::preset("gray", (0.0, 255.0), 1.0).unwrap(),
             world_box,
             voxel_size: 0.5,
             seed: 7,
+        }
+    }
+
+    fn transfer(scene: &Scene) -> &TransferFunction {
+        match &scene.layers[0].transfer {
+            Some(TransferChoice::Function(function)) => function,
+            other => panic!("{other:?} is not written out"),
         }
     }
 
@@ -160,7 +167,7 @@ mod tests {
                 let scene = setting.at(scenario, frame, 300);
                 let camera = scene.camera.unwrap();
                 camera.rays(64, 48).unwrap_or_else(|e| panic!("{} {frame}: {e}", scenario.name()));
-                scene.transfer.unwrap().validate().unwrap();
+                transfer(&scene).validate().unwrap();
                 // Legs of a random flight meet: no jump is longer than a few frames' way.
                 let jump = last.map_or(0.0, |eye: DVec3| eye.distance(camera.eye));
                 assert!(jump < 25.0, "{} {frame}: {jump}", scenario.name());
@@ -177,7 +184,8 @@ mod tests {
         assert!(eye(Scenario::Orbit, 100).distance(start) < 1e-9 && eye(Scenario::Orbit, 50).distance(start) > 100.0);
         assert!(eye(Scenario::Fly, 100).distance(2.0 * target - start) < 1e-9);
         assert!((eye(Scenario::Zoom, 100).distance(target) - 2.0).abs() < 1e-9);
-        assert_eq!(setting.at(Scenario::Sweep, 0, 100).transfer.unwrap(), setting.transfer);
-        assert_ne!(setting.at(Scenario::Sweep, 25, 100).transfer.unwrap(), setting.transfer);
+        let swept = |frame| transfer(&setting.at(Scenario::Sweep, frame, 100)).clone();
+        assert_eq!(swept(0), *transfer(&setting.scene));
+        assert_ne!(swept(25), swept(0));
     }
 }

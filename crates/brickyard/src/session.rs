@@ -5,7 +5,6 @@
 //! are shared out among pools once, by what each could use ([`share`]).
 
 use crate::backend::{self, BackendError, Renderer, layer_needs};
-pub use crate::expression::expression_window;
 use crate::losses::Losses;
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
@@ -13,13 +12,13 @@ use crate::resolve::resolve_with;
 pub use crate::resolve::{ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
 use crate::tables::Tables;
-pub use crate::volume_source::{VolumeSource, shown_window, subject};
+pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{
     BrickSource, DrawList, Layer, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View, VolumeNeeds,
     Wish, pools, share,
 };
 use brickyard_render::Compositor;
-use brickyard_volume::{FrameSettings, Needs, Picture, Scene, SlotEncoding, TransferFunction};
+use brickyard_volume::{FrameSettings, Needs, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -69,17 +68,12 @@ pub struct Session {
 }
 
 impl Session {
-    /// Joins a volume that is shown alone, its pager and a backend. `default_window` is the value range of the default transfer
-    /// function.
+    /// Joins a volume that is shown alone, its pager and a backend.
     ///
     /// # Errors
     /// If no backend can be made or a budget is too small; the message says the least that works.
-    pub fn new(
-        source: Arc<dyn BrickSource>,
-        default_window: (f64, f64),
-        options: &SessionOptions,
-    ) -> Result<Self, SessionError> {
-        Self::make(vec![VolumeSource { source, default_window }], &[0], true, options)
+    pub fn new(volume: VolumeSource, options: &SessionOptions) -> Result<Self, SessionError> {
+        Self::make(vec![volume], &[0], true, options)
     }
 
     /// Joins those of the volumes that a scene shows, their pagers and a backend.
@@ -107,10 +101,14 @@ impl Session {
         let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, options)).collect();
         let (backend, backend_line) = backend::open(&needs, is_alone, options)?;
         let pools = pools_of(&needs, &sources, &*backend, options)?;
+        let tables = |(i, volume): (usize, &VolumeSource)| {
+            let layers = shown.iter().filter(|&&shown| shown == i).count();
+            Tables::new(volume.encoding(), options.bricks.is_pre_integrated, layers)
+        };
+        let tables = volumes.iter().enumerate().map(tables).collect();
         let shown =
             shown.iter().zip(sources).map(|(&volume, source)| Shown { volume, source, draws: Vec::new(), cut: 0 });
         let bricks = options.bricks;
-        let tables = volumes.iter().map(|volume| Tables::new(volume.encoding(), bricks.is_pre_integrated)).collect();
         Ok(Self {
             tables,
             shown: shown.collect(),
@@ -134,15 +132,13 @@ impl Session {
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
         let needs = scene.needs();
         if !self.bricks.satisfy(&needs) {
-            let problem = format!("the session's bricks have {:?}, and the scene needs {needs:?}", self.bricks);
-            return Err(SessionError::Scene(problem + ": make it with SessionOptions::bricks set to that"));
+            return Err(SessionError::Needs { have: self.bricks.into(), needed: needs.into() });
         }
         let table = |i: usize, transfer: &TransferFunction, _: &SlotEncoding| self.tables[i].table(transfer);
         let mut resolved = resolve_with(&self.volumes, scene, size_px, table)?;
         let is_shown = resolved.layers.iter().map(|layer| layer.volume).eq(self.shown.iter().map(|shown| shown.volume));
         if !is_shown || resolved.is_alone() != self.is_alone {
-            let problem = "the session was made for other layers: make another one with Session::of_scene";
-            return Err(SessionError::Scene(problem.into()));
+            return Err(SessionError::OtherLayers);
         }
         check_order(&self.volumes, &resolved, self.backend.compositor() == Compositor::Sorted.name())?;
         for layer in &mut resolved.layers {
@@ -177,7 +173,7 @@ impl Session {
                 Err(error) => self.recover(error)?,
             }
         };
-        let status = status.ok_or_else(|| SessionError::Scene("no volume is visible".into()))?;
+        let status = status.ok_or(SceneError::NothingVisible)?;
         self.last = Some((views, status.settled));
         match status.error {
             Some(error) => Err(SessionError::Unreadable(error)),
@@ -339,11 +335,8 @@ fn check_order(volumes: &[VolumeSource], scene: &ResolvedScene, is_sorted: bool)
         (volumes[layer.volume].source.pyramid().clone(), geometry.clone(), *placement, slots)
     };
     let has_one_grid = || scene.layers.iter().all(|layer| grid(layer) == grid(&scene.layers[0]));
-    if !is_sorted || scene.layers[0].frames[0].settings.mode.is_projection() || has_one_grid() {
-        return Ok(());
-    }
-    let problem = "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size";
-    Err(SessionError::Scene(format!("{problem}; use --compositor raycast or compute")))
+    let is_projection = scene.layers[0].frames[0].settings.mode.is_projection();
+    if !is_sorted || is_projection || has_one_grid() { Ok(()) } else { Err(SessionError::NoOrder) }
 }
 
 /// The pools of layers with these needs, all within the host budget.

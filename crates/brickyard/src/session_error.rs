@@ -2,8 +2,8 @@
 
 use crate::backend::BackendError;
 use brickyard_pager::{BrickError, PagerError};
-use brickyard_volume::StereoError;
 use brickyard_volume::camera::CameraError;
+use brickyard_volume::{Needs, SceneError, StereoError};
 
 /// Why a session cannot open or go on.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,26 @@ pub enum SessionError {
     /// The camera makes no stereo picture.
     #[error(transparent)]
     Stereo(#[from] StereoError),
-    /// The scene asks for what the store does not have.
-    #[error("{0}")]
-    Scene(String),
+    /// The scene is impossible.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The session's bricks lack what the scene needs.
+    #[error(
+        "the session's bricks have {have:?}, and the scene needs {needed:?}: make it with SessionOptions::bricks set to that"
+    )]
+    Needs {
+        /// What bricks have.
+        have: Box<Needs>,
+        /// What they would have to have.
+        needed: Box<Needs>,
+    },
+    /// The session shows other layers than the scene.
+    #[error("the session was made for other layers: make another one with Session::of_scene")]
+    OtherLayers,
+    /// Cells of layers that differ in grid, place or voxel size are in no one order from back to front.
+    #[error(
+        "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; use --compositor raycast or \
+         compute"
+    )]
+    NoOrder,
 }

@@ -80,7 +80,7 @@ impl Percentiles {
 }
 
 /// Milliseconds since then.
-pub(crate) fn ms(since: Instant) -> f64 {
+pub fn ms(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
 

@@ -12,14 +12,12 @@ pub mod noise;
 pub mod plot;
 
 use crate::offline::{OfflineError, render_settled};
-use crate::session::{ResolvedScene, Session, SessionError, SessionOptions};
+use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use crate::stats::{Percentiles, RenderStats, ms};
-use brickyard_pager::BrickSource;
 use brickyard_volume::sampling::VIRTUAL_SAMPLES;
 use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
 use noise::{ColorSpace, Series, Truth};
 use serde::Serialize;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How the truth is sampled, and at how many times the highest rate: by what integrates over values, unless the transfer function is
@@ -117,8 +115,7 @@ impl From<SessionError> for SurveyError {
 /// # Errors
 /// If a picture cannot be drawn from level 0; or those of `found`.
 pub fn survey<E: From<SurveyError>>(
-    source: &Arc<dyn BrickSource>,
-    default_window: (f64, f64),
+    volume: &VolumeSource,
     plan: &SurveyPlan<'_>,
     options: &SessionOptions,
     mut found: impl FnMut(Row, &Series) -> Result<(), E>,
@@ -127,7 +124,7 @@ pub fn survey<E: From<SurveyError>>(
     let (method, times) = if plan.scene.is_by_gradient() { TRUTH_BY_GRADIENT } else { TRUTH };
     for &lighting in &plan.lightings {
         for &filter in &plan.filters {
-            let stage = |sampling| Stage::new(source, default_window, plan, options, sampling, lighting);
+            let stage = |sampling| Stage::new(volume, plan, options, sampling, lighting);
             let truth = Sampling { method, filter, ..Sampling::default() };
             let truth = stage(truth)?.shoot(highest * times)?.series.mean();
             for sampling in plan.samplings(filter) {
@@ -171,8 +168,7 @@ struct Shots {
 
 impl<'a> Stage<'a> {
     fn new(
-        source: &Arc<dyn BrickSource>,
-        default_window: (f64, f64),
+        volume: &VolumeSource,
         plan: &'a SurveyPlan<'a>,
         options: &SessionOptions,
         sampling: Sampling,
@@ -185,7 +181,9 @@ impl<'a> Stage<'a> {
             scene.lighting.lights.clear();
         }
         let options = SessionOptions { bricks: scene.needs(), max_size_px: plan.size_px, ..*options };
-        Ok(Self { plan, scene, session: Session::new(source.clone(), default_window, &options)? })
+        let volumes = vec![volume.clone()];
+        let shown = resolve(&volumes, &scene, plan.size_px)?;
+        Ok(Self { plan, session: Session::of_scene(volumes, &shown, &options)?, scene })
     }
 
     fn shoot(&mut self, rate: f64) -> Result<Shots, SurveyError> {
@@ -194,7 +192,8 @@ impl<'a> Stage<'a> {
         self.settle(&resolved)?;
         let (mut pictures, mut frame_ms, mut cpu_ms) = (Vec::new(), Vec::new(), Vec::new());
         for seed in 0..self.plan.frames {
-            resolved.layers[0].frames[0].settings.sampling.jitter = Jitter::White(seed);
+            let frames = resolved.layers.iter_mut().flat_map(|layer| &mut layer.frames);
+            frames.for_each(|frame| frame.settings.sampling.jitter = Jitter::White(seed));
             let (begun, cpu_begun) = (Instant::now(), processor_ms());
             pictures.push(self.session.draw(&resolved)?);
             frame_ms.push(ms(begun));

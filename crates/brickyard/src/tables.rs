@@ -13,16 +13,17 @@ struct Made {
     table: Arc<TransferTable>,
 }
 
-/// What is kept: the table last used and the one last made ahead.
+/// What is kept: the tables last used, the latest first, and the one last made ahead.
 #[derive(Default)]
 struct Kept {
-    used: Option<Made>,
+    used: Vec<Made>,
     ahead: Option<Made>,
 }
 
-/// The tables of one encoding.
+/// The tables of the layers of one volume.
 pub(crate) struct Tables {
     encoding: SlotEncoding,
+    layers: usize,
     /// Whether running integrals will be wanted of them.
     has_integrals: bool,
     kept: Arc<Mutex<Kept>>,
@@ -35,11 +36,11 @@ fn lock(kept: &Mutex<Kept>) -> MutexGuard<'_, Kept> {
 }
 
 impl Tables {
-    pub(crate) fn new(encoding: SlotEncoding, has_integrals: bool) -> Self {
-        Self { encoding, has_integrals, kept: Default::default(), wanted: OnceLock::new() }
+    pub(crate) fn new(encoding: SlotEncoding, has_integrals: bool, layers: usize) -> Self {
+        Self { encoding, layers, has_integrals, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// A function's table: the one that was used last or made ahead, or a new one.
+    /// A function's table: one that was used for the last picture or made ahead, or a new one.
     pub(crate) fn table(&self, transfer: &TransferFunction) -> Arc<TransferTable> {
         let is_it = |made: &&Made| made.transfer == *transfer;
         let found = {
@@ -47,8 +48,10 @@ impl Tables {
             kept.used.iter().chain(&kept.ahead).find(is_it).cloned()
         };
         let made = found.unwrap_or_else(|| make(transfer.clone(), &self.encoding, false));
-        let table = made.table.clone();
-        lock(&self.kept).used = Some(made);
+        let (table, used) = (made.table.clone(), &mut lock(&self.kept).used);
+        used.retain(|other| other.transfer != made.transfer);
+        used.insert(0, made);
+        used.truncate(self.layers);
         table
     }
 
@@ -116,9 +119,11 @@ mod tests {
     #[test]
     fn tables_made_ahead_are_those_made_at_once_and_are_made_once() {
         let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
-        let tables = Tables::new(encoding, true);
+        let tables = Tables::new(encoding, true, 2);
         let [now, next] = [0.3, 0.6].map(function);
+        let other = tables.table(&function(0.1));
         let first = tables.table(&now);
+        assert!(Arc::ptr_eq(&other, &tables.table(&function(0.1))), "each layer's stays");
         assert!(Arc::ptr_eq(&first, &tables.table(&now)), "made once");
         assert!(!tables.is_prepared(&next));
         tables.prepare(&next);
@@ -132,7 +137,7 @@ mod tests {
 
     #[test]
     fn of_many_edits_the_newest_is_made() {
-        let tables = Tables::new(SlotEncoding::new(VoxelType::U16, (0.0, 300.0), false), true);
+        let tables = Tables::new(SlotEncoding::new(VoxelType::U16, (0.0, 300.0), false), true, 1);
         let edits: Vec<_> = (1..200).map(|i| function(i as f64 / 400.0)).collect();
         edits.iter().for_each(|edit| tables.prepare(edit));
         wait(&tables, &edits[198]);

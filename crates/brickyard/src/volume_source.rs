@@ -1,24 +1,39 @@
-//! A volume as sessions take it, and what transfer functions are to know of it.
+//! A store as sessions take it, and what transfer functions are to know of it.
 
 use brickyard_pager::BrickSource;
 use brickyard_store::Store;
-use brickyard_volume::{Extent, Geometry, SlotEncoding, Subject, TransferFunction};
+use brickyard_volume::{Extent, SlotEncoding, StoreCounts, Subject};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// A volume, and the value range of its default transfer function.
+/// Where the bricks of a scene's layers come from, and the values that their default transfer functions span.
 #[derive(Clone)]
 pub struct VolumeSource {
-    /// Where its bricks come from.
+    /// Where the bricks come from.
     pub source: Arc<dyn BrickSource>,
-    /// The range.
-    pub default_window: (f64, f64),
+    /// The window of each channel; the source's whole range for channels past these.
+    pub default_windows: Vec<(f64, f64)>,
 }
 
 impl VolumeSource {
-    /// A store's, with the default window of a channel.
-    pub fn of_store(store: &Arc<Store>, channel: u32) -> Self {
-        Self { source: store.clone(), default_window: store.default_window(channel) }
+    /// A store, with the default windows of its channels.
+    pub fn of_store(store: &Arc<Store>) -> Self {
+        let default_windows = (0..store.channels()).map(|channel| store.default_window(channel)).collect();
+        Self { source: store.clone(), default_windows }
+    }
+
+    /// What a channel is to a transfer function.
+    pub fn subject(&self, channel: u32) -> Subject {
+        Subject::new(self.source.geometry(), self.extent(), self.default_window(channel))
+    }
+
+    pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {
+        self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.value_range())
+    }
+
+    pub(crate) fn counts(&self) -> StoreCounts {
+        let levels = self.source.pyramid().levels().len();
+        StoreCounts { levels, times: self.source.times(), channels: self.source.channels() }
     }
 
     pub(crate) fn extent(&self) -> Extent {
@@ -34,35 +49,4 @@ impl VolumeSource {
         let source = &*self.source;
         SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
     }
-
-    pub(crate) fn default_transfer(&self) -> TransferFunction {
-        default_transfer(self.default_window, self.source.geometry(), self.extent())
-    }
-}
-
-/// The window that is shown: the one given, or where that is a single value, one about it. So a volume of one value has the
-/// middle of the colours and of the opacity, instead of being black.
-pub fn shown_window((low, high): (f64, f64)) -> (f64, f64) {
-    if low < high {
-        return (low, high);
-    }
-    let reach = low.abs().max(1.0) / 2.0;
-    (low - reach, low + reach)
-}
-
-/// What a volume is to a transfer function. The presets' distance is a hundredth of its longest side.
-pub fn subject(geometry: &Geometry, extent: Extent, window: (f64, f64)) -> Subject {
-    let (low, high) = geometry.world_box(extent);
-    let size = high - low;
-    Subject {
-        window: shown_window(window),
-        unit_distance: size.max_element() / 100.0,
-        cell_length: size.length() / (extent.volume() as f64).cbrt(),
-        mean_spacing: geometry.spacing.element_sum() / 3.0,
-    }
-}
-
-pub(crate) fn default_transfer(window: (f64, f64), geometry: &Geometry, extent: Extent) -> TransferFunction {
-    let subject = subject(geometry, extent, window);
-    TransferFunction::preset("gray", subject.window, subject.unit_distance).expect("'gray' is a preset")
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// How rays leave the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Projection {
     /// Rays meet in the eye.
     Perspective {
@@ -23,6 +23,7 @@ pub enum Projection {
 
 /// A camera in world space.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Where the camera is.
     pub eye: DVec3,

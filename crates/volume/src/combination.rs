@@ -26,8 +26,7 @@ pub struct Combination {
 impl Combination {
     /// Of an expression over the volumes that it reads, and a transfer function that has been found valid.
     pub fn new(expression: Expression, transfer: TransferFunction) -> Self {
-        let points = || transfer.color.iter().map(|p| p[0]).chain(transfer.opacity.iter().map(|p| p[0]));
-        let (low, high) = (points().fold(f64::INFINITY, f64::min), points().fold(f64::NEG_INFINITY, f64::max));
+        let (low, high) = transfer.span();
         // Of one point, or of none, all is alike.
         let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
         let encoding =

@@ -161,6 +161,17 @@ impl Expression {
         Self { text: self.text.clone(), operations: operations.collect() }
     }
 
+    /// The values that it can have of volumes with values in these windows; from 0 to 1 where that has no end.
+    pub fn window(&self, windows: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+        let windows: Vec<Range> = windows.map(|(low, high)| Some([low, high])).collect();
+        match self.range(&windows) {
+            Some([low, high]) if low < high && (high - low).is_finite() => (low, high),
+            // Shown as a volume of one value is.
+            Some([value, _]) if value.is_finite() => (value, value),
+            _ => (0.0, 1.0),
+        }
+    }
+
     /// The value where volumes have these; NaN is no value.
     ///
     /// # Panics

@@ -1,6 +1,6 @@
 //! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
 //! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, gradients, surfaces, meshes,
-//! expressions, several volumes and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
+//! expressions, layers and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
 //! Spaces, coarse to fine:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
@@ -13,6 +13,7 @@ pub mod camera;
 pub mod clip;
 pub mod code;
 pub mod combination;
+pub mod counted;
 mod every;
 pub mod expression;
 pub mod geometry;
@@ -20,6 +21,7 @@ pub mod gradients;
 pub mod integrals;
 pub mod jitter;
 pub mod lattice;
+pub mod layer;
 pub mod lighting;
 pub mod look;
 pub mod macrocells;
@@ -33,6 +35,8 @@ pub mod pyramid;
 pub mod ray;
 pub mod sampling;
 pub mod scene;
+mod scene_check;
+pub mod scene_error;
 pub mod slice;
 pub mod space;
 pub mod stereo;
@@ -45,14 +49,16 @@ pub use camera::{Camera, Frustum, PixelRect, Projection, ViewRays};
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use code::{SlotEncoding, SlotFormat};
 pub use combination::Combination;
+pub use counted::counted;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
 pub use geometry::Geometry;
 pub use gradients::{GradientNodes, PaddedCodes};
 pub use integrals::{Integrals, Medium};
 pub use jitter::Jitter;
 pub use lattice::{Lattice, Segment};
+pub use layer::SceneLayer;
 pub use lighting::{Gradient, Lighting, LightingModel};
-pub use look::{Blend, VolumeFrame, VolumeLook};
+pub use look::{Blend, VolumeFrame};
 pub use macrocells::{MacroCells, OpaqueCodes};
 pub use mesh::{Layer, Mesh, MeshError, MeshLook, MeshLookError, MeshRoom, ShownMesh};
 pub use mode::Mode;
@@ -63,12 +69,16 @@ pub use placement::{Placement, PlacementError};
 pub use pyramid::{LevelGrid, Pyramid};
 pub use ray::Ray;
 pub use sampling::{Filter, Method, Needs, Sampling};
-pub use scene::{LevelPolicy, Scene};
+pub use scene::{LevelPolicy, Scene, SceneExpression};
+pub use scene_check::StoreCounts;
+pub use scene_error::{LayerError, SceneError};
 pub use slice::Slice;
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use surface::{Isosurface, Surface};
-pub use transfer::{Region, Shape, Subject, TransferFunction, TransferGrid, TransferTable};
+pub use transfer::{
+    Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,
+};
 pub use voxel_type::{Voxel, VoxelType};
 
 /// Voxels along a brick's core edge unless a store says otherwise.

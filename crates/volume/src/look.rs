@@ -1,4 +1,4 @@
-//! The layers of a picture: how each of them looks, and what they are together in one place.
+//! What the layers of a picture are together in one place.
 //!
 //! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
 //! segment a layer has the part that is inside of its volume, of its crop and of what is shown. It takes that part as if it were alone, by the
@@ -19,9 +19,6 @@
 use crate::every::every;
 use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
-use crate::placement::Placement;
-use crate::surface::Isosurface;
-use crate::transfer::TransferFunction;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -37,53 +34,6 @@ pub enum Blend {
 }
 
 every!(Blend: Mix Add);
-
-/// How one of several volumes looks. Distances are of the volume's own world: what its store says.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct VolumeLook {
-    /// Where it stands: from its own world to the scene's.
-    pub world_from_volume: Placement,
-    /// Its transfer function; `None` is the scene's, or else a gray ramp over the store's default window.
-    pub transfer: Option<TransferFunction>,
-    /// What its opacities are multiplied by, in 0..=1.
-    pub opacity: f64,
-    /// What it does to others.
-    pub blend: Blend,
-    /// Its surfaces, which stand among the fog and the surfaces of all; at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES).
-    pub isosurfaces: Vec<Isosurface>,
-    /// Two corners of a box of its own world, the lesser first: nothing outside of it is shown, or read.
-    pub crop: Option<[DVec3; 2]>,
-    /// Its channel; `None` is the scene's.
-    pub channel: Option<u32>,
-    /// Whether it is shown at all.
-    pub visible: bool,
-}
-
-impl Default for VolumeLook {
-    fn default() -> Self {
-        Self {
-            world_from_volume: Placement::default(),
-            transfer: None,
-            opacity: 1.0,
-            blend: Blend::Mix,
-            isosurfaces: Vec::new(),
-            crop: None,
-            channel: None,
-            visible: true,
-        }
-    }
-}
-
-impl TransferFunction {
-    /// The same with all opacities multiplied.
-    pub fn scaled(&self, opacity: f64) -> Self {
-        let mut scaled = self.clone();
-        scaled.opacity.iter_mut().for_each(|point| point[1] *= opacity);
-        scaled.regions.iter_mut().for_each(|region| region.opacity *= opacity);
-        scaled
-    }
-}
 
 /// A volume's part of a frame of several.
 #[derive(Clone, Debug)]

@@ -1,20 +1,21 @@
 //! The scene: everything besides the data that decides a picture, as one JSON document.
 
 use crate::camera::{Camera, ViewRays};
-use crate::clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES};
+use crate::clip::{Clip, ClipError, ClipPlane};
 use crate::geometry::Geometry;
+use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
-use crate::look::VolumeLook;
 use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
 use crate::mode::Mode;
 use crate::sampling::{Method, Needs, Sampling};
 use crate::slice::Slice;
 use crate::space::Extent;
 use crate::stereo::Stereo;
-use crate::surface::Isosurface;
-use crate::transfer::TransferFunction;
+use crate::transfer::{Subject, TransferChoice, TransferError, TransferFunction};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
 
 /// Which level a view wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,18 +38,14 @@ pub struct Scene {
     pub stereo: Option<Stereo>,
     /// The mode.
     pub mode: Mode,
-    /// Surfaces: those of [`Mode::Isosurface`], at least one, or those that stand in the fog of [`Mode::Dvr`].
-    pub isosurfaces: Vec<Isosurface>,
-    /// The transfer function; `None` is a gray ramp over the store's default window.
-    pub transfer: Option<TransferFunction>,
     /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Of several
-    /// volumes each by its own gradients, but for the fog of those that [add](crate::Blend::Add).
+    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Each layer is lit by
+    /// its own gradients, but for the fog of those that [add](crate::Blend::Add).
     pub lighting: Lighting,
-    /// Sampling step in units of the finest voxel size.
+    /// Sampling step in units of the finest layer's voxel size.
     pub step: f64,
-    /// Colour behind the volume, display-referred.
+    /// Colour behind the volumes, display-referred.
     pub background: [f64; 3],
     /// Level choice.
     pub level: LevelPolicy,
@@ -56,24 +53,54 @@ pub struct Scene {
     pub pixel_error: f64,
     /// Time step.
     pub time: u32,
-    /// Channel.
-    pub channel: u32,
     /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read.
     pub clip: Option<[DVec3; 2]>,
-    /// Planes, at most [`MAX_CLIP_PLANES`]: nothing on the outer side of any is shown, or read.
+    /// Planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any is shown, or read.
     pub clip_planes: Vec<ClipPlane>,
     /// Show only a plane, or a slab about it. The mode says what is shown of what lies across: its mean, greatest or least value.
     pub slice: Option<Slice>,
     /// Triangle meshes, in the same world.
     pub meshes: Vec<MeshLook>,
-    /// How each of several volumes looks, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES), in the order of their stores; those
-    /// that are not named look as [`VolumeLook::default`].
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub volumes: Vec<VolumeLook>,
-    /// Several volumes shown as one: an [`Expression`](crate::Expression) over their values, which goes through
-    /// [`Scene::transfer`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub expression: Option<String>,
+    /// What is shown: at least one layer, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES).
+    pub layers: Vec<SceneLayer>,
+    /// Layers shown as one: an expression over their values, in the place of what they show by themselves.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "expression")]
+    pub expression: Option<SceneExpression>,
+}
+
+/// An [`Expression`](crate::Expression) over the layers of a scene; in JSON the text alone will do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneExpression {
+    /// The text: `a` is the value of the first layer.
+    pub text: String,
+    /// How the expression's values look; `None` is a gray ramp over all that they can be.
+    #[serde(default)]
+    pub transfer: Option<TransferChoice>,
+}
+
+impl From<String> for SceneExpression {
+    fn from(text: String) -> Self {
+        Self { text, transfer: None }
+    }
+}
+
+impl SceneExpression {
+    /// How its values look, whose window the subject has.
+    ///
+    /// # Errors
+    /// If the function cannot be had.
+    pub fn function(&self, subject: &Subject) -> Result<TransferFunction, TransferError> {
+        self.transfer.as_ref().map_or_else(|| Ok(subject.default_function()), |choice| choice.function(subject))
+    }
+}
+
+fn expression<'de, D: Deserializer<'de>>(input: D) -> Result<Option<SceneExpression>, D::Error> {
+    match Value::deserialize(input)? {
+        Value::Null => Ok(None),
+        Value::String(text) => Ok(Some(text.into())),
+        value => serde_json::from_value(value).map(Some).map_err(D::Error::custom),
+    }
 }
 
 impl Default for Scene {
@@ -82,8 +109,6 @@ impl Default for Scene {
             camera: None,
             stereo: None,
             mode: Mode::Dvr,
-            isosurfaces: Vec::new(),
-            transfer: None,
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             step: 1.0,
@@ -91,19 +116,35 @@ impl Default for Scene {
             level: LevelPolicy::Auto,
             pixel_error: 1.0,
             time: 0,
-            channel: 0,
             clip: None,
             clip_planes: Vec::new(),
             slice: None,
             meshes: Vec::new(),
-            volumes: Vec::new(),
+            layers: vec![SceneLayer::default()],
             expression: None,
         }
     }
 }
 
 impl Scene {
-    /// The camera, or where none is given the one that suits what is shown of a volume in this box, in a picture of this size.
+    /// The default scene of one layer.
+    pub fn of(layer: impl Into<SceneLayer>) -> Self {
+        Self { layers: vec![layer.into()], ..Self::default() }
+    }
+
+    /// The store that a layer shows.
+    pub fn store(&self, layer: usize) -> usize {
+        self.layers[layer].source.unwrap_or(layer)
+    }
+
+    /// The box around all layers where they stand, of stores that fill these boxes of their own worlds.
+    pub fn world_box(&self, stores: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
+        let place = |i: usize| Some(self.layers[i].world_from_volume.world_box(*stores.get(self.store(i))?));
+        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        (0..self.layers.len()).filter_map(place).fold(nowhere, |(low, high), (a, b)| (low.min(a), high.max(b)))
+    }
+
+    /// The camera, or where none is given the one that suits what is shown in this box, in a picture of this size.
     pub fn camera_for(&self, world_box: (DVec3, DVec3), size: (u32, u32)) -> Camera {
         let default = || match &self.slice {
             Some(slice) => slice.camera(world_box, size),
@@ -115,12 +156,8 @@ impl Scene {
     /// What is shown of a volume by these rays; `None` is everything.
     ///
     /// # Errors
-    /// If box, planes or slice are impossible, or the mode cannot show a slice.
+    /// If box or planes are impossible.
     pub fn clip_for(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> Result<Option<Clip>, ClipError> {
-        if self.clip_planes.len() > MAX_CLIP_PLANES {
-            return Err(ClipError::Planes(self.clip_planes.len()));
-        }
-        self.check_slice()?;
         let mut planes = self.clip_planes.clone();
         if let Some(slice) = &self.slice {
             planes.extend(slice.sides(rays, geometry, extent));
@@ -128,37 +165,22 @@ impl Scene {
         let is_clipped = self.clip.is_some() || !planes.is_empty();
         is_clipped.then(|| Clip::new(self.clip, &planes)).transpose()
     }
-
-    /// Whether the slice, if there is one, can be shown.
-    ///
-    /// # Errors
-    /// If it is impossible, or the mode cannot show it.
-    pub fn check_slice(&self) -> Result<(), ClipError> {
-        let Some(slice) = &self.slice else { return Ok(()) };
-        match self.mode {
-            Mode::Average | Mode::Mip | Mode::MinIp => slice.check(),
-            Mode::Dvr => Err(ClipError::SliceMode("dvr")),
-            Mode::Isosurface => Err(ClipError::SliceMode("isosurface")),
-        }
-    }
 }
 
 impl Scene {
     /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
     pub fn needs(&self) -> Needs {
         let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
-        let has_grid = self.is_by_gradient();
-        let has_surfaces = !self.isosurfaces.is_empty() || self.volumes.iter().any(|look| !look.isosurfaces.is_empty());
-        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
+        let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
+        Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, self.is_by_gradient()) }
     }
 
-    /// Whether what is shown of any volume depends on the gradient.
+    /// Whether what is shown of any layer depends on the gradient.
     pub fn is_by_gradient(&self) -> bool {
-        let transfers = self.volumes.iter().map(|look| &look.transfer).chain([&self.transfer]);
-        transfers.flatten().any(TransferFunction::is_by_gradient)
+        self.layers.iter().filter_map(|layer| layer.transfer.as_ref()).any(TransferChoice::is_by_gradient)
     }
 
-    /// Whether a method can show its transfer function: what is pre-integrated is so over values alone.
+    /// Whether a method can show its transfer functions: what is pre-integrated is so over values alone.
     pub fn takes(&self, method: Method) -> bool {
         !(method.is_pre_integrated() && self.is_by_gradient())
     }
@@ -196,6 +218,7 @@ mod tests {
     use crate::placement::Placement;
     use crate::sampling::Filter;
     use crate::stereo::StereoLayout;
+    use crate::surface::Isosurface;
 
     #[test]
     fn scenes_round_trip_through_json() {
@@ -208,8 +231,6 @@ mod tests {
             }),
             stereo: Some(Stereo { layout: StereoLayout::SideBySide, eye_separation: Some(0.25), convergence: None }),
             mode: Mode::Isosurface,
-            isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
-            transfer: Some(TransferFunction::preset("fire", (0.0, 9.0), 2.0).unwrap()),
             sampling: Sampling {
                 method: Method::Plvs,
                 virtual_samples: 5,
@@ -222,37 +243,41 @@ mod tests {
             level: LevelPolicy::Locked(3),
             pixel_error: 1.5,
             time: 4,
-            channel: 2,
             clip: Some([DVec3::ZERO, DVec3::ONE]),
             clip_planes: vec![ClipPlane { point: DVec3::ONE, normal: DVec3::new(0.0, -0.1, 3.0) }],
             slice: Some(Slice { point: DVec3::Y, normal: DVec3::new(0.2, 0.0, 7.0), thickness: 0.25 }),
             meshes: vec![MeshLook { color: Some([1.0, 0.5, 0.0]), opacity: 0.25, ..MeshLook::new("a.stl") }],
-            volumes: vec![
-                VolumeLook::default(),
-                VolumeLook {
+            layers: vec![
+                SceneLayer::default(),
+                SceneLayer {
+                    source: Some(0),
+                    channel: 1,
                     world_from_volume: Placement::from_text("1 2 0 4  0 1 0 5  0 0 3 6").unwrap(),
-                    transfer: Some(TransferFunction::preset("gray", (0.0, 9.0), 2.0).unwrap()),
+                    transfer: Some(TransferFunction::preset("gray", (0.0, 9.0), 2.0).unwrap().into()),
+                    window: Some([-3.0, 4.5]),
+                    color: Some([0.25, 1.0, 0.0]),
+                    gamma: 0.75,
                     opacity: 0.5,
                     blend: Blend::Add,
-                    isosurfaces: vec![Isosurface { value: 3.0, color: None, opacity: 0.5 }],
+                    isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
                     crop: Some([DVec3::ZERO, DVec3::ONE]),
-                    channel: Some(1),
                     visible: false,
                 },
             ],
-            expression: Some("max(a, b)".into()),
+            expression: Some(SceneExpression {
+                text: "max(a, b)".into(),
+                transfer: Some(TransferChoice::preset("fire")),
+            }),
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
         assert_eq!(serde_json::from_str::<Scene>("{}").unwrap(), Scene::default());
-        assert!(serde_json::from_str::<Scene>(r#"{"stpe": 2}"#).is_err());
+        assert_eq!(Scene::default().layers, [SceneLayer::default()], "one volume is a list of one");
+        let short = serde_json::from_str::<Scene>(r#"{"expression": "a*b"}"#).unwrap();
+        assert_eq!(short.expression, Some("a*b".to_string().into()));
         let stereo = |text: &str| serde_json::from_str::<Scene>(&format!(r#"{{"stereo": {text}}}"#)).map(|s| s.stereo);
         let anaglyph = Stereo::new(StereoLayout::Anaglyph);
         assert_eq!(stereo(r#"{"layout": "anaglyph"}"#).unwrap(), Some(anaglyph));
-        let volume = |text: &str| serde_json::from_str::<Scene>(&format!(r#"{{"volumes": [{text}]}}"#));
-        assert_eq!(volume("{}").unwrap().volumes, [VolumeLook::default()]);
-        let singular = volume(r#"{"world_from_volume": [[1,0,0,0], [1,0,0,0], [0,0,1,0]]}"#).unwrap_err();
-        assert!(singular.to_string().contains("singular"), "{singular}");
         assert!(stereo(r#"{"layout": "anaglyph", "separation": 2}"#).is_err() && stereo("{}").is_err());
     }
 }

@@ -6,6 +6,7 @@
 //! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
 //! nothing behind this module knows of any other form.
 
+mod choice;
 mod color_space;
 mod curve;
 pub mod file;
@@ -17,16 +18,19 @@ mod presets;
 mod region;
 mod slicer;
 mod table;
+mod window;
 
+pub use choice::{TransferChoice, TransferFile, TransferPreset};
 pub use color_space::lab;
 pub use grid::TransferGrid;
-pub use imported::{Imported, Subject};
+pub use imported::{Imported, Subject, shown_window};
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 
 use crate::integrals::depth;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
+use std::path::PathBuf;
 
 /// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
 /// a step.
@@ -110,6 +114,9 @@ pub enum TransferError {
         /// What is wrong, in words.
         problem: String,
     },
+    /// A file that nobody has read.
+    #[error("the transfer function {} has not been read: put what is in the file into TransferFile::function", .0.display())]
+    NotRead(PathBuf),
     /// `unit_distance` is not a positive number.
     #[error("'unit_distance' is {0}: expected a positive number of world units")]
     UnitDistance(f64),

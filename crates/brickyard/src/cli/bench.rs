@@ -125,7 +125,7 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
     let store = store_errors::open(path)?;
     let extent = store.pyramid().levels()[0].extent.to_array();
-    let scene = arguments.sampling.of(arguments.scene.scene(&store, arguments.size)?);
+    let scene = arguments.sampling.of(arguments.scene.scene(std::slice::from_ref(&store), arguments.size)?);
     drop(store);
     if arguments.cold {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;

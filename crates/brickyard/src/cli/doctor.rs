@@ -111,7 +111,7 @@ fn trials_in(path: &std::path::Path) -> Result<Vec<Trial>, Failure> {
     pack(&source, path, &options, &()).map_err(store_errors::pack_failure)?;
     let store = Arc::new(store_errors::open(path)?);
     let scene = Scene::default();
-    let resolved = resolve(&[VolumeSource::of_store(&store, 0)], &scene, SIZE).map_err(Failure::failed)?;
+    let resolved = resolve(&[VolumeSource::of_store(&store)], &scene, SIZE).map_err(Failure::failed)?;
     let expected = render_reference(&[&store], &resolved, 1 << 30).map_err(Failure::failed)?;
     let backends = [("gpu", BackendChoice::Gpu), ("cpu", BackendChoice::Cpu)];
     Ok(backends.into_iter().map(|(name, choice)| trial(name, choice, &store, &scene, &expected)).collect())
@@ -130,7 +130,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
-    let mut session = match Session::new(store.clone(), store.default_window(0), &options) {
+    let mut session = match Session::new(VolumeSource::of_store(store), &options) {
         Ok(session) => session,
         Err(error) => return failed(error.to_string()),
     };

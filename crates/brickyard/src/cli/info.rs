@@ -1,10 +1,11 @@
 //! `brickyard info`: what a store holds.
 
 use super::failure::Failure;
-use super::values::{self, counted};
+use super::values;
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ReadError, Store};
 use brickyard::volume::Level;
+use brickyard::volume::counted;
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -14,6 +14,7 @@ mod render;
 mod render_args;
 mod sampling_args;
 mod scene_args;
+mod scene_file;
 mod session_args;
 mod session_errors;
 mod store_errors;

@@ -1,13 +1,13 @@
 //! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
-use super::values::counted;
 use brickyard::picture_file::write_png;
-use brickyard::session::shown_window;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
-use brickyard::volume::{Picture, Scene};
+use brickyard::volume::transfer::shown_window;
+use brickyard::volume::{Picture, Scene, counted};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Whether a file may be written here.
 ///
@@ -24,9 +24,10 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
 }
 
-/// Says what a picture cannot show by itself: that a channel has a single value, or none.
-pub(crate) fn note_window(store: &Store, channel: u32) {
-    let of_channel = &store.info().channels[channel as usize];
+/// Says what a picture cannot show by itself: that a channel has a single value, or none. Nothing is said of what there is not.
+pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
+    let Some(store) = store else { return };
+    let Some(of_channel) = store.info().channels.get(channel as usize) else { return };
     let (low, high) = store.default_window(channel);
     let path = store.path().display();
     if of_channel.count == 0 {

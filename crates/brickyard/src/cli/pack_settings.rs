@@ -5,7 +5,7 @@ use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::import::Source;
 use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions};
-use brickyard::volume::{MAX_APRON, VoxelType};
+use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -166,8 +166,8 @@ impl store::Progress for Watcher<'_> {
             extent.y,
             extent.z,
             info.voxel_type,
-            values::counted(info.times.into(), "step"),
-            values::counted(info.channels.into(), "channel"),
+            counted(info.times.into(), "step"),
+            counted(info.channels.into(), "channel"),
             values::human_bytes(plan.memory_bytes),
             values::human_bytes(plan.scratch_bytes),
             values::human_bytes(plan.output_bytes_at_most),

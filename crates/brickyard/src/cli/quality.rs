@@ -8,9 +8,8 @@ use super::session_errors::session_failure;
 use super::{print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::OfflineError;
-use brickyard::pager::BrickSource;
 use brickyard::picture_file::write_png;
-use brickyard::session::SessionOptions;
+use brickyard::session::{SessionOptions, VolumeSource};
 use brickyard::survey::findings::{self, Estimator, Finding};
 use brickyard::survey::noise::Series;
 use brickyard::survey::{Row, SurveyError, SurveyPlan, plot, survey};
@@ -89,15 +88,14 @@ struct Table<'a> {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     let store = store_errors::open(&arguments.store)?;
-    let scene = arguments.scene.scene(&store, arguments.size)?;
+    let scene = arguments.scene.scene(std::slice::from_ref(&store), arguments.size)?;
     check(arguments, &scene)?;
-    let window = store.default_window(scene.channel);
-    let store: Arc<dyn BrickSource> = Arc::new(store);
+    let volume = VolumeSource::of_store(&Arc::new(store));
     let plan = arguments.plan(&scene);
     make_folder(&arguments.output, arguments.overwrite)?;
     let mut rows = Vec::new();
     let options = arguments.session_options(&scene);
-    survey(&store, window, &plan, &options, |row, series| {
+    survey(&volume, &plan, &options, |row, series| {
         print_row(rows.is_empty(), &row)?;
         write_map(&arguments.output, &row, series)?;
         rows.push(row);
@@ -129,6 +127,11 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
     }
     if scene.stereo.is_some() {
         return Err(Failure::usage("a survey is about one eye: leave --stereo out"));
+    }
+    if scene.expression.is_some() {
+        return Err(Failure::usage(
+            "a survey is about jittered layers, and expressions are not jittered: leave --expr out",
+        ));
     }
     let mut methods = arguments.methods.iter().map(|&method| Method::from(method));
     if let Some(method) = methods.find(|&method| !scene.takes(method)) {

@@ -5,7 +5,6 @@ use super::output::{note_window, report, write};
 use super::render_args::RenderArguments;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use super::store_errors;
-use super::values::counted;
 use super::views::Views;
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
@@ -15,10 +14,11 @@ use brickyard::pager::ExactError;
 use brickyard::projection::for_mode;
 use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
-use brickyard::stats::{Percentiles, RenderStats};
+use brickyard::stats::{Percentiles, RenderStats, ms};
 use brickyard::store::Store;
 use brickyard::tiles::render_exact;
-use brickyard::volume::Scene;
+use brickyard::volume::{Picture, Scene, counted};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -30,15 +30,14 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
     let stores = arguments.stores.iter().map(|path| store_errors::open(path));
     let stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
-    let scene = arguments.sampling.of(arguments.scene.scene_of(&stores, arguments.size)?);
+    let scene = arguments.sampling.of(arguments.scene.scene(&stores, arguments.size)?);
     let of_mode = stores.into_iter().map(|store| for_mode(store, scene.mode).map(Arc::new));
     let of_mode = of_mode.collect::<Result<Vec<Arc<Store>>, _>>();
     let stores = of_mode.map_err(|error| store_errors::open_failure(&error))?;
-    let channel = |i: usize| scene.volumes.get(i).and_then(|look| look.channel).unwrap_or(scene.channel);
-    let volumes = stores.iter().enumerate().map(|(i, store)| VolumeSource::of_store(store, channel(i))).collect();
-    for (i, store) in stores.iter().enumerate() {
-        note_window(store, channel(i));
-    }
+    let volumes: Vec<VolumeSource> = stores.iter().map(VolumeSource::of_store).collect();
+    let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
+    let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
+    windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
     let views = Views::new(&arguments, scene)?;
     let mut pictures =
         Pictures { arguments: &arguments, stores, volumes, views, started, stats: RenderStats::default() };
@@ -68,36 +67,48 @@ impl Pictures<'_> {
         resolve(&self.volumes, scene, self.arguments.size).map_err(session_failure)
     }
 
-    fn stream(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
-        let first = self.views.first();
-        let options = self.arguments.session_options(compositor, first.needs());
-        let first = self.resolve(&first)?;
-        let mut session = Session::of_scene(self.volumes.clone(), &first, &options).map_err(session_failure)?;
-        self.note_backend(&session, &first);
-        let Self { arguments, views, started, stats, .. } = self;
-        let mut frame_ms = Vec::new();
-        for (scene, output) in views.iter() {
-            let resolved = session.resolve(&scene, arguments.size).map_err(session_failure)?;
-            let picture = render_settled(&mut session, &resolved, arguments.max_wait(), *started, stats, &mut frame_ms);
-            let picture = picture.map_err(offline_failure)?;
-            write(&output, &picture, &resolved.shown(&scene), stats)?;
+    /// Draws every view and writes its picture. What draws is given a scene and what it took so far, in all and frame by frame.
+    fn draw(
+        &mut self,
+        mut draw: impl FnMut(&Self, &Scene, &mut RenderStats, &mut Vec<f64>) -> Result<(ResolvedScene, Picture), Failure>,
+    ) -> Result<(), Failure> {
+        let (mut stats, mut frame_ms) = (std::mem::take(&mut self.stats), Vec::new());
+        for (scene, output) in self.views.iter() {
+            let (resolved, picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
+            write(&output, &picture, &resolved.shown(&scene), &stats)?;
         }
         stats.frame_ms = Percentiles::of(&frame_ms);
-        stats.level_cells = level_cells(&session, &self.volumes);
-        report(stats);
+        report(&stats);
+        self.stats = stats;
         Ok(())
     }
 
-    /// Says what draws.
-    fn note_backend(&mut self, session: &Session, scene: &ResolvedScene) {
+    fn stream(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
+        let options = self.arguments.session_options(compositor, self.views.first().needs());
+        let mut session = self.session(&options)?;
+        self.draw(|run, scene, stats, frame_ms| {
+            let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;
+            let max_wait = run.arguments.max_wait();
+            let picture = render_settled(&mut session, &resolved, max_wait, run.started, stats, frame_ms);
+            Ok((resolved, picture.map_err(offline_failure)?))
+        })?;
+        self.stats.level_cells = level_cells(&session, &self.volumes);
+        Ok(())
+    }
+
+    /// A session for the first view, and what draws it said.
+    fn session(&mut self, options: &SessionOptions) -> Result<Session, Failure> {
+        let first = self.resolve(&self.views.first())?;
+        let session = Session::of_scene(self.volumes.clone(), &first, options).map_err(session_failure)?;
         let (backend, stats) = (session.backend(), &mut self.stats);
         (stats.adapter, stats.backend) = (session.backend_line().into(), backend.name());
         (stats.compositor, stats.gpu_bytes_asked) = (backend.compositor(), backend.asked_bytes());
-        let volumes = match scene.layers.len() {
+        let layers = match first.layers.len() {
             1 => String::new(),
-            count => format!(" {count} volumes,"),
+            count => format!(" {count} layers,"),
         };
-        eprintln!("backend: {} ({}),{volumes} {} slots", stats.adapter, stats.compositor, session.slots());
+        eprintln!("backend: {} ({}),{layers} {} slots", stats.adapter, stats.compositor, session.slots());
+        Ok(session)
     }
 
     /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
@@ -107,7 +118,7 @@ impl Pictures<'_> {
         let first = self.resolve(&first)?;
         let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);
         if !first.is_alone() || options.backend == BackendChoice::Cpu || !takes_passes {
-            return self.in_tiles(&first, &options);
+            return self.in_tiles(&options);
         }
         let source = self.volumes[first.layers[0].volume].source.clone();
         match ExactRenderer::new(source, &options) {
@@ -115,28 +126,23 @@ impl Pictures<'_> {
             Err(ExactPictureError::Backend(BackendError::Gpu(GpuError::NoAdapter { .. })))
                 if options.backend == BackendChoice::Auto && compositor == CompositorChoice::Auto =>
             {
-                self.in_tiles(&first, &options)
+                self.in_tiles(&options)
             }
             Err(error) => Err(exact_failure(error)),
         }
     }
 
-    fn in_tiles(&mut self, first: &ResolvedScene, options: &SessionOptions) -> Result<(), Failure> {
-        let mut session = Session::of_scene(self.volumes.clone(), first, options).map_err(session_failure)?;
-        self.note_backend(&session, first);
-        let mut frame_ms = Vec::new();
-        for (scene, output) in self.views.iter() {
-            let resolved = session.resolve(&scene, self.arguments.size).map_err(session_failure)?;
-            let (begun, max_wait) = (Instant::now(), self.arguments.max_wait());
-            let picture = render_exact(&mut session, &resolved, max_wait, self.started, &mut self.stats);
+    fn in_tiles(&mut self, options: &SessionOptions) -> Result<(), Failure> {
+        let mut session = self.session(options)?;
+        self.draw(|run, scene, stats, frame_ms| {
+            let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;
+            let begun = Instant::now();
+            let picture = render_exact(&mut session, &resolved, run.arguments.max_wait(), run.started, stats);
             let picture = picture.map_err(offline_failure)?;
-            frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
-            eprintln!("drawn in {}", counted(self.stats.tiles.unwrap_or(0) as u64, "tile"));
-            write(&output, &picture, &resolved.shown(&scene), &self.stats)?;
-        }
-        self.stats.frame_ms = Percentiles::of(&frame_ms);
-        report(&self.stats);
-        Ok(())
+            frame_ms.push(ms(begun));
+            eprintln!("drawn in {}", counted(stats.tiles.unwrap_or(0) as u64, "tile"));
+            Ok((resolved, picture))
+        })
     }
 
     fn in_passes(&mut self, mut exact: ExactRenderer) -> Result<(), Failure> {
@@ -145,41 +151,36 @@ impl Pictures<'_> {
         stats.compositor = exact.renderer().compositor().name();
         stats.gpu_bytes_asked = exact.renderer().asked_bytes();
         eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots(0));
-        let mut frame_ms = Vec::new();
-        for (scene, output) in self.views.iter() {
-            let resolved = self.resolve(&scene)?;
-            let (begun, max_wait, stats) = (Instant::now(), self.arguments.max_wait(), &mut self.stats);
-            let picture = exact.render(&resolved, max_wait, self.started, stats).map_err(exact_failure)?;
-            frame_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+        self.draw(|run, scene, stats, frame_ms| {
+            let resolved = run.resolve(scene)?;
+            let begun = Instant::now();
+            let picture =
+                exact.render(&resolved, run.arguments.max_wait(), run.started, stats).map_err(exact_failure)?;
+            frame_ms.push(ms(begun));
             let passes = match stats.passes.unwrap_or(0) {
                 1 => "1 pass".to_string(),
                 n => format!("{n} passes"),
             };
             eprintln!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
-            write(&output, &picture, &resolved.shown(&scene), stats)?;
-        }
-        self.stats.frame_ms = Percentiles::of(&frame_ms);
-        report(&self.stats);
-        Ok(())
+            Ok((resolved, picture))
+        })
     }
 
     fn reference(&mut self) -> Result<(), Failure> {
         let stats = &mut self.stats;
         (stats.adapter, stats.backend, stats.compositor) = ("cpu, f64".into(), "cpu", "reference");
         stats.completeness = 1.0;
-        let stores: Vec<&Store> = self.stores.iter().map(|store| &**store).collect();
-        let mut frame_ms = Vec::new();
-        for (scene, output) in self.views.iter() {
-            let resolved = self.resolve(&scene)?;
-            let drawing = Instant::now();
-            let picture = render_reference(&stores, &resolved, self.arguments.host_memory).map_err(oracle_failure)?;
-            frame_ms.push(drawing.elapsed().as_secs_f64() * 1e3);
-            self.stats.frames += 1;
-            write(&output, &picture, &resolved.shown(&scene), &self.stats)?;
-        }
-        self.stats.settled_ms = self.started.elapsed().as_secs_f64() * 1e3;
+        self.draw(|run, scene, stats, frame_ms| {
+            let resolved = run.resolve(scene)?;
+            let stores: Vec<&Store> = run.stores.iter().map(|store| &**store).collect();
+            let begun = Instant::now();
+            let picture = render_reference(&stores, &resolved, run.arguments.host_memory).map_err(oracle_failure)?;
+            frame_ms.push(ms(begun));
+            stats.frames += 1;
+            Ok((resolved, picture))
+        })?;
+        self.stats.settled_ms = ms(self.started);
         self.stats.first_image_ms = self.stats.settled_ms;
-        self.stats.frame_ms = Percentiles::of(&frame_ms);
         Ok(())
     }
 }

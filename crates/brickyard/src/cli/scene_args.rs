@@ -1,22 +1,17 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
-use super::text_file::read_text;
+use super::scene_file;
 use super::values::{self, GradientOpacity};
-use super::volume_args::{VolumeKey, VolumeSetting, volume_setting};
-use brickyard::import::read_mesh;
-use brickyard::pager::BrickSource;
-use brickyard::session::{expression_window, subject};
+use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
 use brickyard::store::Store;
-use brickyard::volume::transfer::file;
 use brickyard::volume::{
-    Camera, ClipPlane, Expression, Extent, Gradient, Isosurface, MAX_VOLUMES, MeshLook, Mode, Placement,
-    PlacementError, Projection, Scene, Slice, Stereo, StereoLayout, Subject, TransferFunction, VolumeLook,
+    Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Slice,
+    Stereo, StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 
 /// Flags that describe a picture. They override the scene file.
 #[derive(Args, Clone, Debug)]
@@ -51,7 +46,7 @@ pub(crate) struct SceneArguments {
     /// How samples become a pixel
     #[arg(long, value_enum)]
     mode: Option<ModeArgument>,
-    /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; repeatable
+    /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; of every layer; repeatable
     #[arg(long, value_name = "VALUE[,opacity=A][,color=R:G:B]", value_parser = values::isosurface, allow_hyphen_values = true)]
     isovalue: Vec<Isosurface>,
     #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
@@ -60,13 +55,15 @@ pub(crate) struct SceneArguments {
     /// world unit: points of a curve, as in `20:0,60:1`, which hides what is even and shows boundaries
     #[arg(long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
     gradient_opacity: Option<GradientOpacity>,
-    /// Of several stores, how store N looks, counted from 0; again and again. KEY=VALUE is one of: transfer=FILE|PRESET;
-    /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's; blend=mix|add; opacity=0..1;
+    /// How layer N looks, counted from 0; the layers are the scene file's, or else one for each store. Again and again. KEY=VALUE is
+    /// one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is moved to; color=R:G:B, from
+    /// black to it over the window; gamma=G, by which colours and opacities are bent over the window; opacity=0..1; blend=mix|add;
+    /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's;
     /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
     #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
-    /// Show one value made of several stores', through one transfer function: `max(a, b * 0.5)`, where a is the first store
+    /// Show one value made of several layers', through one transfer function: `max(a, b * 0.5)`, where a is the first layer
     #[arg(long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
     /// How the gradients that `--lighting` and transfer functions by gradient need are found
@@ -81,7 +78,7 @@ pub(crate) struct SceneArguments {
     /// Time step
     #[arg(long)]
     time: Option<u32>,
-    /// Channel
+    /// Channel, of every layer
     #[arg(long)]
     channel: Option<u32>,
     /// Show only this box, world units
@@ -176,127 +173,26 @@ impl From<StereoArgument> for StereoLayout {
 }
 
 impl SceneArguments {
-    /// The scene: the file's, overridden by the flags, for pictures of this size of this store's volume.
+    /// The scene: the file's, overridden by the flags, for pictures of this size of these stores. Stores that no layer of the file shows
+    /// have a layer each.
     ///
     /// # Errors
-    /// Exit code 3 for an unreadable or malformed file, 2 for an unknown preset or channel, eyes without stereo or a thickness without a
-    /// slice.
-    pub(crate) fn scene(&self, store: &Store, size_px: (u32, u32)) -> Result<Scene, Failure> {
-        let mut scene = self.without_stores()?;
-        if !(self.volume.is_empty() && scene.volumes.is_empty() && scene.expression.is_none()) {
-            return Err(Failure::usage("--volume, --expr, and volumes of a scene file, are for `brickyard render`"));
-        }
-        check_channel(scene.channel, store)?;
-        let subject = subject_of(store, scene.channel);
-        if let Some(name) = &self.transfer {
-            scene.transfer = Some(transfer(name, &subject)?);
-        }
-        if let Some(GradientOpacity(points)) = &self.gradient_opacity {
-            let of_values = scene.transfer.map_or_else(|| default_transfer(&subject), Ok)?;
-            scene.transfer = Some(TransferFunction { gradient_opacity: points.clone(), ..of_values });
-        }
-        scene.camera = Some(self.camera(&scene, store.geometry().world_box(extent(store)), size_px));
+    /// Exit code 3 for an unreadable or malformed file, 2 for flags that contradict each other or the scene.
+    pub(crate) fn scene(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
+        let mut scene = self.scene.as_deref().map_or_else(|| Ok(Scene::default()), scene_file::read)?;
+        show_all(&mut scene, stores.len());
+        self.set_picture(&mut scene)?;
+        self.set_layers(&mut scene)?;
+        scene_file::read_meshes(&mut scene)?;
+        scene_file::read_transfers(&mut scene, stores)?;
+        self.set_gradient_opacity(&mut scene, stores)?;
+        let boxes: Vec<_> = stores.iter().map(|store| store.geometry().world_box(scene_file::extent(store))).collect();
+        scene.camera = Some(self.camera(&scene, scene.world_box(&boxes), size_px));
         Ok(scene)
     }
 
-    /// The scene of one store or several.
-    ///
-    /// # Errors
-    /// As [`SceneArguments::scene`]; and for more volumes than stores, or a volume that cannot look so.
-    pub(crate) fn scene_of(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
-        match stores {
-            [store] if !self.is_of_several()? => self.scene(store, size_px),
-            _ => self.scene_of_several(stores, size_px),
-        }
-    }
-
-    /// Whether it says how stores look beside each other.
-    fn is_of_several(&self) -> Result<bool, Failure> {
-        let file = self.scene.as_deref().map(scene_file).transpose()?;
-        let says_file = file.is_some_and(|scene| !scene.volumes.is_empty() || scene.expression.is_some());
-        Ok(!self.volume.is_empty() || self.expr.is_some() || says_file)
-    }
-
-    /// The scene of several stores, or of one that is placed among none.
-    fn scene_of_several(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
-        let mut scene = self.without_stores()?;
-        if stores.len() > MAX_VOLUMES {
-            let problem = format!("{} volumes in one picture: expected at most {MAX_VOLUMES}", stores.len());
-            return Err(Failure::usage(problem));
-        }
-        if scene.volumes.len() > stores.len() {
-            let (named, count) = (scene.volumes.len(), stores.len());
-            return Err(Failure::usage(format!(
-                "the scene says how {named} volumes look, and there are {count} stores"
-            )));
-        }
-        scene.volumes.resize(stores.len(), VolumeLook::default());
-        // Flags take a file's surfaces away, volume by volume.
-        for setting in self.volume.iter().filter(|setting| setting.key == VolumeKey::Isovalue) {
-            if let Some(look) = scene.volumes.get_mut(setting.volume) {
-                look.isosurfaces.clear();
-            }
-        }
-        let mut transfers = vec![None; stores.len()];
-        for VolumeSetting { volume, key, value } in &self.volume {
-            let count = stores.len();
-            let missing =
-                || Failure::usage(format!("--volume {volume}:...: there are {count} stores, numbered from 0"));
-            let look = scene.volumes.get_mut(*volume).ok_or_else(missing)?;
-            match key {
-                VolumeKey::Transfer => transfers[*volume] = Some(value),
-                VolumeKey::Matrix => look.world_from_volume = placement(*volume, value)?,
-                key => key.set(look, value).map_err(|error| Failure::usage(format!("--volume {volume}: {error}")))?,
-            }
-        }
-        for (i, (look, store)) in scene.volumes.iter_mut().zip(stores).enumerate() {
-            let channel = look.channel.unwrap_or(scene.channel);
-            check_channel(channel, store)?;
-            // A name that is for all stores means another function for each: that of its own values.
-            let is_of_each = look.transfer.is_none() && scene.expression.is_none();
-            let of_all = self.transfer.as_ref().filter(|_| is_of_each);
-            if let Some(name) = transfers[i].or(of_all) {
-                look.transfer = Some(transfer(name, &subject_of(store, channel))?);
-            }
-            if let Some(GradientOpacity(points)) = self.gradient_opacity.as_ref().filter(|_| scene.expression.is_none())
-            {
-                let of_values = look.transfer.take().or_else(|| scene.transfer.clone());
-                let of_values = of_values.map_or_else(|| default_transfer(&subject_of(store, channel)), Ok)?;
-                look.transfer = Some(TransferFunction { gradient_opacity: points.clone(), ..of_values });
-            }
-        }
-        if self.gradient_opacity.is_some() && scene.expression.is_some() {
-            return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
-        }
-        if let (Some(text), Some(name)) = (&scene.expression, &self.transfer) {
-            let expression = Expression::parse(text, stores.len());
-            let expression = expression.map_err(|error| Failure::usage(format!("--expr: {error}")))?;
-            let window =
-                |(store, look): (&Store, &VolumeLook)| store.default_window(look.channel.unwrap_or(scene.channel));
-            let windows = stores.iter().zip(&scene.volumes).map(window);
-            let window = expression_window(&expression, windows);
-            let first = &stores[expression.volumes().first().copied().unwrap_or(0)];
-            let subject = subject(first.geometry(), extent(first), window);
-            scene.transfer = Some(transfer(name, &subject)?);
-        }
-        let boxes = stores.iter().zip(&scene.volumes).map(|(store, look)| {
-            let (low, high) = look.world_from_volume.world_box(store.geometry().world_box(extent(store)));
-            [low, high]
-        });
-        let all = boxes.reduce(|[low, high], [a, b]| [low.min(a), high.max(b)]);
-        let [low, high] = all.ok_or_else(|| Failure::usage("no store"))?;
-        scene.camera = Some(self.camera(&scene, (low, high), size_px));
-        Ok(scene)
-    }
-
-    /// All of it that is the same for any store.
-    fn without_stores(&self) -> Result<Scene, Failure> {
-        let mut scene = match &self.scene {
-            Some(path) => scene_file(path)?,
-            None => Scene::default(),
-        };
-        scene.channel = self.channel.unwrap_or(scene.channel);
-        scene.expression = self.expr.clone().or(scene.expression);
+    /// What is the same for all layers.
+    fn set_picture(&self, scene: &mut Scene) -> Result<(), Failure> {
         scene.stereo = self.stereo(scene.stereo)?;
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
             scene.mode = Mode::Average;
@@ -305,13 +201,6 @@ impl SceneArguments {
         scene.lighting.gradient = self.gradient.map_or(scene.lighting.gradient, Gradient::from);
         if !self.light.is_empty() {
             scene.lighting.lights = self.light.clone();
-        }
-        // A projection's flag takes the file's surfaces away with its mode; those that are given must suit.
-        let is_of_file = self.mode.is_none() && self.slice.is_none();
-        if !self.isovalue.is_empty() {
-            scene.isosurfaces.clone_from(&self.isovalue);
-        } else if !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
-            scene.isosurfaces.clear();
         }
         scene.background = self.background.unwrap_or(scene.background);
         scene.time = self.time.unwrap_or(scene.time);
@@ -330,10 +219,45 @@ impl SceneArguments {
         if !self.mesh.is_empty() {
             scene.meshes.clone_from(&self.mesh);
         }
-        for look in &mut scene.meshes {
-            look.mesh = Some(Arc::new(read_mesh(&look.path).map_err(Failure::bad_input)?));
+        Ok(())
+    }
+
+    /// The layers, all of them and then each; and the expression over them.
+    fn set_layers(&self, scene: &mut Scene) -> Result<(), Failure> {
+        scene.expression = self.expr.clone().map(SceneExpression::from).or(scene.expression.take());
+        // A projection's flag takes the file's surfaces away with its mode; those that are given must suit.
+        let is_of_file = self.mode.is_none() && self.slice.is_none();
+        let has_no_surfaces = !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface);
+        for layer in &mut scene.layers {
+            layer.channel = self.channel.unwrap_or(layer.channel);
+            if has_no_surfaces || !self.isovalue.is_empty() {
+                layer.isosurfaces.clone_from(&self.isovalue);
+            }
         }
-        Ok(scene)
+        match (self.transfer.as_deref().map(transfer_choice), &mut scene.expression) {
+            (Some(choice), Some(expression)) => expression.transfer = Some(choice),
+            (Some(choice), None) => scene.layers.iter_mut().for_each(|layer| set_transfer(layer, choice.clone())),
+            (None, _) => {}
+        }
+        // Flags take a file's surfaces away, layer by layer.
+        for setting in self.volume.iter().filter(|setting| setting.key == VolumeKey::Isovalue) {
+            setting.layer(scene)?.isosurfaces.clear();
+        }
+        self.volume.iter().try_for_each(|setting| setting.apply(scene))
+    }
+
+    fn set_gradient_opacity(&self, scene: &mut Scene, stores: &[Store]) -> Result<(), Failure> {
+        let Some(GradientOpacity(points)) = &self.gradient_opacity else { return Ok(()) };
+        if scene.expression.is_some() {
+            return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
+        }
+        for i in 0..scene.layers.len() {
+            let Some(subject) = scene_file::subject(scene, i, stores) else { continue };
+            let layer = &mut scene.layers[i];
+            let function = layer.function(&subject).map_err(|error| Failure::usage(format!("layer {i}: {error}")))?;
+            *layer = layer.written_out(TransferFunction { gradient_opacity: points.clone(), ..function });
+        }
+        Ok(())
     }
 
     fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
@@ -365,27 +289,14 @@ impl SceneArguments {
     }
 }
 
-fn check_channel(channel: u32, store: &Store) -> Result<(), Failure> {
-    let count = store.channels();
-    let problem = || format!("channel {channel} does not exist: the store has {count}, numbered from 0");
-    if channel < count { Ok(()) } else { Err(Failure::usage(problem())) }
-}
-
-/// The placement in a file, or in the words themselves.
-fn placement(volume: usize, value: &str) -> Result<Placement, Failure> {
-    let path = Path::new(value);
-    let text = if path.is_file() { read_text(path)? } else { value.to_string() };
-    let what = if path.is_file() { path.display().to_string() } else { format!("--volume {volume}:matrix={value}") };
-    Placement::from_text(&text).map_err(|error| match error {
-        PlacementError::Word(_) if !path.is_file() => {
-            Failure::bad_input(format!("{what}: neither a file nor the 12 or 16 numbers of a matrix, row by row"))
+/// Adds layers for the stores that no layer shows. A list without layers stays one: it is a mistake.
+fn show_all(scene: &mut Scene, stores: usize) {
+    let hidden = |scene: &Scene, store: usize| (0..scene.layers.len()).all(|layer| scene.store(layer) != store);
+    for store in 0..stores {
+        if !scene.layers.is_empty() && hidden(scene, store) {
+            scene.layers.push(SceneLayer { source: Some(store), ..SceneLayer::default() });
         }
-        error => Failure::bad_input(format!("{what}: {error}")),
-    })
-}
-
-fn extent(store: &Store) -> Extent {
-    BrickSource::pyramid(store).levels()[0].extent
+    }
 }
 
 fn transfer_help() -> String {
@@ -394,45 +305,6 @@ fn transfer_help() -> String {
         "Transfer function: a file (JSON; ParaView's colour maps, FILE#NAME for one of several; 3D Slicer's .vp and \
          .vp.json), or one of {presets}"
     )
-}
-
-/// What a store's channel is to a transfer function.
-fn subject_of(store: &Store, channel: u32) -> Subject {
-    subject(store.geometry(), extent(store), store.default_window(channel))
-}
-
-/// That of a scene that says none.
-fn default_transfer(subject: &Subject) -> Result<TransferFunction, Failure> {
-    TransferFunction::preset("gray", subject.window, subject.unit_distance).map_err(Failure::failed)
-}
-
-fn transfer(argument: &str, subject: &Subject) -> Result<TransferFunction, Failure> {
-    let Some((path, name)) = file_and_name(argument) else {
-        return TransferFunction::preset(argument, subject.window, subject.unit_distance).map_err(Failure::usage);
-    };
-    let imported = file::read(&read_text(path)?, name, subject)
-        .map_err(|error| Failure::bad_input(format!("{}: {error}", path.display())))?;
-    for remark in imported.remarks {
-        eprintln!("note: {}: {remark}", path.display());
-    }
-    Ok(imported.transfer)
-}
-
-/// `FILE` or `FILE#NAME`, if there is such a file.
-fn file_and_name(argument: &str) -> Option<(&Path, Option<&str>)> {
-    let whole = (Path::new(argument), None);
-    let parts = argument.match_indices('#').map(|(i, _)| (Path::new(&argument[..i]), Some(&argument[i + 1..])));
-    std::iter::once(whole).chain(parts).find(|(path, _)| path.is_file())
-}
-
-/// The scene in a file; meshes are named as seen from its folder.
-fn scene_file(path: &Path) -> Result<Scene, Failure> {
-    let mut scene: Scene = serde_json::from_str(&read_text(path)?)
-        .map_err(|error| Failure::bad_input(format!("{}: not a scene: {error}", path.display())))?;
-    for look in &mut scene.meshes {
-        look.path = path.with_file_name(&look.path);
-    }
-    Ok(scene)
 }
 
 #[cfg(test)]

@@ -27,7 +27,12 @@ pub(crate) fn oracle_failure(error: OracleError) -> Failure {
 
 pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
-        SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) => Failure::usage(error),
+        SessionError::Camera(_)
+        | SessionError::Stereo(_)
+        | SessionError::Scene(_)
+        | SessionError::Needs { .. }
+        | SessionError::OtherLayers
+        | SessionError::NoOrder => Failure::usage(error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })

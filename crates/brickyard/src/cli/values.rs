@@ -3,11 +3,6 @@
 use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, TransferFunction, VoxelBox};
 use glam::DVec3;
 
-/// A number and its noun: `1 step`, `2 steps`, `0 steps`.
-pub(crate) fn counted(n: u64, noun: &str) -> String {
-    if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
-}
-
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
@@ -77,6 +72,13 @@ pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
 pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
     let c: [f64; 3] = list(text, ',', "three numbers R,G,B in 0..1")?;
     if c.iter().all(|v| (0.0..=1.0).contains(v)) { Ok(c) } else { Err(format!("'{text}': expected R,G,B in 0..1")) }
+}
+
+/// `LOW:HIGH`.
+pub(crate) fn window(text: &str) -> Result<[f64; 2], String> {
+    let form = "LOW:HIGH, two finite numbers, the lesser first";
+    let [low, high] = list(text, ':', form)?;
+    if low < high && f64::is_finite(high - low) { Ok([low, high]) } else { Err(format!("'{text}': expected {form}")) }
 }
 
 /// Points of a transfer function's gradient opacity.
@@ -249,11 +251,6 @@ mod tests {
         assert!(bytes("12 parsecs").unwrap_err().contains("parsecs"));
         assert!(bytes("-1MiB").is_err() && bytes("0").is_err() && bytes("MiB").is_err());
         assert_eq!([human_bytes(1), human_bytes(3 << 29)], ["1 B", "1.5 GiB"]);
-    }
-
-    #[test]
-    fn one_is_not_many() {
-        assert_eq!([0, 1, 2].map(|n| counted(n, "step")), ["0 steps", "1 step", "2 steps"]);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use super::failure::{ExitKind, Failure};
 use super::progress::{Progress, ProgressStyleArgument};
-use super::values::{self, counted};
+use super::values;
 use super::{print_json, print_line, store_errors};
 use brickyard::store;
+use brickyard::volume::counted;
 use clap::Args;
 use std::path::PathBuf;
 

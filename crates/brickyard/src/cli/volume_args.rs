@@ -1,14 +1,17 @@
-//! `--volume N:KEY=VALUE`: how one of several stores looks. Values have the form that they have in flags for one store.
+//! `--volume N:KEY=VALUE`: how one of the layers looks. Values have the form that they have in flags for all layers.
 
+use super::failure::Failure;
+use super::text_file::read_text;
 use super::values;
-use brickyard::volume::{Blend, VolumeLook};
+use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
+use std::path::Path;
 
-/// One setting of one volume.
+/// One setting of one layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct VolumeSetting {
-    pub(crate) volume: usize,
+    layer: usize,
     pub(crate) key: VolumeKey,
-    pub(crate) value: String,
+    value: String,
 }
 
 /// What is set.
@@ -16,6 +19,9 @@ pub(crate) struct VolumeSetting {
 pub(crate) enum VolumeKey {
     Transfer,
     Matrix,
+    Window,
+    Color,
+    Gamma,
     Blend,
     Opacity,
     Isovalue,
@@ -24,9 +30,12 @@ pub(crate) enum VolumeKey {
     Visible,
 }
 
-const KEYS: [(&str, VolumeKey); 8] = [
+const KEYS: [(&str, VolumeKey); 11] = [
     ("transfer", VolumeKey::Transfer),
     ("matrix", VolumeKey::Matrix),
+    ("window", VolumeKey::Window),
+    ("color", VolumeKey::Color),
+    ("gamma", VolumeKey::Gamma),
     ("blend", VolumeKey::Blend),
     ("opacity", VolumeKey::Opacity),
     ("isovalue", VolumeKey::Isovalue),
@@ -38,24 +47,80 @@ const KEYS: [(&str, VolumeKey); 8] = [
 /// `N:KEY=VALUE`.
 pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
     let form = || format!("'{text}': expected N:KEY=VALUE, as in 1:blend=add");
-    let (volume, rest) = text.split_once(':').ok_or_else(form)?;
+    let (layer, rest) = text.split_once(':').ok_or_else(form)?;
     let (key, value) = rest.split_once('=').ok_or_else(form)?;
-    let volume = volume.trim().parse().map_err(|_| form())?;
+    let layer = layer.trim().parse().map_err(|_| form())?;
     let names = || KEYS.map(|(name, _)| name).join(", ");
     let found = KEYS.iter().find(|(name, _)| *name == key.trim());
     let (_, key) = found.ok_or_else(|| format!("'{text}': no '{}': expected one of {}", key.trim(), names()))?;
-    let setting = VolumeSetting { volume, key: *key, value: value.trim().to_string() };
+    let setting = VolumeSetting { layer, key: *key, value: value.trim().to_string() };
     // What can be told from the words alone is told at once.
-    setting.key.set(&mut VolumeLook::default(), &setting.value).map(|()| setting)
+    setting.key.set(&mut SceneLayer::default(), &setting.value).map(|()| setting)
+}
+
+impl VolumeSetting {
+    /// The layer that it is of.
+    pub(crate) fn layer<'a>(&self, scene: &'a mut Scene) -> Result<&'a mut SceneLayer, Failure> {
+        let (layer, count) = (self.layer, counted(scene.layers.len() as u64, "layer"));
+        let missing =
+            || Failure::usage(format!("--volume {layer}:...: no such layer: the scene has {count}, numbered from 0"));
+        scene.layers.get_mut(layer).ok_or_else(missing)
+    }
+
+    /// Makes its layer of a scene look so.
+    pub(crate) fn apply(&self, scene: &mut Scene) -> Result<(), Failure> {
+        let layer = self.layer(scene)?;
+        match self.key {
+            VolumeKey::Transfer => set_transfer(layer, transfer_choice(&self.value)),
+            VolumeKey::Matrix => layer.world_from_volume = placement(self.layer, &self.value)?,
+            key => key
+                .set(layer, &self.value)
+                .map_err(|error| Failure::usage(format!("--volume {}: {error}", self.layer)))?,
+        }
+        Ok(())
+    }
+}
+
+/// Gives a layer a transfer function, colours and all.
+pub(crate) fn set_transfer(layer: &mut SceneLayer, choice: TransferChoice) {
+    (layer.transfer, layer.color) = (Some(choice), None);
+}
+
+/// `FILE` or `FILE#NAME` if there is such a file, else a preset's name.
+pub(crate) fn transfer_choice(argument: &str) -> TransferChoice {
+    let whole = (argument, None);
+    let parts = argument.match_indices('#').map(|(i, _)| (&argument[..i], Some(&argument[i + 1..])));
+    match std::iter::once(whole).chain(parts).find(|(path, _)| Path::new(path).is_file()) {
+        Some((path, name)) => {
+            TransferChoice::File(TransferFile { path: path.into(), name: name.map(Into::into), function: None })
+        }
+        None => TransferChoice::preset(argument),
+    }
+}
+
+/// The placement in a file, or in the words themselves.
+fn placement(layer: usize, value: &str) -> Result<Placement, Failure> {
+    let path = Path::new(value);
+    let text = if path.is_file() { read_text(path)? } else { value.to_string() };
+    let what = if path.is_file() { path.display().to_string() } else { format!("--volume {layer}:matrix={value}") };
+    Placement::from_text(&text).map_err(|error| match error {
+        PlacementError::Word(_) if !path.is_file() => {
+            Failure::bad_input(format!("{what}: neither a file nor the 12 or 16 numbers of a matrix, row by row"))
+        }
+        error => Failure::bad_input(format!("{what}: {error}")),
+    })
 }
 
 impl VolumeKey {
     /// Sets it, or adds an isosurface; a transfer function and a matrix, which need more than the words, are left to others.
-    pub(crate) fn set(self, look: &mut VolumeLook, value: &str) -> Result<(), String> {
+    fn set(self, layer: &mut SceneLayer, value: &str) -> Result<(), String> {
         match self {
             Self::Transfer | Self::Matrix => {}
+            Self::Window => layer.window = Some(values::window(value)?),
+            Self::Color => layer.color = Some(values::color(&value.replace(':', ","))?),
+            Self::Gamma => layer.gamma = values::positive(value)?,
             Self::Blend => {
-                look.blend = match value {
+                layer.blend = match value {
                     "mix" => Blend::Mix,
                     "add" => Blend::Add,
                     _ => return Err(format!("blend '{value}': expected mix or add")),
@@ -63,17 +128,17 @@ impl VolumeKey {
             }
             Self::Opacity => {
                 let opacity = value.parse::<f64>().ok().filter(|opacity| (0.0..=1.0).contains(opacity));
-                look.opacity = opacity.ok_or_else(|| format!("opacity '{value}': expected a number from 0 to 1"))?;
+                layer.opacity = opacity.ok_or_else(|| format!("opacity '{value}': expected a number from 0 to 1"))?;
             }
-            Self::Isovalue => look.isosurfaces.push(values::isosurface(value)?),
-            Self::Crop => look.crop = Some(values::world_box(value)?),
+            Self::Isovalue => layer.isosurfaces.push(values::isosurface(value)?),
+            Self::Crop => layer.crop = Some(values::world_box(value)?),
             Self::Channel => {
                 let channel = value.parse().map_err(|_| format!("channel '{value}': expected a number from 0"))?;
-                look.channel = Some(channel);
+                layer.channel = channel;
             }
             Self::Visible => {
                 let visible = value.parse().map_err(|_| format!("visible '{value}': expected true or false"))?;
-                look.visible = visible;
+                layer.visible = visible;
             }
         }
         Ok(())
@@ -85,26 +150,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_say_which_volume_and_what() {
+    fn settings_say_which_layer_and_what() {
         let matrix = volume_setting("1:matrix=1 0 0 0, 0 1 0 0, 0 0 1 0").unwrap();
-        assert_eq!((matrix.volume, matrix.key), (1, VolumeKey::Matrix));
-        let mut look = VolumeLook::default();
+        assert_eq!((matrix.layer, matrix.key), (1, VolumeKey::Matrix));
+        let mut layer = SceneLayer::default();
         for text in [
             "0:isovalue=-300,opacity=0.3",
             "0:isovalue=350,color=1:0:0",
             "0:blend=add",
             "0:opacity=0.25",
             "0:crop=-1:2,0:3,4:5",
+            "0:window=-4.5:30",
+            "0:color=1:0.5:0",
+            "0:gamma=0.5",
             "0:channel=2",
             "0:visible=false",
         ] {
             let VolumeSetting { key, value, .. } = volume_setting(text).unwrap();
-            key.set(&mut look, &value).unwrap();
+            key.set(&mut layer, &value).unwrap();
         }
-        assert_eq!((look.blend, look.opacity, look.channel, look.visible), (Blend::Add, 0.25, Some(2), false));
-        assert!(look.crop.is_some());
+        assert_eq!((layer.blend, layer.opacity, layer.channel, layer.visible), (Blend::Add, 0.25, 2, false));
+        assert_eq!((layer.window, layer.color, layer.gamma), (Some([-4.5, 30.0]), Some([1.0, 0.5, 0.0]), 0.5));
+        assert!(layer.crop.is_some());
         assert_eq!(
-            look.isosurfaces.iter().map(|s| (s.value, s.opacity)).collect::<Vec<_>>(),
+            layer.isosurfaces.iter().map(|s| (s.value, s.opacity)).collect::<Vec<_>>(),
             [(-300.0, 0.3), (350.0, 1.0)]
         );
         for (bad, word) in [
@@ -118,6 +187,10 @@ mod tests {
             ("0:isovalue=300,opacity=x", "0..1"),
             ("0:isovalue=bone", "VALUE"),
             ("0:crop=3:1,0:1,0:1", "empty"),
+            ("0:window=3:3", "LOW:HIGH"),
+            ("0:window=3", "LOW:HIGH"),
+            ("0:color=1:0", "R,G,B"),
+            ("0:gamma=0", "positive"),
             ("0:channel=-1", "from 0"),
             ("0:visible=maybe", "true or false"),
         ] {

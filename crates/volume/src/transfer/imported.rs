@@ -1,6 +1,8 @@
 //! What a reader of transfer function files is given, and gives.
 
 use super::TransferFunction;
+use crate::geometry::Geometry;
+use crate::space::Extent;
 
 /// What a function is for: it fills in what a file does not say.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +16,38 @@ pub struct Subject {
     pub cell_length: f64,
     /// Mean of the volume's three voxel spacings, world units: VTK's unit of length for gradients.
     pub mean_spacing: f64,
+}
+
+impl Subject {
+    /// No volume: whether a function can be used does not depend on what it is for.
+    pub(crate) const NONE: Self = Self { window: (0.0, 1.0), unit_distance: 1.0, cell_length: 1.0, mean_spacing: 1.0 };
+
+    /// A volume and the window to be shown of it, or where that is a single value, one about it: so a volume of one value has the middle of
+    /// the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the longest side.
+    pub fn new(geometry: &Geometry, extent: Extent, window: (f64, f64)) -> Self {
+        let (low, high) = geometry.world_box(extent);
+        let size = high - low;
+        Self {
+            window: shown_window(window),
+            unit_distance: size.max_element() / 100.0,
+            cell_length: size.length() / (extent.volume() as f64).cbrt(),
+            mean_spacing: geometry.spacing.element_sum() / 3.0,
+        }
+    }
+
+    /// The gray ramp over the window: what is shown unless something is said.
+    pub fn default_function(&self) -> TransferFunction {
+        TransferFunction::preset("gray", self.window, self.unit_distance).expect("'gray' is a preset")
+    }
+}
+
+/// The window that is shown: the one given, or where that is a single value, one about it.
+pub fn shown_window((low, high): (f64, f64)) -> (f64, f64) {
+    if low < high {
+        return (low, high);
+    }
+    let reach = low.abs().max(1.0) / 2.0;
+    (low - reach, low + reach)
 }
 
 /// A function from a file.

@@ -98,14 +98,9 @@ impl TransferFunction {
         })
     }
 
-    /// The same function with the values of one interval moved to another.
-    pub(super) fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {
-        let to = if to.1 > to.0 { to } else { (to.0, to.0 + 1.0) };
-        // Each operation is monotonic, so points stay sorted whatever is rounded.
-        let moved = |value: f64| to.0 + (value - from.0) / (from.1 - from.0) * (to.1 - to.0);
-        self.color.iter_mut().for_each(|p| p[0] = moved(p[0]));
-        self.opacity.iter_mut().for_each(|p| p[0] = moved(p[0]));
-        self
+    /// Whether a preset has values of its own, whatever the window.
+    pub(super) fn is_absolute(name: &str) -> bool {
+        name.starts_with("ct-")
     }
 }
 
@@ -128,6 +123,14 @@ mod tests {
             for window in [(0.0, 255.0), (3.0, 3.0), (-1e30, 1e30)] {
                 TransferFunction::preset(name, window, 1.0).unwrap().validate().unwrap();
             }
+        }
+    }
+
+    #[test]
+    fn absolute_presets_are_those_that_no_window_moves() {
+        for name in TransferFunction::PRESETS {
+            let [a, b] = [(0.0, 1.0), (2.0, 9.0)].map(|window| TransferFunction::preset(name, window, 1.0).unwrap());
+            assert_eq!(TransferFunction::is_absolute(name), a == b, "{name}");
         }
     }
 

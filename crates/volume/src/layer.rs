@@ -1,0 +1,158 @@
+//! A layer of a scene: which volume it shows, where, how, and how it joins the others. Its style comes to a transfer function for the
+//! volume that it shows; that is a pure function of both, and costs a copy of the points.
+
+use crate::look::Blend;
+use crate::placement::Placement;
+use crate::scene_error::LayerError;
+use crate::surface::Isosurface;
+use crate::transfer::{Subject, TransferChoice, TransferFunction};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
+
+/// Powers that a style may bend by: beyond them a picture has two colours.
+pub const GAMMAS: RangeInclusive<f64> = 0.05..=20.0;
+
+/// A layer of a scene. Distances are of the volume's own world, which is what its store says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneLayer {
+    /// Which of the stores it shows; `None` is the one at the layer's own place in the list.
+    pub source: Option<usize>,
+    /// The store's channel.
+    pub channel: u32,
+    /// Where the volume stands: from its own world to the scene's.
+    pub world_from_volume: Placement,
+    /// The transfer function; `None` is a gray ramp over the window.
+    pub transfer: Option<TransferChoice>,
+    /// The least and the greatest value that a preset spans, or that the points of a function with values of its own are moved to; `None` is
+    /// the default window of the store's channel, to which nothing is moved.
+    pub window: Option<[f64; 2]>,
+    /// What takes the place of the transfer function's colours: from black to this colour over the window.
+    pub color: Option<[f64; 3]>,
+    /// The power by which colours and opacities are bent over the window; less than 1 shows more of the lesser values.
+    pub gamma: f64,
+    /// What the transfer function's opacities are multiplied by, in 0..=1; in projections the opacity of the whole layer.
+    pub opacity: f64,
+    /// What it does to others in the same place.
+    pub blend: Blend,
+    /// Its surfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES): what [`Mode::Isosurface`](crate::Mode::Isosurface) shows of it, or
+    /// what stands in the fog of [`Mode::Dvr`](crate::Mode::Dvr), among the surfaces of all layers.
+    pub isosurfaces: Vec<Isosurface>,
+    /// Two corners of a box, the lesser first: nothing of the volume outside of it is shown, or read.
+    pub crop: Option<[DVec3; 2]>,
+    /// Whether it is shown.
+    pub visible: bool,
+}
+
+impl Default for SceneLayer {
+    fn default() -> Self {
+        Self {
+            source: None,
+            channel: 0,
+            world_from_volume: Placement::default(),
+            transfer: None,
+            window: None,
+            color: None,
+            gamma: 1.0,
+            opacity: 1.0,
+            blend: Blend::Mix,
+            isosurfaces: Vec::new(),
+            crop: None,
+            visible: true,
+        }
+    }
+}
+
+impl From<TransferFunction> for SceneLayer {
+    fn from(function: TransferFunction) -> Self {
+        Self { transfer: Some(function.into()), ..Self::default() }
+    }
+}
+
+impl SceneLayer {
+    /// The transfer function that its style comes to for what it shows, before `opacity`.
+    ///
+    /// # Errors
+    /// If the function cannot be had, or has no width to be moved to a window.
+    pub fn function(&self, subject: &Subject) -> Result<TransferFunction, LayerError> {
+        let window = self.window.map_or(subject.window, Into::into);
+        let subject = Subject { window, ..*subject };
+        let mut function = match &self.transfer {
+            Some(choice) => choice.function(&subject)?,
+            None => subject.default_function(),
+        };
+        if self.window.is_some() && self.transfer.as_ref().is_some_and(|choice| !choice.spans_window()) {
+            let (low, high) = function.span();
+            if low >= high {
+                return Err(LayerError::Flat(low));
+            }
+            function = function.stretched((low, high), window);
+        }
+        if let Some([r, g, b]) = self.color {
+            function.color = vec![[window.0, 0.0, 0.0, 0.0], [window.1, r, g, b]];
+        }
+        Ok(function.bent(window, self.gamma))
+    }
+
+    /// The same layer with this transfer function written out in place of what says how to make it.
+    pub fn written_out(&self, function: TransferFunction) -> Self {
+        Self { transfer: Some(function.into()), window: None, color: None, gamma: 1.0, ..self.clone() }
+    }
+
+    /// Whether an expression's value could take the place of the layer's own: nothing is said of how the layer looks.
+    pub(crate) fn has_no_style(&self) -> bool {
+        let Self { source, channel, world_from_volume, crop, visible, .. } = self.clone();
+        *self == Self { source, channel, world_from_volume, crop, visible, ..Self::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SUBJECT: Subject = Subject { window: (0.0, 200.0), unit_distance: 3.0, cell_length: 1.0, mean_spacing: 1.0 };
+
+    #[test]
+    fn a_style_comes_to_one_function() {
+        let of = |layer: &SceneLayer| layer.function(&SUBJECT).unwrap();
+        let preset = |name: &str, window| TransferFunction::preset(name, window, 3.0).unwrap();
+        let plain = SceneLayer::default();
+        assert_eq!(of(&plain), preset("gray", (0.0, 200.0)));
+        let layer = |name: &str| SceneLayer { transfer: Some(TransferChoice::preset(name)), ..plain.clone() };
+        assert_eq!(of(&layer("mr-default")), preset("mr-default", (0.0, 200.0)));
+        let window = Some([50.0, 90.0]);
+        assert_eq!(of(&SceneLayer { window, ..layer("mr-default") }), preset("mr-default", (50.0, 90.0)));
+        // Functions with values of their own stay where they are, unless a window is given.
+        assert_eq!(of(&layer("ct-bone")), preset("ct-bone", (0.0, 1.0)));
+        assert_eq!(of(&SceneLayer { window, ..layer("ct-bone") }).span(), (50.0, 90.0));
+        let given = preset("fire", (-7.0, 1.0));
+        assert_eq!(of(&given.clone().into()), given);
+        let moved = of(&SceneLayer { window, ..given.clone().into() });
+        assert!((moved.rgb(70.0)[0] - given.rgb(-3.0)[0]).abs() < 1e-12 && moved.span() == (50.0, 90.0));
+        let red = of(&SceneLayer { color: Some([1.0, 0.5, 0.0]), window, ..plain.clone() });
+        assert_eq!((red.rgb(70.0), red.opacity), ([0.5, 0.25, 0.0], preset("gray", (50.0, 90.0)).opacity));
+        let bent = of(&SceneLayer { gamma: 2.0, ..plain.clone() });
+        assert!((bent.rgb(100.0)[0] - 0.25).abs() < 2e-3, "a half squared: {:?}", bent.rgb(100.0));
+        let flat = SceneLayer { window, ..TransferFunction::default().into() };
+        assert!(matches!(flat.function(&SUBJECT), Err(LayerError::Flat(0.0))));
+    }
+
+    #[test]
+    fn a_layer_written_out_is_the_same_layer() {
+        let layer = SceneLayer {
+            transfer: Some(TransferChoice::preset("viridis")),
+            window: Some([10.0, 30.0]),
+            gamma: 0.5,
+            opacity: 0.25,
+            ..SceneLayer::default()
+        };
+        let written = layer.written_out(layer.function(&SUBJECT).unwrap());
+        let elsewhere = Subject { window: (-9.0, 2.0), ..SUBJECT };
+        assert_eq!(written.function(&elsewhere).unwrap(), layer.function(&SUBJECT).unwrap());
+        assert_eq!(written.opacity, 0.25);
+        assert!(
+            !layer.has_no_style() && SceneLayer { channel: 3, visible: false, ..SceneLayer::default() }.has_no_style()
+        );
+    }
+}

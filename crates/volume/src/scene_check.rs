@@ -1,0 +1,208 @@
+//! The check of scenes: the one place where a scene is refused. It looks at the scene and at how much of what stores have, never at data, so
+//! it costs microseconds and is done before anything is read.
+//!
+//! What a type cannot hold is refused by the type, when a scene is read: unknown fields, and places that are singular
+//! ([`Placement`](crate::Placement)). Cameras and stereo have errors of their own, for they depend on the picture's size.
+
+use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
+use crate::expression::{Expression, MAX_VOLUMES};
+use crate::jitter::Jitter;
+use crate::layer::{GAMMAS, SceneLayer};
+use crate::lighting::{Lighting, LightingModel, MAX_LIGHTS};
+use crate::mode::Mode;
+use crate::sampling::{MOST_VIRTUAL_SAMPLES, Method};
+use crate::scene::{LevelPolicy, Scene, SceneExpression};
+use crate::scene_error::{LayerError, SceneError};
+use crate::surface::{Isosurface, MAX_SURFACES};
+use crate::transfer::{Subject, TransferChoice};
+
+/// How much of what a scene can ask for a store has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoreCounts {
+    /// Levels.
+    pub levels: usize,
+    /// Time steps.
+    pub times: u32,
+    /// Channels.
+    pub channels: u32,
+}
+
+impl Scene {
+    /// Whether the scene can be shown of stores that have these.
+    ///
+    /// # Errors
+    /// The first thing that cannot.
+    pub fn check(&self, stores: &[StoreCounts]) -> Result<(), SceneError> {
+        if !(1..=MAX_VOLUMES).contains(&self.layers.len()) {
+            return Err(SceneError::Layers(self.layers.len()));
+        }
+        for layer in 0..self.layers.len() {
+            let checked = self.check_store(layer, stores).and_then(|()| self.check_layer(&self.layers[layer]));
+            checked.map_err(|error| SceneError::Layer { layer, error })?;
+        }
+        self.check_sampling(stores)?;
+        self.check_lighting()?;
+        self.check_clip()?;
+        self.shown_meshes()?;
+        let shown = self.shown_layers()?;
+        let has_surface = |layer: &usize| !self.layers[*layer].isosurfaces.is_empty();
+        if self.mode == Mode::Isosurface && !shown.iter().any(has_surface) {
+            return Err(SceneError::NoSurface);
+        }
+        Ok(())
+    }
+
+    /// The layers that are shown: all that are visible, or those that the expression reads.
+    ///
+    /// # Errors
+    /// If there is none, or the expression cannot be shown.
+    pub fn shown_layers(&self) -> Result<Vec<usize>, SceneError> {
+        if let Some(expression) = self.parsed_expression()? {
+            return Ok(expression.volumes());
+        }
+        let shown: Vec<usize> = (0..self.layers.len()).filter(|&i| self.layers[i].visible).collect();
+        if shown.is_empty() { Err(SceneError::NothingVisible) } else { Ok(shown) }
+    }
+
+    /// The expression over all layers, if there is one.
+    ///
+    /// # Errors
+    /// If it cannot be read, or not be shown: its value is one number in each place, of no gradient.
+    pub fn parsed_expression(&self) -> Result<Option<Expression>, SceneError> {
+        let Some(look @ SceneExpression { text, transfer }) = &self.expression else { return Ok(None) };
+        let expression = Expression::parse(text, self.layers.len())?;
+        let read = expression.volumes();
+        let (method, jitter, model) = (self.sampling.method, self.sampling.jitter, self.lighting.model);
+        if read.is_empty() {
+            Err(SceneError::ExpressionOfNothing(text.clone()))
+        } else if let Some(&layer) = read.iter().find(|&&layer| !self.layers[layer].visible) {
+            Err(SceneError::ExpressionOfHidden(layer))
+        } else if let Some(layer) = self.layers.iter().position(|layer| !layer.has_no_style()) {
+            Err(SceneError::ExpressionStyle(layer))
+        } else if self.mode != Mode::Dvr {
+            Err(SceneError::ExpressionMode(self.mode))
+        } else if method != Method::Udvr {
+            Err(SceneError::ExpressionMethod(method))
+        } else if jitter != Jitter::None {
+            Err(SceneError::ExpressionJitter(jitter))
+        } else if model != LightingModel::None {
+            Err(SceneError::ExpressionLighting(model))
+        } else if transfer.as_ref().is_some_and(TransferChoice::is_by_gradient) {
+            Err(SceneError::ExpressionByGradient)
+        } else {
+            look.function(&Subject::NONE).map_err(SceneError::ExpressionTransfer)?;
+            Ok(Some(expression))
+        }
+    }
+
+    fn check_store(&self, layer: usize, stores: &[StoreCounts]) -> Result<(), LayerError> {
+        let (store, channel, time) = (self.store(layer), self.layers[layer].channel, self.time);
+        let missing = LayerError::Store { store, stores: stores.len() };
+        let &StoreCounts { times, channels, .. } = stores.get(store).ok_or(missing)?;
+        if channel >= channels {
+            return Err(LayerError::Channel { channel, channels });
+        }
+        if time < times { Ok(()) } else { Err(LayerError::Time { time, times }) }
+    }
+
+    fn check_layer(&self, layer: &SceneLayer) -> Result<(), LayerError> {
+        if !(0.0..=1.0).contains(&layer.opacity) {
+            return Err(LayerError::Opacity(layer.opacity));
+        }
+        if !GAMMAS.contains(&layer.gamma) {
+            return Err(LayerError::Gamma(layer.gamma));
+        }
+        if let Some([low, high]) = layer.window.filter(|[low, high]| !(low < high && (high - low).is_finite())) {
+            return Err(LayerError::Window([low, high]));
+        }
+        if let Some(color) = layer.color.filter(|color| !is_color(color)) {
+            return Err(LayerError::Color(color));
+        }
+        Clip::new(layer.crop, &[]).map_err(LayerError::Crop)?;
+        layer.function(&Subject::NONE)?;
+        let is_by_gradient = layer.transfer.as_ref().is_some_and(TransferChoice::is_by_gradient);
+        if self.mode == Mode::Dvr && self.sampling.method.is_pre_integrated() && is_by_gradient {
+            return Err(LayerError::Integrated(self.sampling.method));
+        }
+        self.check_surfaces(&layer.isosurfaces)
+    }
+
+    fn check_surfaces(&self, surfaces: &[Isosurface]) -> Result<(), LayerError> {
+        for (i, &Isosurface { value, color, opacity }) in surfaces.iter().enumerate() {
+            let bad_color = color.filter(|color| !is_color(color));
+            if !matches!(self.mode, Mode::Dvr | Mode::Isosurface) {
+                return Err(LayerError::SurfaceMode(value));
+            } else if surfaces.len() > MAX_SURFACES {
+                return Err(LayerError::Surfaces(surfaces.len()));
+            } else if !value.is_finite() {
+                return Err(LayerError::SurfaceValue(value));
+            } else if !(0.0..=1.0).contains(&opacity) {
+                return Err(LayerError::SurfaceOpacity { value, opacity });
+            } else if let Some(color) = bad_color {
+                return Err(LayerError::SurfaceColor { value, color });
+            } else if surfaces[..i].iter().any(|other| other.value == value) {
+                return Err(LayerError::SurfaceTwice(value));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_sampling(&self, stores: &[StoreCounts]) -> Result<(), SceneError> {
+        let levels = (0..self.layers.len()).map(|i| stores[self.store(i)].levels).max().unwrap_or(0);
+        if let LevelPolicy::Locked(level) = self.level
+            && level as usize >= levels
+        {
+            return Err(SceneError::Level { level, levels });
+        }
+        for (name, value) in [("step", self.step), ("pixel error", self.pixel_error)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(SceneError::NotPositive { name, value });
+            }
+        }
+        let (method, samples) = (self.sampling.method, self.sampling.virtual_samples);
+        if method != Method::Udvr && self.mode != Mode::Dvr {
+            return Err(SceneError::Method(method));
+        }
+        if !(1..=MOST_VIRTUAL_SAMPLES).contains(&samples) {
+            return Err(SceneError::VirtualSamples(samples));
+        }
+        if is_color(&self.background) { Ok(()) } else { Err(SceneError::Background(self.background)) }
+    }
+
+    fn check_lighting(&self) -> Result<(), SceneError> {
+        let Lighting { model, ref lights, .. } = self.lighting;
+        if model != LightingModel::None && !matches!(self.mode, Mode::Dvr | Mode::Isosurface) {
+            return Err(SceneError::Lighting(model));
+        }
+        if lights.len() > MAX_LIGHTS {
+            return Err(SceneError::Lights(lights.len()));
+        }
+        if let Some(&light) = lights.iter().find(|light| !light.is_finite()) {
+            return Err(SceneError::Light(light));
+        }
+        let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
+        let is_lit = model != LightingModel::None || has_surfaces;
+        if is_lit || lights.is_empty() { Ok(()) } else { Err(SceneError::Unlit) }
+    }
+
+    /// Clip box, planes and slice.
+    fn check_clip(&self) -> Result<(), ClipError> {
+        if self.clip_planes.len() > MAX_CLIP_PLANES {
+            return Err(ClipError::Planes(self.clip_planes.len()));
+        }
+        Clip::new(self.clip, &self.clip_planes)?;
+        let Some(slice) = &self.slice else { return Ok(()) };
+        match self.mode {
+            Mode::Average | Mode::Mip | Mode::MinIp => slice.check(),
+            Mode::Dvr => Err(ClipError::SliceMode("dvr")),
+            Mode::Isosurface => Err(ClipError::SliceMode("isosurface")),
+        }
+    }
+}
+
+fn is_color(color: &[f64; 3]) -> bool {
+    color.iter().all(|channel| (0.0..=1.0).contains(channel))
+}
+
+#[cfg(test)]
+mod tests;

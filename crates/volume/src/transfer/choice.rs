@@ -1,0 +1,145 @@
+//! Which transfer function a scene asks for: one that it writes out, a preset by its name, or a file. In JSON an object each: the
+//! function's own, `{"preset": "viridis"}`, or `{"file": "ct.json"}`. Whoever reads a scene reads its files; then a choice becomes a
+//! function without any I/O, at the cost of copying its points.
+
+use super::{Subject, TransferError, TransferFunction};
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Which transfer function.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum TransferChoice {
+    /// This one.
+    Function(TransferFunction),
+    /// One of [`TransferFunction::PRESETS`].
+    Preset(TransferPreset),
+    /// A file's.
+    File(TransferFile),
+}
+
+/// A preset by its name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransferPreset {
+    /// The name.
+    pub preset: String,
+}
+
+/// A file with a transfer function, of any form that [`file`](super::file) reads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransferFile {
+    /// Where it is.
+    #[serde(rename = "file")]
+    pub path: PathBuf,
+    /// Which of the file's functions; `None` is the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// The file's function, once somebody has read it: scenes know files by their names alone.
+    #[serde(skip)]
+    pub function: Option<Arc<TransferFunction>>,
+}
+
+impl TransferChoice {
+    /// The preset of this name.
+    pub fn preset(name: impl Into<String>) -> Self {
+        Self::Preset(TransferPreset { preset: name.into() })
+    }
+
+    /// The function for a subject.
+    ///
+    /// # Errors
+    /// If there is no such preset, the file has not been read, or the function is not valid.
+    pub fn function(&self, subject: &Subject) -> Result<TransferFunction, TransferError> {
+        let function = match self {
+            Self::Preset(TransferPreset { preset }) => {
+                return TransferFunction::preset(preset, subject.window, subject.unit_distance);
+            }
+            Self::Function(function) => function,
+            Self::File(TransferFile { path, function, .. }) => {
+                function.as_deref().ok_or_else(|| TransferError::NotRead(path.clone()))?
+            }
+        };
+        function.validate().map(|()| function.clone())
+    }
+
+    /// Whether what is shown depends on the gradient: of presets nothing does.
+    pub fn is_by_gradient(&self) -> bool {
+        match self {
+            Self::Function(function) => function.is_by_gradient(),
+            Self::Preset(_) => false,
+            Self::File(file) => file.function.as_ref().is_some_and(|function| function.is_by_gradient()),
+        }
+    }
+
+    /// Whether the function spans whatever window it is for; others have values of their own.
+    pub fn spans_window(&self) -> bool {
+        matches!(self, Self::Preset(TransferPreset { preset }) if !TransferFunction::is_absolute(preset))
+    }
+}
+
+impl From<TransferFunction> for TransferChoice {
+    fn from(function: TransferFunction) -> Self {
+        Self::Function(function)
+    }
+}
+
+impl<'de> Deserialize<'de> for TransferChoice {
+    fn deserialize<D: Deserializer<'de>>(input: D) -> Result<Self, D::Error> {
+        // By hand: serde's own untagged enums do not say which field is unknown.
+        fn read<T: DeserializeOwned, E: Error>(
+            value: Value,
+            choice: fn(T) -> TransferChoice,
+        ) -> Result<TransferChoice, E> {
+            serde_json::from_value(value).map(choice).map_err(E::custom)
+        }
+        let value = Value::deserialize(input)?;
+        if value.get("preset").is_some() {
+            read(value, Self::Preset)
+        } else if value.get("file").is_some() {
+            read(value, Self::File)
+        } else if value.is_object() {
+            read(value, Self::Function)
+        } else {
+            let problem = r#"expected a transfer function, {"preset": NAME} or {"file": PATH}"#;
+            Err(D::Error::custom(format!("{problem}, found {value}")))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::file::tests::SUBJECT;
+    use super::*;
+
+    fn read(text: &str) -> Result<TransferChoice, String> {
+        serde_json::from_str(text).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn choices_are_told_by_their_fields_and_round_trip() {
+        let function = TransferFunction { opacity: vec![[1.0, 0.5]], ..TransferFunction::default() };
+        let file = TransferFile { path: "a.json".into(), name: Some("Hot".into()), function: None };
+        for choice in [function.clone().into(), TransferChoice::preset("fire"), TransferChoice::File(file.clone())] {
+            let text = serde_json::to_string(&choice).unwrap();
+            assert_eq!(read(&text), Ok(choice), "{text}");
+        }
+        let read_by_now =
+            TransferChoice::File(TransferFile { function: Some(function.clone().into()), ..file.clone() });
+        assert_eq!(read_by_now.function(&SUBJECT).unwrap(), function);
+        assert!(matches!(TransferChoice::File(file).function(&SUBJECT), Err(TransferError::NotRead(_))));
+        for (bad, word) in [
+            (r#"{"preset": "fire", "windw": 1}"#, "unknown field `windw`"),
+            (r#"{"file": "a", "nme": "b"}"#, "unknown field `nme`"),
+            (r#"{"color": [], "opacity": [], "unit": 2}"#, "unknown field `unit`"),
+            (r#""fire""#, r#"{"preset": NAME}"#),
+        ] {
+            let error = read(bad).unwrap_err();
+            assert!(error.contains(word), "{bad}: {error}");
+        }
+    }
+}

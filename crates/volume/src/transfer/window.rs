@@ -1,0 +1,148 @@
+//! Transfer functions moved, bent and dimmed: what a layer's style does to the function that it chooses. Each costs a pass over the
+//! function's points.
+
+use super::{TransferFunction, curve, interpolate};
+
+impl TransferFunction {
+    /// The least and the greatest value of its points.
+    pub fn span(&self) -> (f64, f64) {
+        let values = || self.color.iter().map(|p| p[0]).chain(self.opacity.iter().map(|p| p[0]));
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
+    }
+
+    /// The function with the values of one interval moved to another. Gradient magnitudes are of the same units, and are stretched alike:
+    /// it is to values that are moved so what it was to those before.
+    pub fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {
+        let to = if to.1 > to.0 { to } else { (to.0, to.0 + 1.0) };
+        let scale = (to.1 - to.0) / (from.1 - from.0);
+        // Each operation is monotonic, so points stay sorted whatever is rounded.
+        let moved = |value: &mut f64| *value = to.0 + (*value - from.0) / (from.1 - from.0) * (to.1 - to.0);
+        self.color.iter_mut().for_each(|p| moved(&mut p[0]));
+        self.opacity.iter_mut().for_each(|p| moved(&mut p[0]));
+        self.gradient_opacity.iter_mut().for_each(|p| p[0] *= scale);
+        for region in &mut self.regions {
+            region.value.iter_mut().for_each(moved);
+            region.gradient.iter_mut().for_each(|magnitude| *magnitude *= scale);
+        }
+        self
+    }
+
+    /// The function with its colours and opacities bent over a window: at a share `t` of it, it is what it was at `t` to the power of
+    /// `gamma`. Outside of the window it stays as it is, and so do factors and regions by gradient.
+    pub fn bent(mut self, window: (f64, f64), gamma: f64) -> Self {
+        if gamma != 1.0 {
+            self.color = bent(&self.color, window, gamma);
+            self.opacity = bent(&self.opacity, window, gamma);
+        }
+        self
+    }
+
+    /// The function with all opacities multiplied.
+    pub fn scaled(&self, opacity: f64) -> Self {
+        let mut scaled = self.clone();
+        scaled.opacity.iter_mut().for_each(|point| point[1] *= opacity);
+        scaled.regions.iter_mut().for_each(|region| region.opacity *= opacity);
+        scaled
+    }
+}
+
+/// Points bent over a window, with more between them, so that straight lines stay near the curve.
+fn bent<const N: usize>(points: &[[f64; N]], (low, high): (f64, f64), gamma: f64) -> Vec<[f64; N]> {
+    let power = |value: f64, power: f64| {
+        let share = (value - low) / (high - low);
+        if share > 0.0 && share < 1.0 { low + (high - low) * share.powf(power) } else { value }
+    };
+    let at = |value: f64| {
+        let mut point = interpolate(points, power(value, gamma));
+        point[0] = value;
+        point
+    };
+    // A straight line that leaves the window has a corner there.
+    let corners = [low, high].map(|edge| {
+        let mut corner = interpolate(points, edge);
+        corner[0] = edge;
+        corner
+    });
+    let mut all = points.to_vec();
+    for corner in corners {
+        let place = all.partition_point(|point| point[0] < corner[0]);
+        if place > 0 && all.get(place).is_some_and(|next| next[0] > corner[0]) {
+            all.insert(place, corner);
+        }
+    }
+    let placed = |mut point: [f64; N]| {
+        point[0] = power(point[0], 1.0 / gamma);
+        point
+    };
+    let mut bent = Vec::new();
+    for pair in all.windows(2) {
+        let [from, to] = [placed(pair[0]), placed(pair[1])];
+        bent.push(from);
+        if low <= from[0] && from[0] < to[0] && to[0] <= high {
+            curve::follow(&|t| at(from[0] + t * (to[0] - from[0])), 0.5, &mut bent);
+        }
+    }
+    bent.extend(all.last().map(|&point| placed(point)));
+    // Powers may be rounded past each other.
+    let mut greatest = f64::NEG_INFINITY;
+    for point in &mut bent {
+        greatest = greatest.max(point[0]);
+        point[0] = greatest;
+    }
+    bent
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transfer::{Region, Shape};
+
+    fn function() -> TransferFunction {
+        TransferFunction {
+            color: vec![[-2.0, 0.1, 0.9, 0.0], [1.0, 1.0, 0.0, 0.5], [1.0, 0.3, 0.2, 0.1], [9.0, 0.0, 0.6, 1.0]],
+            opacity: vec![[0.0, 0.0], [4.0, 0.8], [11.0, 0.2]],
+            gradient_opacity: vec![[1.0, 0.0], [3.0, 1.0]],
+            regions: vec![Region {
+                shape: Shape::Gaussian,
+                value: [2.0, 6.0],
+                gradient: [0.5, 2.0],
+                color: [1.0, 0.0, 0.0],
+                opacity: 0.5,
+            }],
+            ..TransferFunction::default()
+        }
+    }
+
+    #[test]
+    fn a_moved_function_is_to_moved_data_what_it_was() {
+        let (function, moved) = (function(), function().stretched((-2.0, 11.0), (100.0, 139.0)));
+        moved.validate().unwrap();
+        assert_eq!((function.span(), moved.span()), ((-2.0, 11.0), (100.0, 139.0)));
+        for i in 0..200 {
+            let (value, gradient) = (-3.0 + 0.073 * i as f64, 0.017 * i as f64);
+            let (before, after) = (function.at(value, gradient), moved.at(106.0 + 3.0 * value, 3.0 * gradient));
+            (0..4).for_each(|k| assert!((before[k] - after[k]).abs() < 1e-12, "{value}: {before:?} {after:?}"));
+        }
+    }
+
+    #[test]
+    fn a_bent_function_takes_a_power_of_the_place_in_its_window() {
+        let (low, high) = (-1.0, 8.0);
+        for gamma in [0.3, 0.5, 2.2, 6.0] {
+            let (before, bent) = (function(), function().bent((low, high), gamma));
+            bent.validate().unwrap();
+            for i in 0..1300 {
+                let value = -2.5 + 0.01099 * i as f64;
+                let share: f64 = (value - low) / (high - low);
+                let old = if (0.0..=1.0).contains(&share) { low + (high - low) * share.powf(gamma) } else { value };
+                let expected = [before.rgb(old)[0], before.rgb(old)[1], before.rgb(old)[2], before.alpha(old)];
+                let found = [bent.rgb(value)[0], bent.rgb(value)[1], bent.rgb(value)[2], bent.alpha(value)];
+                // Half of what an 8-bit picture can tell.
+                (0..4).for_each(|k| {
+                    assert!((found[k] - expected[k]).abs() < 0.5 / 255.0, "{gamma} at {value}: {found:?} {expected:?}");
+                });
+            }
+        }
+        assert_eq!(function().bent((low, high), 1.0), function());
+    }
+}
