@@ -25,7 +25,7 @@ use crate::options::OpenOptions;
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
-use brickyard_volume::{Extent, VoxelBox, VoxelType};
+use brickyard_volume::{Extent, VoxelBox, VoxelType, counted};
 use dicom_dictionary_std::tags;
 use frames::Frames;
 use glam::DVec3;
@@ -208,7 +208,7 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
         return Err(ImportError::unsupported(&header.path, feature));
     }
     if placed > 0 && placed != count {
-        let problem = format!("declares {count} frames, but places {placed}; write the file again");
+        let problem = format!("declares {}, but places {placed}; write the file again", counted(count, "frame"));
         return Err(ImportError::invalid(&header.path, problem));
     }
     Ok(())

@@ -9,7 +9,7 @@ use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
-use brickyard_volume::VoxelType;
+use brickyard_volume::{VoxelType, counted};
 use std::io::Read;
 use std::path::Path;
 
@@ -24,7 +24,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     let file = MappedFile::open(path)?;
     let header = Header::read(&mut &file[..], path)?;
     if !(2..=5).contains(&header.shape.len()) {
-        let feature = format!("an array of {} dimensions, {:?} (2 to 5 are read),", header.shape.len(), header.shape);
+        let count = counted(header.shape.len() as u64, "dimension");
+        let feature = format!("an array of {count}, {:?} (2 to 5 are read),", header.shape);
         return Err(ImportError::unsupported(path, feature));
     }
     let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
@@ -65,7 +66,10 @@ fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<(AxisOrder, Sizes)
         ));
     };
     if axes.axes().len() != shape.len() {
-        return Err(format!("axes '{axes}' name {} dimensions, but the shape is {shape:?}", axes.axes().len()));
+        return Err(format!(
+            "axes '{axes}' name {}, but the shape is {shape:?}",
+            counted(axes.axes().len() as u64, "dimension")
+        ));
     }
     let sizes: Result<Vec<u32>, _> = shape.iter().map(|&n| u32::try_from(n)).collect();
     let sizes = sizes.map_err(|_| format!("shape {shape:?} has an axis longer than 2^32 - 1"))?;

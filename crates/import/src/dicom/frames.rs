@@ -7,6 +7,7 @@ use super::header::{EXPLICIT_BIG_ENDIAN, Header};
 use super::pixels::{PixelFormat, Samples};
 use crate::element::Endian;
 use crate::error::ImportError;
+use brickyard_volume::counted;
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 use std::fs::File;
@@ -198,7 +199,8 @@ fn native_places(
     let found = length.min(end.saturating_sub(offset));
     if found < expected {
         let problem = format!(
-            "cut short: {count} frames of {} x {} pixels of {} bytes are {expected} bytes, found {found} ({} missing); fetch the file again",
+            "cut short: {} of {} x {} pixels of {} bytes are {expected} bytes, found {found} ({} missing); fetch the file again",
+            counted(count, "frame"),
             format.columns,
             format.rows,
             format.width,
@@ -254,9 +256,10 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     let (offsets, _) = offsets.as_chunks::<4>();
     if offsets.len() as u64 != count {
         let problem = format!(
-            "has {count} frames in {} fragments, and a table of {} offsets: which fragment is of which frame is not known",
-            fragments.len(),
-            offsets.len()
+            "has {} in {}, and a table of {}: which fragment is of which frame is not known",
+            counted(count, "frame"),
+            counted(fragments.len() as u64, "fragment"),
+            counted(offsets.len() as u64, "offset")
         );
         return Err(ImportError::invalid(path, problem));
     }

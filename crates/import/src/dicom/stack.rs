@@ -6,6 +6,7 @@
 //! patient meet whatever their format.
 
 use crate::error::ImportError;
+use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
 use std::path::PathBuf;
 
@@ -210,7 +211,11 @@ fn check_gaps(
     let steps = gaps[at] / typical;
     let is_gap = (steps - steps.round()).abs() < 0.05 && steps > 1.5;
     let (missing, add) = match is_gap {
-        true => (format!(" ({} slices are missing between them)", steps.round() - 1.0), "add the missing files, or "),
+        true => {
+            let missing = steps.round() as u64 - 1;
+            let are = if missing == 1 { "is" } else { "are" };
+            (format!(" ({} {are} missing between them)", counted(missing, "slice")), "add the missing files, or ")
+        }
         false => (String::new(), ""),
     };
     let [x, y] = slices[0].pixel_mm;

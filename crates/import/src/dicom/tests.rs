@@ -359,7 +359,7 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
         "IM4",
         "IM2",
         "(-100, -50, 4)",
-        "1 slices are missing",
+        "1 slice is missing",
         "1 of 4 steps",
         "--spacing",
     ]);
@@ -412,7 +412,7 @@ fn rounded_positions_are_even_as_far_as_their_digits_explain() {
     at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass --spacing 0.5,0.75,10.3333 "]);
     // Rounding never explains a missing slice, nor a tenth of a step.
     let folder = at_texts(&["0", "0.1", "0.3", "0.4"]);
-    folder.refused(&["1 slices are missing", "add the missing files, or pass --spacing 0.5,0.75,0.1 "]);
+    folder.refused(&["1 slice is missing", "add the missing files, or pass --spacing 0.5,0.75,0.1 "]);
     at_texts(&["0", "0.4", "0.9", "1.3"]).refused(&["not evenly spaced"]);
     let message = at_texts(&["0.00", "1.40", "2.90"]).open().err().unwrap().to_string();
     assert!(!message.contains("missing"), "{message}");
@@ -730,7 +730,7 @@ fn enhanced_files_place_and_rescale_every_frame() {
     }
     let mut unplaced = enhanced();
     unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");
-    Folder::of([unplaced]).refused(&["declares 1 frames, but places 2"]);
+    Folder::of([unplaced]).refused(&["declares 1 frame, but places 2"]);
 }
 
 #[test]
