@@ -131,9 +131,53 @@ fn live_sessions_of_several_volumes_settle() {
         let (picture, stats) = settle(&mut session, &resolved);
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         assert!(picture.difference(&expected).max <= 2 && stats.completeness == 1.0, "{way:?}: {stats:?}");
-        let hidden = SceneLayer { visible: false, ..plain() };
-        let error = session.resolve(&of(vec![hidden, askew()]), SIZE).expect_err("one layer");
+        let error = session.resolve(&of(vec![plain(), askew(), plain()]), SIZE).expect_err("three layers");
         assert!(matches!(error, SessionError::OtherLayers), "{error}");
+    }
+}
+
+/// Layers of one grid and another one, hidden and shown in turns: the picture is the oracle's, and a hidden layer keeps its coarsest bricks
+/// alone. Sessions of `sorted` have the layers of one grid.
+#[test]
+fn layers_come_and_go_in_a_live_session() {
+    let stores = two();
+    let volumes = volumes(&stores);
+    let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
+    let glow = SceneLayer { blend: Blend::Add, opacity: 0.5, ..transfer([0.1, 0.4, 0.9], 0.5).into() };
+    let surface = Isosurface { value: 170.0, color: Some([0.9, 0.9, 0.2]), opacity: 0.5 };
+    let solid = SceneLayer { isosurfaces: vec![surface], ..transfer([0.2, 0.9, 0.1], 0.1).into() };
+    let all = |visible: [bool; 4], count: usize| {
+        let layers = [plain(), solid.clone(), glow.clone(), SceneLayer { source: Some(1), ..askew() }];
+        let layers = layers.into_iter().zip(visible).enumerate().map(|(i, (layer, visible))| SceneLayer {
+            source: Some((i == 3) as usize),
+            visible,
+            ..layer
+        });
+        Scene { level: LevelPolicy::Locked(0), ..of(layers.take(count).collect()) }
+    };
+    let sorted = (BackendChoice::Gpu, CompositorChoice::Sorted);
+    for (way, count) in [(WAYS[0], 4), (WAYS[1], 4), (sorted, 3)] {
+        let first = resolve(&volumes, &all([true, false, false, false], count), SIZE).expect("the scene is possible");
+        let options = SessionOptions { live: true, ..options(way, SIZE, 64 << 20, 64 << 20) };
+        let options = SessionOptions { bricks: all([true; 4], count).needs(), ..options };
+        let Some(mut session) = open(&volumes, &first, &options) else { continue };
+        for visible in [[true, false, false, false], [true; 4], [false, true, true, false], [true, false, true, true]] {
+            let scene = Scene { camera: Some(first.camera), ..all(visible, count) };
+            let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");
+            session.prepare_scene(&resolved);
+            while !session.is_scene_prepared(&resolved) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let (picture, _) = settle(&mut session, &resolved);
+            let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
+            let difference = picture.difference(&expected);
+            assert!(difference.max <= 2, "{way:?} {visible:?}: {difference:?}");
+            let cells: Vec<usize> = session.draw_lists().map(|list| list.cells.len()).collect();
+            assert!(
+                cells.iter().zip(visible).all(|(&cells, visible)| (cells > 1) == visible),
+                "{visible:?}: {cells:?}"
+            );
+        }
     }
 }
 

@@ -184,21 +184,21 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) ->
     }
 }
 
-/// Makes the chosen backend for layers, and says which in one line. With room for expressions over them, unless a layer `is_alone`.
+/// Makes the chosen backend for layers, and says which in one line. With room for expressions over them or without.
 ///
 /// # Errors
 /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and
 /// the least bricks.
 pub(crate) fn open(
     layers: &[VolumeNeeds],
-    is_alone: bool,
+    has_expressions: bool,
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
     let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
         Ok((Box::new(software(layers, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
     let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        let (renderer, line) = open_gpu(preference, layers, !is_alone, options)?;
+        let (renderer, line) = open_gpu(preference, layers, has_expressions, options)?;
         Ok((Box::new(renderer), line))
     };
     match options.backend {

@@ -19,6 +19,8 @@ use std::sync::Arc;
 pub struct ResolvedScene {
     /// The layers that are shown, at least one.
     pub layers: Vec<ResolvedLayer>,
+    /// Those that are not.
+    pub hidden: Vec<HiddenLayer>,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
     /// The camera in use.
@@ -44,6 +46,17 @@ pub struct ResolvedLayer {
     pub frames: Vec<VolumeFrame>,
     /// The transfer function in use, opacity and all.
     pub transfer: TransferFunction,
+}
+
+/// A layer of a resolved scene that is not shown.
+#[derive(Clone, Debug)]
+pub struct HiddenLayer {
+    /// The layer's place in the scene.
+    pub place: usize,
+    /// The place of its store among all that the scene was resolved for.
+    pub volume: usize,
+    /// A view to which the layer has nothing to show: a pager keeps its coarsest bricks for when it is shown again.
+    pub view: View,
 }
 
 impl ResolvedScene {
@@ -78,6 +91,7 @@ impl ResolvedScene {
             layer.view = View { other_eye: None, ..view };
             layer.frames = vec![layer.frames.swap_remove(eye)];
         }
+        scene.hidden.iter_mut().for_each(|layer| layer.view.other_eye = None);
         scene
     }
 
@@ -133,13 +147,16 @@ pub(crate) fn resolve_with(
     let camera = scene.camera_for(world_box, size_px);
     let eyes = Eyes::new(scene, &camera, size_px)?;
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
+    let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
+    let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
+    let hidden = hidden.map(|place| hidden_layer(place, scene, &eyes)).collect();
     let layers = shown.into_iter().map(|layer| layer.resolve(scene, &eyes, lattice, &table));
     let mut layers = layers.collect::<Result<Vec<ResolvedLayer>, _>>()?;
     if layers.len() > 1 || combination.is_some() {
         let appearance = joint_appearance(&layers, combination.as_ref());
         layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
     }
-    Ok(ResolvedScene { layers, stereo: eyes.layout, camera, world_box, combination })
+    Ok(ResolvedScene { layers, hidden, stereo: eyes.layout, camera, world_box, combination })
 }
 
 /// The layers that are shown. What an expression takes the place of is left as it is.
@@ -165,6 +182,25 @@ fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combina
     let subject = Subject::new(first.source.geometry(), first.extent(), read.window(windows));
     let transfer = look.function(&subject).map_err(SceneError::ExpressionTransfer)?;
     Ok(Some(Combination::new(read.of_its_own(), transfer)))
+}
+
+fn hidden_layer(place: usize, scene: &Scene, eyes: &Eyes) -> HiddenLayer {
+    let SceneLayer { channel, world_from_volume: placement, .. } = scene.layers[place];
+    let view = View {
+        rays: eyes.rays[0],
+        other_eye: eyes.rays.get(1).copied(),
+        opaque: Some(Occupancy::NONE),
+        filter: scene.sampling.filter,
+        level: LevelPolicy::Auto,
+        pixel_error: scene.pixel_error,
+        time: scene.time,
+        channel,
+        clip: None,
+        placement,
+        appearance: 0,
+        window: None,
+    };
+    HiddenLayer { place, volume: scene.store(place), view }
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.

@@ -9,7 +9,7 @@ use crate::losses::Losses;
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
 use crate::resolve::resolve_with;
-pub use crate::resolve::{ResolvedLayer, ResolvedScene, resolve};
+pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
 use crate::tables::Tables;
 pub use crate::volume_source::VolumeSource;
@@ -29,8 +29,9 @@ const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duratio
 const LIVE_FADE: Duration = Duration::from_millis(200);
 
 /// A layer, and what of it is drawn now.
-struct Shown {
-    /// Its volume's place among the session's.
+struct SessionLayer {
+    /// Its place in scenes, and its volume's among the session's.
+    place: usize,
     volume: usize,
     source: Arc<dyn BrickSource>,
     /// A list for each eye of the last step's view.
@@ -49,10 +50,10 @@ struct Pool {
 /// Volumes, the pagers of those that are shown, and a backend.
 pub struct Session {
     volumes: Vec<VolumeSource>,
-    shown: Vec<Shown>,
+    layers: Vec<SessionLayer>,
     pools: Vec<Pool>,
-    /// Whether the backend is one for a layer that stands alone.
-    is_alone: bool,
+    /// Whether the backend has room for expressions.
+    has_expressions: bool,
     /// What bricks have.
     bricks: Needs,
     leaps: bool,
@@ -73,10 +74,11 @@ impl Session {
     /// # Errors
     /// If no backend can be made or a budget is too small; the message says the least that works.
     pub fn new(volume: VolumeSource, options: &SessionOptions) -> Result<Self, SessionError> {
-        Self::make(vec![volume], &[0], true, options)
+        Self::make(vec![volume], &[(0, 0)], false, options)
     }
 
-    /// Joins those of the volumes that a scene shows, their pagers and a backend.
+    /// Joins those of the volumes that a scene shows, their pagers and a backend. A live session has those that the scene hides, too: it keeps
+    /// their coarsest bricks, and other scenes may show them.
     ///
     /// # Errors
     /// If no backend can be made, it has no compositor for several layers, or a budget is too small; the message says the least that
@@ -86,36 +88,37 @@ impl Session {
         scene: &ResolvedScene,
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
-        let shown: Vec<usize> = scene.layers.iter().map(|layer| layer.volume).collect();
         check_order(&volumes, scene, options.compositor == CompositorChoice::Sorted)?;
-        Self::make(volumes, &shown, scene.is_alone(), options)
+        let hidden = scene.hidden.iter().filter(|_| options.live).map(|layer| (layer.place, layer.volume));
+        let mut layers: Vec<_> = scene.layers.iter().map(|layer| (layer.place, layer.volume)).chain(hidden).collect();
+        layers.sort_unstable();
+        Self::make(volumes, &layers, !scene.is_alone(), options)
     }
 
+    /// Of layers, each given by its place in scenes and that of its volume.
     fn make(
         volumes: Vec<VolumeSource>,
-        shown: &[usize],
-        is_alone: bool,
+        layers: &[(usize, usize)],
+        has_expressions: bool,
         options: &SessionOptions,
     ) -> Result<Self, SessionError> {
-        let sources: Vec<_> = shown.iter().map(|&i| volumes[i].source.clone()).collect();
+        let sources: Vec<_> = layers.iter().map(|&(_, volume)| volumes[volume].source.clone()).collect();
         let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, options)).collect();
-        let (backend, backend_line) = backend::open(&needs, is_alone, options)?;
+        let (backend, backend_line) = backend::open(&needs, has_expressions, options)?;
         let pools = pools_of(&needs, &sources, &*backend, options)?;
         let tables = |(i, volume): (usize, &VolumeSource)| {
-            let layers = shown.iter().filter(|&&shown| shown == i).count();
-            Tables::new(volume.encoding(), options.bricks.is_pre_integrated, layers)
+            let of_volume = layers.iter().filter(|&&(_, of)| of == i).count();
+            Tables::new(volume.encoding(), options.bricks.is_pre_integrated, of_volume)
         };
         let tables = volumes.iter().enumerate().map(tables).collect();
-        let shown =
-            shown.iter().zip(sources).map(|(&volume, source)| Shown { volume, source, draws: Vec::new(), cut: 0 });
-        let bricks = options.bricks;
+        let layer = |(&(place, volume), source)| SessionLayer { place, volume, source, draws: Vec::new(), cut: 0 };
         Ok(Self {
             tables,
-            shown: shown.collect(),
+            layers: layers.iter().zip(sources).map(layer).collect(),
             pools,
             volumes,
-            is_alone,
-            bricks,
+            has_expressions,
+            bricks: options.bricks,
             leaps: options.leaps,
             backend,
             backend_line,
@@ -136,8 +139,11 @@ impl Session {
         }
         let table = |i: usize, transfer: &TransferFunction, _: &SlotEncoding| self.tables[i].table(transfer);
         let mut resolved = resolve_with(&self.volumes, scene, size_px, table)?;
-        let is_shown = resolved.layers.iter().map(|layer| layer.volume).eq(self.shown.iter().map(|shown| shown.volume));
-        if !is_shown || resolved.is_alone() != self.is_alone {
+        let has = |layer: &ResolvedLayer| {
+            self.layers.iter().any(|own| (own.place, own.volume) == (layer.place, layer.volume))
+        };
+        let has_room = self.has_expressions || resolved.combination.is_none();
+        if !resolved.layers.iter().all(has) || !has_room || self.views(&resolved).is_none() {
             return Err(SessionError::OtherLayers);
         }
         check_order(&self.volumes, &resolved, self.backend.compositor() == Compositor::Sorted.name())?;
@@ -158,12 +164,33 @@ impl Session {
         self.tables.iter().all(|tables| tables.is_prepared(transfer))
     }
 
+    /// Has a thread make what drawing this scene would have to make first, such as compiled shaders. Until
+    /// [`Session::is_scene_prepared`] says that it is done, the scene before can be drawn as ever; one that is drawn sooner waits.
+    pub fn prepare_scene(&mut self, scene: &ResolvedScene) {
+        self.backend.prepare(&drawn(&self.layers, scene, 0), scene.combination.as_ref());
+    }
+
+    /// Whether this scene is drawn without something to be made first.
+    pub fn is_scene_prepared(&self, scene: &ResolvedScene) -> bool {
+        self.backend.is_prepared(&drawn(&self.layers, scene, 0), scene.combination.as_ref())
+    }
+
+    /// A scene's view of each of the session's layers; `None` if it does not have them all.
+    fn views(&self, scene: &ResolvedScene) -> Option<Vec<View>> {
+        let view = |own: &SessionLayer| {
+            let shown = scene.layers.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
+            let hidden = || scene.hidden.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
+            shown.or_else(hidden).cloned()
+        };
+        self.layers.iter().map(view).collect()
+    }
+
     /// One step of streaming: asks the pagers, performs their uploads, keeps their draw lists. A lost device is made anew.
     ///
     /// # Errors
-    /// If there is no device any more or nothing can be drawn at all.
+    /// If there is no device any more, nothing can be drawn at all, or the scene is of other layers.
     pub fn step(&mut self, scene: &ResolvedScene) -> Result<Status, SessionError> {
-        self.step_to(scene.layers.iter().map(|layer| layer.view.clone()).collect())
+        self.step_to(self.views(scene).ok_or(SessionError::OtherLayers)?)
     }
 
     fn step_to(&mut self, views: Vec<View>) -> Result<Status, SessionError> {
@@ -193,9 +220,9 @@ impl Session {
             uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
             pool.pager.uploads_took(begun.elapsed());
             for (&layer, drawn) in pool.layers.iter().zip(frame.volumes) {
-                let shown = &mut self.shown[layer];
-                shown.draws = std::iter::once(drawn.draw).chain(drawn.draw_other_eye).collect();
-                shown.cut = pool.layers[drawn.cut] as u32;
+                let layer = &mut self.layers[layer];
+                layer.draws = std::iter::once(drawn.draw).chain(drawn.draw_other_eye).collect();
+                layer.cut = pool.layers[drawn.cut] as u32;
             }
             pool.is_settled = frame.status.settled;
             whole = Some(match whole {
@@ -241,14 +268,14 @@ impl Session {
     }
 
     fn try_draw(&mut self, scene: &ResolvedScene) -> Result<Picture, BackendError> {
-        let Self { shown, backend, .. } = self;
+        let Self { layers: own, backend, .. } = self;
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
         let eyes = 1 + scene.stereo.is_some() as usize;
-        let is_told = self.clock.is_some() && shown.iter().all(|shown| shown.draws.len() == eyes);
-        let mut seen: Vec<Option<Vec<f32>>> = vec![is_told.then(Vec::new); shown.len()];
+        let is_told = self.clock.is_some() && own.iter().all(|layer| layer.draws.len() == eyes);
+        let mut seen: Vec<Option<Vec<f32>>> = vec![is_told.then(Vec::new); own.len()];
         let picture = scene.picture(|eye| {
-            let layers = drawn(shown, scene, eye);
+            let layers = drawn(own, scene, eye);
             let picture = backend.render(&layers, scene.combination.as_ref())?;
             for (i, seen) in seen.iter_mut().enumerate() {
                 *seen = match (seen.take(), backend.visibility(i)) {
@@ -273,7 +300,7 @@ impl Session {
         for Pool { layers, pager, .. } in &mut self.pools {
             pager.forget_slots(self.backend.slots(layers[0]))?;
         }
-        self.shown.iter_mut().for_each(|shown| shown.draws.clear());
+        self.layers.iter_mut().for_each(|layer| layer.draws.clear());
         Ok(())
     }
 
@@ -311,17 +338,18 @@ impl Session {
 
     /// What is drawn now of each layer, for the one eye or the left one.
     pub fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
-        self.shown.iter().filter_map(|shown| shown.draws.first())
+        self.layers.iter().filter_map(|layer| layer.draws.first())
     }
 }
 
 /// What is drawn now of a scene's layers, seen by one eye.
-fn drawn<'a>(shown: &'a [Shown], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
-    let layer = |(volume, (shown, layer)): (usize, (&'a Shown, &'a ResolvedLayer))| {
-        let draw = shown.draws.get(eye).or(shown.draws.first()).unwrap_or(&NOTHING);
-        Layer { volume, frame: &layer.frames[eye], pyramid: shown.source.pyramid(), draw, cut: shown.cut }
+fn drawn<'a>(layers: &'a [SessionLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
+    let layer = |(volume, own): (usize, &'a SessionLayer)| {
+        let shown = scene.layers.iter().find(|layer| layer.place == own.place)?;
+        let draw = own.draws.get(eye).or(own.draws.first()).unwrap_or(&NOTHING);
+        Some(Layer { volume, frame: &shown.frames[eye], pyramid: own.source.pyramid(), draw, cut: own.cut })
     };
-    shown.iter().zip(&scene.layers).enumerate().map(layer).collect()
+    layers.iter().enumerate().filter_map(layer).collect()
 }
 
 /// What is drawn of a layer before it was streamed.
