@@ -353,7 +353,7 @@ pub fn peel() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{TransferGrid, gradients, integrals, jitter, lighting, mesh, sampling, surface};
+    use brickyard_volume::{TransferGrid, gradients, integrals, jitter, lighting, look, mesh, sampling, surface};
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -641,6 +641,7 @@ mod tests {
             ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
             ("CLOSE_CODES", single(integrals::CLOSE_CODES)),
             ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
+            ("OPAQUE", single(look::OPAQUE)),
             ("GRID_COLUMNS", naga::Literal::U32(TransferGrid::COLUMNS as u32)),
         ];
         let of_media = of_media.map(|(name, value)| (&lit, name, value));

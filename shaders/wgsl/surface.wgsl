@@ -1,22 +1,19 @@
 // Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
 // CPU twin, the volume crate's `surface`.
-//!import field frame lighting
-const SEARCH_PARTS: u32 = 8u;
-const ROUNDS: u32 = 2u;
+//!import field frame lighting search
 
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,
     // Which one the ray is on: 1 inside, -1 outside, 0 not known.
     side: f32,
-    // The piece of the ray with the surface, and the value at its end.
+    // The piece of the ray with the surface.
     start: f32,
     end: f32,
-    value: f32,
 }
 
 fn pixel_start() -> Pixel {
-    return Pixel(1.0, 0.0, 0.0, 0.0, 0.0);
+    return Pixel(1.0, 0.0, 0.0, 0.0);
 }
 
 fn light_left(pixel: Pixel) -> f32 {
@@ -39,42 +36,16 @@ fn search(before: Pixel, field: Field, segment_start: f32, segment_end: f32) -> 
     let is_there = start < end;
     let side = select(before.side, side_of(value), is_there);
     let is_crossed = before.side * side < 0.0;
-    return Pixel(select(before.transmittance, 0.0, is_crossed), side, start, end, value);
+    return Pixel(select(before.transmittance, 0.0, is_crossed), side, start, end);
 }
 
 // The pixel of a ray that ended in the field, or met nothing.
 fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
     if (is_final(pixel)) {
-        return vec4f(lit(field, ray, locate(field, pixel)), 1.0);
+        let t = locate(field, pixel.start, pixel.end, frame.threshold, pixel.side > 0.0);
+        return vec4f(lit(field, ray, t), 1.0);
     }
     return vec4f(0.0);
-}
-
-// Where in its piece of the ray the surface is. (All parts are sampled: to leave loops early where rays
-// part ways is what software rasterisers are slowest at.)
-fn locate(field: Field, pixel: Pixel) -> f32 {
-    var near = pixel.start;
-    var far = pixel.end;
-    var near_value = pixel.value;
-    var far_value = pixel.value;
-    for (var round = 0u; round < ROUNDS; round++) {
-        let first = near;
-        let part = (far - near) / f32(SEARCH_PARTS);
-        var is_past = false;
-        for (var k = 0u; k < SEARCH_PARTS; k++) {
-            let t = first + f32(k) * part;
-            let value = value_at(field, t);
-            let is_first_past = !is_past && side_of(value) == pixel.side;
-            far = select(far, t, is_first_past);
-            far_value = select(far_value, value, is_first_past);
-            is_past = is_past || is_first_past;
-            // If the first place is past it already, the brick before saw it on the other side there.
-            near = select(t, near, is_past);
-            near_value = select(select(value, pixel.value, value < 0.0), near_value, is_past);
-        }
-    }
-    let share = (frame.threshold - near_value) / (far_value - near_value);
-    return select(near + (far - near) * clamp(share, 0.0, 1.0), far, far_value == near_value);
 }
 
 // The difference of the values a voxel to each side, or as far as the field goes. A place without a value is as good as the

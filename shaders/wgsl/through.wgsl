@@ -1,5 +1,5 @@
 // A ray's pixel: what is behind is seen through what is in front.
-//!import classify
+//!import classify frame
 struct Pixel {
     color: vec3f,
     transmittance: f32,
@@ -20,6 +20,7 @@ fn light_left(pixel: Pixel) -> f32 {
     return pixel.transmittance;
 }
 
+// Whatever lies behind adds less than a sixteenth of an 8-bit code.
 fn is_final(pixel: Pixel) -> bool {
     return pixel.transmittance < 1.0 / 4096.0;
 }

@@ -3,14 +3,11 @@
 //! the depth that an exponential takes.
 
 use brickyard_volume::jitter::{self, BLUE_EDGE};
+use brickyard_volume::look::OPAQUE;
 use brickyard_volume::{Needs, SlotFormat, TransferGrid, TransferTable};
 
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
-
-/// Depth of what lets no light through: finite, because shaders need not know infinity, and after a billionth of a unit
-/// distance still more than any `f32` can tell from opaque.
-const OPAQUE: f64 = 1e30;
 
 /// The codes of an expression's table.
 pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;

@@ -75,7 +75,7 @@ pub struct Alone {
 
 /// The depth of what lets no light through: finite, so that sums and shares of it are numbers, and more than any picture can tell from
 /// opaque after a billionth of a unit distance.
-const OPAQUE: f64 = 1e30;
+pub const OPAQUE: f64 = 1e30;
 
 impl Alone {
     /// Adds the next part behind those so far: a straight colour, halvings of the light over a unit distance, and unit distances.
