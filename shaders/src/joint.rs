@@ -84,6 +84,7 @@ impl JointVariant {
                 ),
             )
             .text("layers", self.layers())
+            .text("asking", self.asking())
             .file("world", "axes")
             .file("pixel", "alone")
             .file("gradient", self.medium.gradient.file())
@@ -127,22 +128,43 @@ impl JointVariant {
         for (i, layer) in self.layers.iter().enumerate() {
             text.push_str(&layer.declarations(i, self.medium.light));
         }
-        let each = |line: &str| (0..self.layers.len()).map(|i| line.replace('#', &i.to_string())).collect::<String>();
+        let each = |line: &str| self.each(line);
         let _ = write!(
             text,
             "fn set_out_all(position: vec2f) -> vec2f {{\n    var whole = vec2f(1e30, 0.0);\n{}    become_0();\n    \
              return whole;\n}}\n\n\
              fn shift_all(shift: f32) {{\n{}}}\n\n\
-             fn take_all(walk: Walk, threshold: u32, transmittance: f32) {{\n{}    become_0();\n}}\n\n",
+             fn find_all(walk: Walk, threshold: u32, transmittance: f32) {{\n{}    become_0();\n}}\n\n\
+             fn take_all(walk: Walk) {{\n{}    become_0();\n}}\n\n",
             each(
                 "    frame_# = frames[#];\n    become_#();\n    set_out(position);\n    whole = union_with(whole);\n    \
                  way_# = way;\n"
             ),
             each("    way = way_#;\n    shift_by(shift);\n    way_# = way;\n"),
-            each("    become_#();\n    take_part(walk, threshold, transmittance);\n    way_# = way;\n"),
+            each("    become_#();\n    find(walk, threshold, transmittance);\n    way_# = way;\n"),
+            each("    become_#();\n    take_part(walk);\n    way_# = way;\n"),
         );
         text.push_str(&if self.expression.is_some() { self.reading() } else { self.seeing(&each) });
         text
+    }
+
+    /// A line for each layer, with its number in the place of `#`.
+    fn each(&self, line: &str) -> String {
+        (0..self.layers.len()).map(|i| line.replace('#', &i.to_string())).collect()
+    }
+
+    /// What rays ask of all layers.
+    fn asking(&self) -> String {
+        format!(
+            "//!import find layers way\nfn is_any_due(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
+             fn is_any_elsewhere(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
+             fn look_all(walk: Walk) {{\n{}    become_0();\n}}\n\n\
+             fn empty_until_all(walk: Walk) -> f32 {{\n    var empty = 1e30;\n{}    return empty;\n}}\n",
+            self.each("    way = way_#;\n    is_any = is_any || is_due(walk);\n"),
+            self.each("    way = way_#;\n    is_any = is_any || is_elsewhere(walk);\n"),
+            self.each("    become_#();\n    look(walk);\n    way_# = way;\n"),
+            self.each("    way = way_#;\n    empty = min(empty, empty_until(walk));\n"),
+        )
     }
 
     /// What sees media together.

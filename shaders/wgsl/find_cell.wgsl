@@ -1,5 +1,5 @@
 // What a cell's fragment finds on its way through a layer: the one brick that stands for the layer in the cell, if there is one.
-//!import context field ray sorted way
+//!import context field lattice ray sorted way
 struct Found {
     // Nothing is remembered.
     none: u32,
@@ -14,10 +14,9 @@ fn is_own(t: f32) -> bool {
     return is_in_box(drawn, way.ray.origin + way.ray.direction * t);
 }
 
-fn find(t: f32, threshold: u32, stride: u32, transmittance: f32) {
+fn find(walk: Walk, threshold: u32, transmittance: f32) {
     let brick = cell_bricks[drawn.first_brick + layer];
     way.until = 1e30;
-    way.stride = stride;
     way.is_seen = brick.is_there != 0u;
     way.field = field_about(drawn.centre, brick.texel_scale, brick.texel_offset, way.ray);
 }

@@ -1,10 +1,12 @@
 // What a ray finds on its way through a layer: leaf by leaf of the octree, and macro-cell by macro-cell.
-//!import bricks feedback field macrocells opaque ranks tree way
+//!import bricks feedback field frame lattice macrocells opaque ranks tree way
 struct Found {
     // Where the ray leaves the leaf that it has come to last, and whether anything may be seen there.
     leave: f32,
     is_seen: bool,
     brick: RayBrick,
+    // Ticks of the segments for which it was looked at.
+    stride: u32,
 }
 
 fn nothing_found() -> Found {
@@ -23,34 +25,70 @@ fn may_show(range: u32) -> bool {
     return has_codes(range) && ((HAS_FOG && has_opacity(range)) || (HAS_SURFACES && is_passed(way.rank, range)));
 }
 
-// Finds what is at distance `t`: the leaf, if it is not the last one's, and of its macro-cells the one.
-fn find(t: f32, threshold: u32, stride: u32, transmittance: f32) {
-    let ray = way.ray;
-    let point = ray.origin + ray.direction * t;
-    if (t >= way.found.leave) {
-        let place = find_place(point);
-        way.found.leave = leaving(ray, place.low, place.size);
-        way.found.is_seen = place.number != 0u;
-        way.known.length = 0.0;
-        if (way.found.is_seen) {
-            let number = brick_number(place.number, threshold);
-            mark(number, transmittance);
-            way.found.brick = brick_at(number);
-            let scale = way.found.brick.texel_scale;
-            way.field = field_about(way.found.brick.low + 0.5 / scale, scale, way.found.brick.texel_offset, ray);
-            way.found.is_seen = may_show(way.found.brick.range);
-        }
+// Whether the layer's part of a segment is past the leaf that was found last.
+fn is_due(walk: Walk) -> bool {
+    let part = part_of(walk);
+    return part.x < part.y && 0.5 * (part.x + part.y) >= way.found.leave;
+}
+
+// Finds the leaf of the layer's part of a segment, if it is not the last one's.
+fn find(walk: Walk, threshold: u32, transmittance: f32) {
+    if (!is_due(walk)) {
+        return;
+    }
+    let part = part_of(walk);
+    let place = find_place(way.ray.origin + way.ray.direction * (0.5 * (part.x + part.y)));
+    way.found.leave = leaving(way.ray, place.low, place.size);
+    way.found.is_seen = place.number != 0u;
+    way.until = -1.0;
+    way.known.length = 0.0;
+    if (way.found.is_seen) {
+        let number = brick_number(place.number, threshold);
+        mark(number, transmittance);
+        way.found.brick = brick_at(number);
+        let scale = way.found.brick.texel_scale;
+        way.field = field_about(way.found.brick.low + 0.5 / scale, scale, way.found.brick.texel_offset, way.ray);
+        way.found.is_seen = may_show(way.found.brick.range);
+    }
+}
+
+// Whether the layer's part of a segment is somewhere else than where it was looked at last.
+fn is_elsewhere(walk: Walk) -> bool {
+    let part = part_of(walk);
+    let is_past = 0.5 * (part.x + part.y) >= way.until;
+    return part.x < part.y && (is_past || (!IS_MIDDLE && walk.stride != way.found.stride));
+}
+
+// Looks at the leaf's macro-cell of the layer's part of a segment.
+fn look(walk: Walk) {
+    if (!is_elsewhere(walk)) {
+        return;
     }
     way.until = way.found.leave;
     way.is_seen = way.found.is_seen;
-    way.stride = stride;
+    way.found.stride = walk.stride;
+    let brick = way.found.brick;
     // Longer segments reach out of macro-cells farther than their ranges hold.
-    let is_covered = IS_MIDDLE || overhang(ray, way.found.brick.texel_scale, stride) == 0.0;
-    if (way.is_seen && way.found.brick.first_range != NO_RANGES && is_covered) {
-        let size = CELL_EDGE / way.found.brick.texel_scale;
+    let is_covered = IS_MIDDLE || overhang(way.ray, brick.texel_scale, walk.stride) == 0.0;
+    if (way.is_seen && brick.first_range != NO_RANGES && is_covered) {
+        let part = part_of(walk);
+        let point = way.ray.origin + way.ray.direction * (0.5 * (part.x + part.y));
+        let size = CELL_EDGE / brick.texel_scale;
         let along = f32(frame.macro_cells);
-        let at = clamp(floor((point - way.found.brick.low) / size), vec3f(0.0), vec3f(along - 1.0));
-        way.is_seen = may_show(cell_range(way.found.brick.first_range, u32((at.z * along + at.y) * along + at.x)));
-        way.until = min(way.found.leave, leaving(ray, way.found.brick.low + at * size, size));
+        let at = clamp(floor((point - brick.low) / size), vec3f(0.0), vec3f(along - 1.0));
+        way.is_seen = may_show(cell_range(brick.first_range, u32((at.z * along + at.y) * along + at.x)));
+        way.until = min(way.found.leave, leaving(way.ray, brick.low + at * size, size));
     }
+    // What is leapt over may have no value.
+    way.known.length = select(0.0, way.known.length, way.is_seen);
+    way.rank = select(way.rank, -1, HAS_INVALID && !way.is_seen);
+}
+
+// Up to where there is nothing of the layer, from a segment on for which it has been looked at: no farther than the segment if it has a part.
+fn empty_until(walk: Walk) -> f32 {
+    let part = part_of(walk);
+    // Ahead of it, nothing up to the segment that it begins in; behind it, nothing at all.
+    let ahead = way.stretch.x - 0.5 * f32(walk.stride) * frame.step;
+    let empty = select(select(way.until, ahead, walk.end <= way.stretch.x), 1e30, walk.start >= way.stretch.y);
+    return select(empty, walk.end, part.x < part.y && way.is_seen);
 }

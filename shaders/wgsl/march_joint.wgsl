@@ -12,8 +12,9 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let own = own_stretch(in, way.ray, whole);
     var light = Light(vec3f(0.0), 1.0);
     var walk = enter_zone(tick_at(own.x), 0u, whole);
+    find_all(walk, 0u, 1.0);
     while (own.x < own.y && walk.start < own.y && light.transmittance >= 1.0 / 4096.0) {
-        take_all(walk, 0u, light.transmittance);
+        take_all(walk);
         light = see_all(light);
         walk = walk_on(walk, whole);
         if (is_zone_left(walk)) {

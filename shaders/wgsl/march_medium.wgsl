@@ -8,8 +8,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let stretch = seen.stretch;
     let own = own_stretch(in, ray, stretch);
     let box = box_of(in);
-    let brick = cell_bricks[box.first_brick];
-    let field = field_about(box.centre, brick.texel_scale, brick.texel_offset, ray);
+    let field = field_about(box.centre, in.texel_scale, in.texel_offset, ray);
     var pixel = pixel_start();
     var known: Known;
     var walk = enter_zone(tick_at(own.x), 0u, stretch);

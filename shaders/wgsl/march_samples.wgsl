@@ -8,12 +8,11 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let stretch = seen.stretch;
     let own = own_stretch(in, ray, stretch);
     let box = box_of(in);
-    let brick = cell_bricks[box.first_brick];
     var pixel = pixel_start();
     var walk = enter_zone(tick_at(own.x), 0u, stretch);
     while (own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         let point = ray.origin + ray.direction * walk.middle;
-        let value = sample_atlas(point * brick.texel_scale + brick.texel_offset);
+        let value = sample_atlas(point * in.texel_scale + in.texel_offset);
         if (is_in_box(box, point) && value >= 0.0) {
             pixel = accumulate(pixel, value, walk.end - walk.start);
         }

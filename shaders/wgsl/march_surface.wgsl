@@ -10,11 +10,10 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let ray = seen.ray;
     let stretch = seen.stretch;
     let own = own_stretch(in, ray, stretch);
-    let brick = cell_bricks[in.first_brick];
-    let field = field_about(box_of(in).centre, brick.texel_scale, brick.texel_offset, ray);
-    let before = max(own.x - 1.5 * voxel_length(ray, brick.texel_scale), max(stretch.x, field.reach.x));
+    let field = field_about(box_of(in).centre, in.texel_scale, in.texel_offset, ray);
+    let before = max(own.x - 1.5 * voxel_length(ray, in.texel_scale), max(stretch.x, field.reach.x));
     var walk = enter_zone(tick_at(before), 0u, stretch);
-    let last = min(own.y + overhang(ray, brick.texel_scale, walk.stride), stretch.y);
+    let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
     var pixel = pixel_start();
     pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {

@@ -31,6 +31,9 @@ struct Proxy {
     @location(1) @interpolate(flat) region_max: vec3f,
     @location(2) @interpolate(flat) pixels: vec2u,
     @location(3) @interpolate(flat) first_brick: u32,
+    // The first brick. (Read from storage by fragments, it would be read anew in each round of a loop by lavapipe.)
+    @location(4) @interpolate(flat) texel_scale: vec3f,
+    @location(5) @interpolate(flat) texel_offset: vec3f,
 }
 
 // Corner `i` of a cube as one strip of 14 vertices, a bit per vertex and axis.
@@ -62,6 +65,8 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     out.region_max = cell.region_max;
     out.pixels = vec2u(cell.pixels_from, cell.pixels_to);
     out.first_brick = instance * LAYERS;
+    out.texel_scale = cell_bricks[out.first_brick].texel_scale;
+    out.texel_offset = cell_bricks[out.first_brick].texel_offset;
     return out;
 }
 

@@ -10,8 +10,6 @@ struct Way {
     found: Found,
     field: Field,
     known: Known,
-    // Ticks of the segments for which it was looked at.
-    stride: u32,
     // Of its own surfaces, how many it is past, and how many at the end of its part of the segment; negative where that is not known.
     rank: i32,
     last: i32,
@@ -32,9 +30,6 @@ var<private> way: Way;
 
 // The middle of the segment.
 var<private> segment_middle: f32;
-
-// Nothing is seen before.
-var<private> empty_until: f32;
 
 // Sets out along a pixel's ray.
 fn set_out(position: vec2f) {
@@ -60,27 +55,17 @@ fn shift_by(shift: f32) {
     way.stretch += shift;
 }
 
-// Takes the layer's part of a segment, and notes up to where there is nothing of it.
-fn take_part(walk: Walk, threshold: u32, transmittance: f32) {
+// The layer's part of a segment: empty if it has none.
+fn part_of(walk: Walk) -> vec2f {
+    return vec2f(max(walk.start, way.stretch.x), min(walk.end, way.stretch.y));
+}
+
+// Takes the layer's part of a segment, for which it has been looked at.
+fn take_part(walk: Walk) {
     segment_middle = walk.middle;
-    let start = max(walk.start, way.stretch.x);
-    let end = min(walk.end, way.stretch.y);
-    let middle = 0.5 * (start + end);
-    let is_inside = start < end && is_own(middle);
-    if (is_inside && (middle >= way.until || (!IS_MIDDLE && walk.stride != way.stride))) {
-        find(middle, threshold, walk.stride, transmittance);
-    }
-    let is_taken = is_inside && way.is_seen;
+    let part = part_of(walk);
     show_nothing();
-    if (is_taken) {
-        show_part(start, end);
-    } else {
-        // What was leapt over may have had no value.
-        way.known.length = 0.0;
-        way.rank = select(way.rank, -1, HAS_INVALID && is_inside);
+    if (part.x < part.y && way.is_seen && is_own(0.5 * (part.x + part.y))) {
+        show_part(part.x, part.y);
     }
-    // Ahead of it, nothing up to the segment that it begins in; behind it, nothing at all.
-    let ahead = way.stretch.x - 0.5 * f32(walk.stride) * frame.step;
-    let empty = select(select(way.until, ahead, walk.end <= way.stretch.x), 1e30, walk.start >= way.stretch.y);
-    empty_until = min(empty_until, select(empty, walk.end, is_taken));
 }

@@ -1,15 +1,16 @@
 //! CPU milliseconds of a 512x512 picture of 256^3 voxels in bricks of 64^3 by each compositor, for several modes, on a software
-//! rasteriser (Linux), and the GPU's own count (timestamps) where it has one:
-//! `cargo run -p brickyard-render --example gpu_speed -- [ONLY]`, `ONLY` being part of a case's name.
+//! rasteriser (Linux), and the GPU's own count (timestamps) where it has one; of one layer, and of three channels alike beside three times
+//! that: `cargo run -p brickyard-render --example gpu_speed -- [ONLY]`, `ONLY` being part of a case's name.
 //!
-//! Frames of the two compositors take turns, so that other load meets both alike; the best of each counts.
+//! Frames of all renderers take turns, so that other load meets all alike; the best of each counts.
 
 #[path = "../tests/bricks/mod.rs"]
 #[allow(dead_code, reason = "the oracle is for tests")]
 mod bricks;
 
-use bricks::{Bricks, RenderOne};
-use brickyard_pager::DrawList;
+use bricks::{ALONE, Bricks, MEMORY_BYTES};
+use brickyard_pager::{DrawList, Layer, Pixels};
+use brickyard_render::{Compositor, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
 
@@ -88,34 +89,59 @@ fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
     let camera = Camera::looking_at_box(bricks.geometry.world_box(Extent::new(256, 256, 256)));
     let rays = Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).expect("a camera");
     let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(1.0, 0));
-    let mut renderers = bricks.renderers();
-    let mut best = vec![(f64::INFINITY, f64::INFINITY); renderers.len()];
-    let mut pictures = vec![None; renderers.len()];
-    let mut lists = Vec::new();
-    for renderer in &mut renderers {
-        let mut list = bricks.draw(renderer, &rays, &|_| false, &|_| 0);
-        if mode == Mode::Dvr {
-            cull(bricks, &frame.table, &mut list);
-        }
-        lists.push(list);
-    }
+    let frame = VolumeFrame::alone(frame);
+    let ways = [Compositor::Sorted, Compositor::Raycast].into_iter().flat_map(|way| [(way, 1), (way, 3)]);
+    let mut stages: Vec<Stage> = ways.map(|(way, layers)| Stage::new(bricks, &frame, way, layers)).collect();
     for _ in 0..FRAMES {
-        for (i, renderer) in renderers.iter_mut().enumerate() {
-            let start = cpu_ms();
-            pictures[i] = Some(renderer.render_one(&frame, &bricks.pyramid, &lists[i]).expect("a picture"));
-            best[i] = (best[i].0.min(cpu_ms() - start), best[i].1.min(renderer.last_frame_ms()));
-        }
+        stages.iter_mut().for_each(|stage| stage.draw(bricks, &frame));
     }
-    let figures: Vec<_> = renderers
-        .iter()
-        .zip(&best)
-        .map(|(r, (cpu, frame))| format!("{} {cpu:.0} CPU-ms ({frame:.0} ms)", r.compositor().name()))
-        .collect();
-    let difference = match &pictures[..] {
-        [Some(a), Some(b)] => a.difference(b).max,
-        _ => 0,
-    };
-    println!("{name}: {} cells, {}, pictures within {difference}/255", lists[0].cells.len(), figures.join(", "));
+    for [one, three] in stages.as_chunks().0 {
+        println!(
+            "{name}, {}: {} cells, {:.0} CPU-ms ({:.0} ms); three {:.0} CPU-ms ({:.0} ms), {:.2} times their sum",
+            one.renderer.compositor().name(),
+            one.list.cells.len(),
+            one.best.0,
+            one.best.1,
+            three.best.0,
+            three.best.1,
+            three.best.0 / one.best.0 / 3.0
+        );
+    }
+    let pictures = stages.as_chunks().0.iter().map(|[one, _]| one.picture.as_ref().expect("a picture"));
+    let [sorted, raycast] = pictures.collect::<Vec<_>>()[..] else { return };
+    println!("{name}: pictures within {}/255", sorted.difference(raycast).max);
+}
+
+/// A renderer of layers that all are the same volume, and how fast it was so far.
+struct Stage {
+    renderer: GpuRenderer,
+    layers: usize,
+    list: DrawList,
+    /// CPU milliseconds and those of the frame.
+    best: (f64, f64),
+    picture: Option<Picture>,
+}
+
+impl Stage {
+    fn new(bricks: &Bricks, frame: &VolumeFrame, compositor: Compositor, layers: usize) -> Self {
+        let (options, settings) = (GpuOptions { compositor, ..Default::default() }, &frame.settings);
+        let needs = vec![bricks.volume_needs(); layers];
+        let mut renderer =
+            GpuRenderer::new(&options, &needs, 4 * MEMORY_BYTES, (SIZE_PX, SIZE_PX)).expect("an adapter");
+        let entries = |_| vec![(0, Pixels::ALL)];
+        let mut list = bricks.draw_fading(&mut renderer, ALONE, &settings.rays, &|_| false, &entries);
+        if settings.mode == Mode::Dvr {
+            cull(bricks, &settings.table, &mut list);
+        }
+        Self { renderer, layers, list, best: (f64::INFINITY, f64::INFINITY), picture: None }
+    }
+
+    fn draw(&mut self, bricks: &Bricks, frame: &VolumeFrame) {
+        let layer = Layer { frame, pyramid: &bricks.pyramid, draw: &self.list, cut: 0 };
+        let start = cpu_ms();
+        self.picture = Some(self.renderer.render(&vec![layer; self.layers], None).expect("a picture"));
+        self.best = (self.best.0.min(cpu_ms() - start), self.best.1.min(self.renderer.last_frame_ms()));
+    }
 }
 
 /// Leaves out what the cut would: bricks in which nothing has opacity.

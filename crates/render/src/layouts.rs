@@ -89,8 +89,10 @@ fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: 
     let textures = (bindings::FIRST_ATLAS..).take(pools).chain(gradients);
     march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
     match compositor {
-        Compositor::Sorted => march
-            .extend([(bindings::CELLS, ShaderStages::VERTEX, storage()), (bindings::CELL_BRICKS, stage, storage())]),
+        Compositor::Sorted => march.extend([
+            (bindings::CELLS, ShaderStages::VERTEX, storage()),
+            (bindings::CELL_BRICKS, ShaderStages::VERTEX | stage, storage()),
+        ]),
         Compositor::Raycast | Compositor::Compute => {
             let read = [bindings::BRICKS, bindings::NODES, bindings::RANGES, bindings::OPAQUE_BEFORE];
             march.extend(read.map(|binding| (binding, stage, storage())));
