@@ -474,6 +474,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "--method pcvs --jitter",
         "--gradient-opacity 0:0,1:1 --lighting phong",
         "--mode isosurface --volume 0:isovalue=0.5",
+        "--isovalue 0.4,opacity=0.5",
     ]
     .into_iter()
     .enumerate()

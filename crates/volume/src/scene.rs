@@ -132,7 +132,10 @@ impl Scene {
         Self { layers: vec![layer.into()], ..Self::default() }
     }
 
-    /// The store that a layer shows.
+    /// The place, among the stores, of the one that a layer shows.
+    ///
+    /// # Panics
+    /// If there is no such layer.
     pub fn store(&self, layer: usize) -> usize {
         self.layers[layer].source.unwrap_or(layer)
     }
