@@ -131,7 +131,8 @@ fn live_sessions_of_several_volumes_settle() {
         let (picture, stats) = settle(&mut session, &resolved);
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         assert!(picture.difference(&expected).max <= 2 && stats.completeness == 1.0, "{way:?}: {stats:?}");
-        let error = session.resolve(&of(vec![plain(), askew(), plain()]), SIZE).expect_err("three layers");
+        let again = SceneLayer { source: Some(0), ..plain() };
+        let error = session.resolve(&of(vec![plain(), askew(), again]), SIZE).expect_err("three layers");
         assert!(matches!(error, SessionError::OtherLayers), "{error}");
     }
 }

@@ -98,23 +98,23 @@ pub struct FlightPlan<'a> {
 /// How long a view may take to settle.
 const LONGEST: Duration = Duration::from_secs(600);
 
-/// Flies a scenario over a store that is opened for it.
+/// Flies a scenario over stores that are opened for it, all in one picture.
 ///
 /// # Errors
-/// If the store does not open, the session fails, or a view does not settle within ten minutes.
-pub fn fly(store: &Path, plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
+/// If a store does not open, the session fails, or a view does not settle within ten minutes.
+pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
     let started = Instant::now();
-    let store = Arc::new(for_mode(Store::open(store)?, plan.scene.mode)?);
-    let volumes = vec![VolumeSource::of_store(&store)];
+    let open = |store: &&Path| Ok(VolumeSource::of_store(&Arc::new(for_mode(Store::open(store)?, plan.scene.mode)?)));
+    let volumes = stores.iter().map(open).collect::<Result<Vec<_>, FlightError>>()?;
     let mut session = Session::of_scene(volumes.clone(), &resolve(&volumes, plan.scene, plan.size_px)?, options)?;
     let open_ms = ms(started);
     let first = session.resolve(plan.scene, plan.size_px)?;
-    let extent = store.pyramid().levels()[0].extent;
+    let voxel_size = |volume: &VolumeSource| volume.source.geometry().voxel_size(volume.extent());
     let setting = Setting {
         scene: first.shown(plan.scene),
         camera: first.camera,
         world_box: first.world_box,
-        voxel_size: store.geometry().voxel_size(extent),
+        voxel_size: volumes.iter().map(voxel_size).fold(f64::INFINITY, f64::min),
         seed: plan.seed,
     };
     let mut watch = Watch::new(options, plan.frame_goal);

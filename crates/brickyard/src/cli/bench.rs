@@ -22,6 +22,9 @@ pub(crate) struct BenchArguments {
     /// The stores
     #[arg(required = true)]
     stores: Vec<PathBuf>,
+    /// Fly over all stores in one picture, not over one after the other
+    #[arg(long)]
+    together: bool,
     /// What to fly
     #[arg(long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
     scenario: Vec<ScenarioArgument>,
@@ -87,9 +90,9 @@ enum ScenarioArgument {
 
 #[derive(Serialize)]
 struct Row<'a> {
-    store: &'a Path,
-    /// Voxels along x, y and z.
-    extent: [u32; 3],
+    stores: &'a [&'a Path],
+    /// Voxels along x, y and z, store by store.
+    extents: Vec<[u32; 3]>,
     size_px: (u32, u32),
     gpu_memory: u64,
     host_memory: u64,
@@ -107,11 +110,12 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     if !arguments.json {
         print_line(HEAD)?;
     }
-    for path in &arguments.stores {
+    let paths: Vec<&Path> = arguments.stores.iter().map(PathBuf::as_path).collect();
+    for stores in paths.chunks(if arguments.together { paths.len() } else { 1 }) {
         for &scenario in &arguments.scenario {
-            let (extent, report) = flight(arguments, path, scenario.into())?;
+            let (extents, report) = flight(arguments, stores, scenario.into())?;
             let BenchArguments { cold, size: size_px, gpu_memory, host_memory, .. } = *arguments;
-            let row = Row { store: path, extent, size_px, gpu_memory, host_memory, cold, report };
+            let row = Row { stores, extents, size_px, gpu_memory, host_memory, cold, report };
             if !arguments.json {
                 print_line(&line(&row))?;
             }
@@ -121,13 +125,17 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     if arguments.json { print_json(&rows) } else { Ok(()) }
 }
 
-fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result<([u32; 3], FlightReport), Failure> {
+fn flight(
+    arguments: &BenchArguments,
+    paths: &[&Path],
+    scenario: Scenario,
+) -> Result<(Vec<[u32; 3]>, FlightReport), Failure> {
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
-    let store = store_errors::open(path)?;
-    let extent = store.pyramid().levels()[0].extent.to_array();
-    let scene = arguments.sampling.of(arguments.scene.scene(std::slice::from_ref(&store), arguments.size)?);
-    drop(store);
-    if arguments.cold {
+    let stores = paths.iter().map(|path| store_errors::open(path)).collect::<Result<Vec<_>, _>>()?;
+    let extents = stores.iter().map(|store| store.pyramid().levels()[0].extent.to_array()).collect();
+    let scene = arguments.sampling.of(arguments.scene.scene(&stores, arguments.size)?);
+    drop(stores);
+    for path in paths.iter().filter(|_| arguments.cold) {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }
     let options = SessionOptions {
@@ -154,15 +162,15 @@ fn flight(arguments: &BenchArguments, path: &Path, scenario: Scenario) -> Result
         seed: arguments.seed,
         frame_goal: arguments.frame_goal.map(|ms| Duration::from_millis(ms.into())),
     };
-    let report = fly(path, &plan, &options).map_err(|error| match error {
+    let report = fly(paths, &plan, &options).map_err(|error| match error {
         FlightError::Session(error) => session_failure(error),
         FlightError::Open(_) | FlightError::NotSettled(_) => Failure::failed(error),
     })?;
-    Ok((extent, report))
+    Ok((extents, report))
 }
 
 const HEAD: &str = "\
-| store | scenario | open ms | first picture ms | settled ms | frame ms p50 / p95 / p99 | quality | settles after ms | complete | \
+| stores | scenario | open ms | first picture ms | settled ms | frame ms p50 / p95 / p99 | quality | settles after ms | complete | \
 read / decoded / uploaded MiB | decoded per upload | uploaded again | backend / host / anonymous MiB | uncovered, over budget |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
@@ -170,9 +178,10 @@ fn line(row: &Row<'_>) -> String {
     let r = &row.report;
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
     let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
-    let store = row.store.file_name().unwrap_or_default().to_string_lossy();
+    let names: Vec<_> = row.stores.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy()).collect();
+    let stores = names.join(" + ");
     format!(
-        "| {store} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
+        "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
          {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
         r.scenario.name(),
         if row.cold { ", cold" } else { "" },
