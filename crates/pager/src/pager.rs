@@ -51,6 +51,19 @@ const FETCH_TIME: Duration = Duration::from_millis(300);
 /// After how long a frame is worth its while because of what fades in: a sixtieth of a second.
 const FADE_STEP: Duration = Duration::from_millis(16);
 
+/// The views and cuts of the last frame, and what the ones saw of the others.
+struct LastFrame {
+    views: Vec<View>,
+    cuts: Vec<Arc<Cut>>,
+    sights: Vec<Sight>,
+}
+
+impl LastFrame {
+    fn is_of(&self, views: &[View], cuts: &[Arc<Cut>]) -> bool {
+        self.views == views && self.cuts.iter().zip(cuts).all(|(a, b)| Arc::ptr_eq(a, b))
+    }
+}
+
 /// Pages the bricks of volumes that share slots, for one view of each at a time.
 pub struct Pager {
     config: PagerConfig,
@@ -58,8 +71,7 @@ pub struct Pager {
     volumes: Vec<PagedVolume>,
     residency: Residency,
     planner: Planner,
-    /// The views and cuts of the last frame, and what the ones saw of the others.
-    last: Option<(Vec<View>, Vec<Arc<Cut>>, Vec<Sight>)>,
+    last: Option<LastFrame>,
     motion: Motion,
     governor: Governor,
     /// The last frame's time.
@@ -148,7 +160,7 @@ impl Pager {
             occupancy: occupancy.clone(),
         });
         let sights = match self.last.take() {
-            Some((last, of, sights)) if last == views && of.iter().zip(&cuts).all(|(a, b)| Arc::ptr_eq(a, b)) => sights,
+            Some(last) if last.is_of(views, &cuts) => last.sights,
             _ => Sight::all(&planned_sources(&self.volumes), &cuts, views),
         };
         let wants = self.volumes.iter().zip(&cuts).zip(&sights).map(|((volume, cut), sight)| volume.wants(cut, sight));
@@ -171,7 +183,7 @@ impl Pager {
             drawn.push(VolumeDraw { draw, draw_other_eye, cut: sight.first });
         }
         let status = self.status(&cuts, seen);
-        self.last = Some((views.to_vec(), cuts, sights));
+        self.last = Some(LastFrame { views: views.to_vec(), cuts, sights });
         Frame { uploads, volumes: drawn, status }
     }
 
@@ -183,8 +195,8 @@ impl Pager {
     /// # Panics
     /// If there is no such volume, or there are not as many numbers as entries.
     pub fn feedback(&mut self, volume: usize, visibility: &[f32]) {
-        if let Some((views, ..)) = &self.last {
-            self.volumes[volume].feedback(&views[volume], visibility, self.is_complete);
+        if let Some(last) = &self.last {
+            self.volumes[volume].feedback(&last.views[volume], visibility, self.is_complete);
         }
     }
 

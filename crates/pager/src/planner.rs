@@ -140,13 +140,9 @@ impl Desk {
 
 /// What is to be cut of each volume, seen by these views, with what a job knows.
 fn subjects<'a>(sources: &'a [Arc<dyn BrickSource>], views: &'a [View], job: &'a Job) -> Vec<Subject<'a>> {
-    let subject =
-        |((source, view), known): ((&'a Arc<dyn BrickSource>, &'a View), &'a Option<(u64, Arc<Visibility>)>)| Subject {
-            source: &**source,
-            view,
-            visibility: known.as_ref().map(|(_, visibility)| &**visibility),
-        };
-    sources.iter().zip(views).zip(&job.visibility).map(subject).collect()
+    let visibility = job.visibility.iter().map(|known| known.as_ref().map(|(_, visibility)| &**visibility));
+    let all = sources.iter().zip(views).zip(visibility);
+    all.map(|((source, view), visibility)| Subject { source: &**source, view, visibility }).collect()
 }
 
 /// Face neighbours of the wanted cells, of their level, that are outside of the frustum and not empty; with the cells' errors.
