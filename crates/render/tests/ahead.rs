@@ -154,8 +154,8 @@ fn a_device_may_go_while_a_thread_makes_something_for_it() {
 fn what_cannot_be_drawn_says_so_when_it_is() {
     let Some(mut stage) = Stage::new(Compositor::Raycast) else { return };
     let mut frames = stage.look(Method::Udvr, LightingModel::None);
-    frames.pop();
+    frames[0].settings.rays.width = 1000;
     stage.prepare(&frames);
     assert!(stage.is_prepared(&frames), "there is nothing to wait for");
-    assert!(matches!(stage.render(&frames), Err(GpuError::Mismatch(_))));
+    assert!(matches!(stage.render(&frames), Err(GpuError::PictureTooLarge { .. })));
 }
