@@ -137,9 +137,10 @@ impl Stage {
     }
 
     fn draw(&mut self, bricks: &Bricks, frame: &VolumeFrame) {
-        let layer = Layer { frame, pyramid: &bricks.pyramid, draw: &self.list, cut: 0 };
+        let layer = |volume| Layer { volume, frame, pyramid: &bricks.pyramid, draw: &self.list, cut: 0 };
+        let layers: Vec<Layer<'_>> = (0..self.layers).map(layer).collect();
         let start = cpu_ms();
-        self.picture = Some(self.renderer.render(&vec![layer; self.layers], None).expect("a picture"));
+        self.picture = Some(self.renderer.render(&layers, None).expect("a picture"));
         self.best = (self.best.0.min(cpu_ms() - start), self.best.1.min(self.renderer.last_frame_ms()));
     }
 }

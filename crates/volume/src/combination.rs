@@ -9,6 +9,7 @@ use crate::code::{SlotEncoding, SlotFormat};
 use crate::expression::{Expression, Range};
 use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
+use glam::{DVec3, Vec3};
 
 /// An expression and how its values look.
 #[derive(Clone, Debug)]
@@ -37,7 +38,24 @@ impl Combination {
 
     /// Straight colour and opacity where volumes have these values; `None` where there is nothing.
     pub fn look(&self, values: &[f64]) -> Option<[f32; 4]> {
-        let value = self.expression.value(values);
+        self.look_of(self.expression.value(values))
+    }
+
+    /// The same, lit: by `shade`, given the colour and the unit vector along the value's gradient where there is one. The volumes have these
+    /// gradients.
+    pub fn look_lit(
+        &self,
+        values: &[f64],
+        gradients: &[DVec3],
+        shade: impl FnOnce(DVec3, Option<DVec3>) -> DVec3,
+    ) -> Option<[f32; 4]> {
+        let (value, gradient) = self.expression.value_and_gradient(values, gradients);
+        let [r, g, b, alpha] = self.look_of(value)?;
+        let lit = shade(Vec3::new(r, g, b).as_dvec3(), gradient.map(DVec3::normalize)).as_vec3();
+        Some([lit.x, lit.y, lit.z, alpha])
+    }
+
+    fn look_of(&self, value: f64) -> Option<[f32; 4]> {
         let look = || self.table.lookup(self.encoding.unorm(value).clamp(0.0, 1.0) as f32);
         (!value.is_nan()).then(look).filter(|look| look[3] > 0.0)
     }

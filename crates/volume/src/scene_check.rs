@@ -6,7 +6,6 @@
 
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
 use crate::expression::{Expression, MAX_VOLUMES};
-use crate::jitter::Jitter;
 use crate::layer::{GAMMAS, SceneLayer};
 use crate::lighting::{Lighting, LightingModel, MAX_LIGHTS};
 use crate::mode::Mode;
@@ -67,12 +66,12 @@ impl Scene {
     /// The expression over all layers, if there is one.
     ///
     /// # Errors
-    /// If it cannot be read, or not be shown: its value is one number in each place, of no gradient.
+    /// If it cannot be read, or not be shown: its value is one number in each place.
     pub fn parsed_expression(&self) -> Result<Option<Expression>, SceneError> {
         let Some(look @ SceneExpression { text, transfer }) = &self.expression else { return Ok(None) };
         let expression = Expression::parse(text, self.layers.len())?;
         let read = expression.volumes();
-        let (method, jitter, model) = (self.sampling.method, self.sampling.jitter, self.lighting.model);
+        let method = self.sampling.method;
         if read.is_empty() {
             Err(SceneError::ExpressionOfNothing(text.clone()))
         } else if let Some(&layer) = read.iter().find(|&&layer| !self.layers[layer].visible) {
@@ -83,10 +82,6 @@ impl Scene {
             Err(SceneError::ExpressionMode(self.mode))
         } else if method != Method::Udvr {
             Err(SceneError::ExpressionMethod(method))
-        } else if jitter != Jitter::None {
-            Err(SceneError::ExpressionJitter(jitter))
-        } else if model != LightingModel::None {
-            Err(SceneError::ExpressionLighting(model))
         } else if transfer.as_ref().is_some_and(TransferChoice::is_by_gradient) {
             Err(SceneError::ExpressionByGradient)
         } else {

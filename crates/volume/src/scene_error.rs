@@ -3,7 +3,6 @@
 
 use crate::clip::ClipError;
 use crate::expression::{ExpressionError, MAX_VOLUMES};
-use crate::jitter::Jitter;
 use crate::layer::GAMMAS;
 use crate::lighting::{LightingModel, MAX_LIGHTS};
 use crate::mesh::MeshLookError;
@@ -99,14 +98,6 @@ pub enum SceneError {
     /// An expression by another method.
     #[error("expression: its value is sampled by method udvr, not {0:?}: leave one of both out")]
     ExpressionMethod(Method),
-    /// An expression with jitter.
-    #[error("expression: its value is not jittered, and the scene asks for {0:?}: leave one of both out")]
-    ExpressionJitter(Jitter),
-    /// An expression with lighting.
-    #[error(
-        "expression: the gradient of an expression's value is no layer's: it is not lit, and the scene asks for {0:?}: leave one of both out"
-    )]
-    ExpressionLighting(LightingModel),
     /// An expression that is classified by its gradient.
     #[error(
         "expression: the transfer function is one of value and gradient, and an expression is classified by value alone: leave its \

@@ -58,8 +58,6 @@ fn impossible() -> Vec<(&'static str, &'static str, Scene)> {
         ("ExpressionStyle", "layer 0 has a style", expression(r#""layers": [{"opacity": 0.5}, {}]"#)),
         ("ExpressionMode", "Mip", expression(r#""mode": "mip""#)),
         ("ExpressionMethod", "Asm", expression(r#""sampling": {"method": "asm"}"#)),
-        ("ExpressionJitter", "Blue", expression(r#""sampling": {"jitter": "blue"}"#)),
-        ("ExpressionLighting", "gradient of an expression", expression(r#""lighting": {"model": "phong"}"#)),
         (
             "ExpressionByGradient",
             "gradient_opacity",
