@@ -3,7 +3,7 @@
 
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
-use crate::steps::StepTables;
+use crate::steps::{Effect, StepTables};
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
@@ -68,8 +68,9 @@ pub(crate) struct Frame<'a> {
 
 /// One entry of the draw list.
 pub(crate) struct Cell<'a> {
-    /// Its place in the list.
+    /// Its place in the list, and the cell's in the order of the cut.
     index: usize,
+    pub(crate) order: u32,
     /// The half-open box in voxel space, without bound where it ends at the volume's faces: rays are clipped there
     /// already, and a sample that rounding has put a hair outside still belongs to a cell.
     pub(crate) low: [f64; 3],
@@ -151,7 +152,8 @@ impl<'a> Frame<'a> {
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
-        let zones = if settings.mode == Mode::Dvr && by_itself { ticks.zones } else { 0 };
+        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
+        let effect = if by_itself { Effect::Seen } else { Effect::Share(layer.blend) };
         let lit = if settings.mode.is_projection() { 0 } else { list.cells.len() };
         Self {
             settings,
@@ -159,7 +161,7 @@ impl<'a> Frame<'a> {
             adaptive_step: settings.table.adaptive_step(),
             grid: settings.grid(),
             integrals: settings.sampling.method.is_pre_integrated().then(|| settings.table.integrals()),
-            steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones),
+            steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones, effect),
             ticks,
             shown_low,
             shown_high,
@@ -214,6 +216,13 @@ impl Frame<'_> {
     /// A ray enters the cell with so much light, at least 0.
     pub(crate) fn enter(&self, cell: &Cell<'_>, light: f32) {
         self.light[cell.index].fetch_max(light.to_bits(), Ordering::Relaxed);
+    }
+
+    /// From which code on, and before which one, a place is past so many surfaces.
+    #[inline(always)]
+    pub(crate) fn band(&self, rank: i32) -> (f32, f32) {
+        let threshold = |i: i32| self.thresholds.get(i as usize).copied();
+        (threshold(rank - 1).unwrap_or(f32::NEG_INFINITY), threshold(rank).unwrap_or(f32::INFINITY))
     }
 
     /// Whether any of a packet's table positions may have opacity.
@@ -331,6 +340,7 @@ impl<'a> Cell<'a> {
         let core = |a: usize| index[a] as f64 * pyramid.edge() as f64;
         Some(Self {
             index: index_in_list,
+            order: cell.rank,
             low: std::array::from_fn(|a| if min[a] == 0 { f64::NEG_INFINITY } else { min[a] as f64 }),
             high: std::array::from_fn(|a| if max[a] == extent[a] { f64::INFINITY } else { max[a] as f64 }),
             scale: factor.map(|f| 1.0 / f as f64),

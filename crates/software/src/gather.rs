@@ -14,11 +14,11 @@ use crate::pieces::Pieces;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Located, Portable, Unit};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{self as volume, Method, Mode, SlotFormat};
-use glam::{Vec4, Vec4Swizzles};
+use brickyard_volume::{self as volume, Filter, Method, Mode, SlotFormat};
+use glam::Vec4;
 use std::ops::Range;
 
 /// A ray's way through one layer.
@@ -65,6 +65,19 @@ impl Way {
             }
         }
         (self.seen, self.pending) = (self.stretch.seen, 0..0);
+    }
+
+    /// The next tick of the cell from which on something may be seen.
+    #[inline(always)]
+    pub(crate) fn next(&self) -> Option<u32> {
+        let Stretch { start, end, zone, count, block, .. } = self.stretch;
+        let segment = match self.pending.is_empty() {
+            true if self.seen == 0 => count,
+            true => (self.seen.trailing_zeros() as i32).saturating_mul(block),
+            false => self.pending.start,
+        };
+        let tick = if segment < count { start + ((segment as u32) << zone) } else { end };
+        (tick < self.last).then_some(tick)
     }
 
     /// The next segments before `end` that may be seen, of the stretch.
@@ -173,7 +186,11 @@ fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
         let until = if end < run.end { end } else { run.end };
         let first = at as i32 + ((tick - run.start) >> zone) as i32 - ((tick - start) >> zone) as i32;
         while let Some(segments) = way.next_seen(((until - start) >> zone) as i32) {
+            let seen = media.end;
             L::take::<C, U, INVALID>(&march, way, segments, first, chunk, media);
+            if media.end < seen {
+                return;
+            }
         }
         tick = until;
     }
@@ -197,7 +214,35 @@ impl Look for Plain {
         let frame = march.frame;
         let first = (at + segments.start) as usize;
         sample::<C, U, INVALID>(march, way, segments, chunk);
-        let (entries, packets) = (Entries::of(frame), chunk.packets.min(PACKETS));
+        let packets = chunk.packets.min(PACKETS);
+        let mixtures = &mut media.mixtures[first..][..packets * LANES];
+        if C::BYTES == 1
+            && chunk.whole_steps > 0
+            && let Some(table) = frame.steps.zone(chunk.zone)
+        {
+            let (mut shows, mut is_steep) = ([false; PACKETS], false);
+            for p in 0..packets {
+                let count = chunk.whole_steps as i32 - (p * LANES) as i32;
+                shows[p] = table.find(&chunk.code[p], count, &mut chunk.places[p]);
+                is_steep |= table.is_steep(&chunk.places[p]);
+            }
+            if !is_steep {
+                for p in (0..packets).filter(|&p| shows[p]) {
+                    media.is_any = true;
+                    let mixtures = &mut mixtures[p * LANES..][..LANES];
+                    for i in 0..LANES {
+                        // SAFETY: the places have been found.
+                        let step = unsafe { table.step(&chunk.places[p], i) };
+                        match frame.blend {
+                            volume::Blend::Mix => mixtures[i].mixed += step,
+                            volume::Blend::Add => mixtures[i].glow += step,
+                        }
+                    }
+                }
+                return;
+            }
+        }
+        let entries = Entries::of(frame);
         let mut shows = [false; PACKETS];
         for p in 0..packets {
             let position = entries.positions(frame, &chunk.code[p]);
@@ -219,16 +264,14 @@ impl Look for Plain {
                 }
             }
         }
-        for p in 0..packets {
-            if shows[p] {
-                media.is_any = true;
-                let mixtures = &mut media.mixtures[first + p * LANES..][..LANES];
-                for i in 0..LANES {
-                    let entry = chunk.entry[p][i];
-                    match frame.blend {
-                        volume::Blend::Mix => mixtures[i].mix(entry, chunk.passed[p][i]),
-                        volume::Blend::Add => mixtures[i].glow += entry.xyz() * (entry.w * chunk.weight[p][i]),
-                    }
+        for p in (0..packets).filter(|&p| shows[p]) {
+            media.is_any = true;
+            let mixtures = &mut mixtures[p * LANES..][..LANES];
+            for i in 0..LANES {
+                let entry = chunk.entry[p][i];
+                match frame.blend {
+                    volume::Blend::Mix => mixtures[i].mix(entry, chunk.passed[p][i]),
+                    volume::Blend::Add => mixtures[i].glow += entry * (entry.w * chunk.weight[p][i]),
                 }
             }
         }
@@ -291,6 +334,10 @@ impl<const ENDS: bool> Look for Any<ENDS> {
                 let segment = media.alone.place(piece.segments.start);
                 let shown = path.surface::<C, U, INVALID>(surface, along);
                 found.surfaces.push(Met { segment, t: path.distance(along), shown });
+                if shown.w >= 1.0 {
+                    media.end = media.end.min(segment + 1);
+                    return;
+                }
             }
         }
     }
@@ -333,7 +380,17 @@ fn sample<C: Code, U: Unit, const INVALID: bool>(
     segments: Range<i32>,
     chunk: &mut Chunk,
 ) {
+    let (first, Stretch { origin, step, .. }) = (segments.start, *stretch);
     stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
     let filter = march.frame.settings.sampling.filter;
-    march.brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+    if filter != Filter::Trilinear {
+        return march.brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
+    }
+    let located = Located { origin, step, first, packets: chunk.packets, padded: march.brick.padded() };
+    if chunk.is_cut || chunk.located != Some(located) {
+        march.brick.locate(origin, step, chunk);
+        chunk.located = (!chunk.is_cut).then_some(located);
+    }
+    // SAFETY: they have been located now, or by a layer with bricks of the same size.
+    unsafe { march.brick.sample_located::<C, U, INVALID>(chunk) };
 }

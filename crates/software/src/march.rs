@@ -89,7 +89,7 @@ fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
 
 /// What a tile is worked on with.
 pub(crate) struct Work {
-    rays: [Ray; PIXELS],
+    pub(crate) rays: [Ray; PIXELS],
     chunk: Chunk,
     queue: Queue,
 }

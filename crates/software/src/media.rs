@@ -2,9 +2,9 @@
 
 use crate::mixture::{Alone, AloneChunk, Mixture, Passage, passages};
 use crate::packet::{CHUNK, LANES};
-use crate::ray::FAINTEST;
 use brickyard_volume::Combination;
 use glam::{Vec4, Vec4Swizzles};
+use std::ops::Range;
 
 /// Places of a chunk, and of a packet that begins with its last one.
 const PLACES: usize = CHUNK + LANES;
@@ -15,8 +15,10 @@ pub(crate) struct Media {
     pub(crate) mixtures: [Mixture; PLACES],
     /// Whether that is anything.
     pub(crate) is_any: bool,
+    /// One past the last segment that can be seen: in that an opaque surface was met.
+    pub(crate) end: usize,
     /// The light with which each segment was entered that was seen through last.
-    pub(crate) light: [f32; CHUNK],
+    pub(crate) light: [f32; PLACES],
     /// Of layers that an expression reads: their values, all of a segment's together, and the longest of their parts.
     pub(crate) values: Vec<f64>,
     pub(crate) longest: [f32; PLACES],
@@ -53,7 +55,8 @@ impl Media {
         Self {
             mixtures: [Mixture::default(); PLACES],
             is_any: false,
-            light: [0.0; CHUNK],
+            end: CHUNK,
+            light: [0.0; PLACES],
             values: vec![f64::NAN; read * CHUNK],
             longest: [0.0; PLACES],
             alone: AloneChunk::EMPTY,
@@ -96,59 +99,64 @@ impl Media {
     #[inline(always)]
     fn see(&mut self, count: usize, mut light: Vec4) -> Vec4 {
         let count = count.min(CHUNK);
-        if !self.is_any && self.found.as_ref().is_none_or(|found| found.surfaces.is_empty()) {
-            self.light[..count].fill(light.w);
+        let mut from = 0;
+        if let Some(mut found) = self.found.take_if(|found| !found.surfaces.is_empty()) {
+            found.surfaces.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.t.total_cmp(&b.t)));
+            for here in found.surfaces.chunk_by(|a, b| a.segment == b.segment) {
+                let segment = here[0].segment;
+                light = self.pass(from..segment, light);
+                self.light[segment] = light.w;
+                light = found.see(segment, here, light);
+                from = segment + 1;
+            }
+            found.surfaces.clear();
+            self.found = Some(found);
+        }
+        light = self.pass(from..count, light);
+        if self.is_any {
+            self.mixtures[..count].fill(Mixture::default());
+            self.found.iter_mut().for_each(|found| found.pieces.clear());
+            self.is_any = false;
+        }
+        self.end = CHUNK;
+        light
+    }
+
+    /// Passes light through segments without surfaces.
+    #[inline(always)]
+    fn pass(&mut self, segments: Range<usize>, light: Vec4) -> Vec4 {
+        if !self.is_any {
+            self.light[segments].fill(light.w);
             return light;
         }
-        let (mut dimmed, mut left) = ([0.0; CHUNK], [0.0; CHUNK]);
-        for first in (0..count).step_by(LANES) {
+        // Two by two, so that a segment need not wait for the one before it.
+        let (mut color, mut left) = ([light, Vec4::ZERO], light.w);
+        for first in segments.clone().step_by(LANES) {
+            let (count, mixtures) = (segments.end - first, &self.mixtures[first..first + LANES]);
             let mut depth = [0.0; LANES];
             for i in 0..LANES {
-                depth[i] = self.mixtures[first + i].mixed.w;
+                depth[i] = if i < count { mixtures[i].mixed.w } else { 0.0 };
             }
             let passage = passages(&depth);
-            dimmed[first..first + LANES].copy_from_slice(&passage.dimmed);
-            left[first..first + LANES].copy_from_slice(&passage.left);
-        }
-        let surfaces = self.found.as_mut().map(Found::sorted).unwrap_or_default();
-        let mut rest = &surfaces[..];
-        for i in 0..count {
-            self.light[i] = light.w;
-            let (here, after) = rest.split_at(rest.iter().take_while(|met| met.segment == i).count());
-            rest = after;
-            light = match &self.found {
-                Some(found) if !here.is_empty() => found.see(i, here, light),
-                _ => self.mixtures[i].see(Passage { dimmed: dimmed[i], left: left[i] }, light),
-            };
-            if light.w < FAINTEST {
-                self.light[i + 1..count].fill(0.0);
-                break;
+            let (mut entered, mut dimmed) = ([0.0; LANES], [0.0; LANES]);
+            for i in 0..LANES {
+                entered[i] = left;
+                left *= passage.left[i];
             }
+            for i in 0..LANES {
+                dimmed[i] = if i < count { entered[i] * passage.dimmed[i] } else { 0.0 };
+            }
+            for i in (0..LANES).step_by(2) {
+                color[0] += mixtures[i].seen() * dimmed[i];
+                color[1] += mixtures[i + 1].seen() * dimmed[i + 1];
+            }
+            self.light[first..first + LANES].copy_from_slice(&entered);
         }
-        if let Some(found) = &mut self.found {
-            found.empty(surfaces);
-        }
-        self.mixtures = [Mixture::default(); PLACES];
-        self.is_any = false;
-        light
+        (color[0] + color[1]).with_w(left)
     }
 }
 
 impl Found {
-    /// The surfaces, segment by segment in the order of their distances.
-    fn sorted(&mut self) -> Vec<Met> {
-        let mut surfaces = std::mem::take(&mut self.surfaces);
-        surfaces.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.t.total_cmp(&b.t)));
-        surfaces
-    }
-
-    /// Forgets all, but for the room that was made for it.
-    fn empty(&mut self, mut surfaces: Vec<Met>) {
-        surfaces.clear();
-        self.surfaces = surfaces;
-        self.pieces.clear();
-    }
-
     /// Passes light through a segment, between the surfaces that were met there.
     fn see(&self, segment: usize, surfaces: &[Met], mut light: Vec4) -> Vec4 {
         let mut start = f64::NEG_INFINITY;
@@ -168,7 +176,7 @@ impl Found {
             mixture.put_share(alone, share as f32);
         }
         let Passage { dimmed: [dimmed], left: [left] } = passages(&[mixture.mixed.w]);
-        mixture.see(Passage { dimmed, left }, light)
+        (light + mixture.seen() * (dimmed * light.w)).with_w(light.w * left)
     }
 }
 

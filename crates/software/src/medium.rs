@@ -27,7 +27,9 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         match cell.mask {
             // Past other surfaces than the brick before: they are where both meet.
-            Mask::None if ray.rank != NO_RANK && cell.rank != NO_RANK && ray.rank != cell.rank => Coverage::All,
+            Mask::None if ray.past.rank != NO_RANK && cell.rank != NO_RANK && ray.past.rank != cell.rank => {
+                Coverage::All
+            }
             _ => cell.mask.coverage(),
         }
     }

@@ -61,7 +61,7 @@ impl AloneChunk {
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Mixture {
     pub(crate) mixed: Vec4,
-    pub(crate) glow: Vec3,
+    pub(crate) glow: Vec4,
 }
 
 impl Mixture {
@@ -76,21 +76,20 @@ impl Mixture {
         if alone.hidden > 0.0 {
             self.mixed += (alone.color / alone.hidden).extend(1.0) * (alone.depth * share);
         }
-        self.glow += alone.glow * share;
+        self.glow += alone.glow.extend(0.0) * share;
     }
 
-    /// Passes light, premultiplied colour and what is left of it, through the media.
+    /// The colour that it shows where no light is lost on the way.
     #[inline(always)]
-    pub(crate) fn see(&self, Passage { dimmed, left }: Passage<f32>, light: Vec4) -> Vec4 {
-        let seen = self.mixed * std::f32::consts::LN_2 + self.glow.extend(0.0);
-        (light + seen * (dimmed * light.w)).with_w(light.w * left)
+    pub(crate) fn seen(&self) -> Vec4 {
+        self.mixed * std::f32::consts::LN_2 + self.glow
     }
 
     /// What projections show together, premultiplied, and the light that passes them: what adds is not dimmed.
     pub(crate) fn flat(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
-        (mixed + self.glow).extend(left)
+        (mixed + self.glow.xyz()).extend(left)
     }
 }
 

@@ -47,6 +47,7 @@ pub(crate) struct Path<'a> {
 }
 
 /// Samples along the ray.
+#[derive(Clone, Copy)]
 pub(crate) struct Samples {
     along: Packet,
     pub(crate) code: Packet,

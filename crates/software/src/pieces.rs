@@ -1,8 +1,8 @@
 //! Isosurfaces, translucent or not, in fog or alone: where a ray's way through a brick is cut by them. The rule is
 //! [`brickyard_volume::surface`]'s.
 //!
-//! The ends of a row of segments are sampled together. As long as all are past as many surfaces as the ray is, they are one piece for
-//! [`Path`]; a segment that passes surfaces is cut at each, found as one alone is.
+//! The ends of many segments are sampled together. As long as all are past as many surfaces as the ray is, they are one piece for
+//! [`Path`], or leapt over where there is no fog; a segment that passes surfaces is cut at each, found as one alone is.
 
 use crate::frame::rank_of;
 use crate::packet::LANES;
@@ -13,7 +13,11 @@ use crate::sample::Avx2;
 use crate::sample::{Code, Portable, Unit};
 use crate::stretch::{March, Stretch};
 use crate::surface::Line;
+use brickyard_volume::Mode;
 use std::ops::Range;
+
+/// Packets of ends that are sampled together.
+const TOGETHER: usize = 2;
 
 /// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
@@ -65,48 +69,76 @@ impl<'a> Pieces<'a> {
 
     #[inline(always)]
     fn next_on<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
+        let (path, from) = (self.path, self.rest.start);
+        let settings = &self.march.frame.settings;
+        if settings.surfaces.is_empty() {
+            let segments = std::mem::replace(&mut self.rest, 0..0);
+            return (!segments.is_empty()).then_some(Piece { path, segments, surface: None });
+        }
+        self.leap::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
+        let first = self.rest.start;
+        if first > from && settings.mode == Mode::Dvr {
+            return Some(Piece { path, segments: from..first, surface: None });
+        }
         if self.rest.is_empty() {
             return None;
         }
-        let (path, first) = (self.path, self.rest.start);
-        if self.march.frame.settings.surfaces.is_empty() {
-            let segments = std::mem::replace(&mut self.rest, 0..0);
-            return Some(Piece { path, segments, surface: None });
-        }
-        let most = if self.cut.is_some() { 1 } else { LANES as i32 - 1 };
-        let count = path.whole(&self.rest, most);
-        let row = path.sample::<C, U, INVALID>(path.places(first, count, 0));
-        let rank = |i: usize| match row.weight[i] > 0.0 {
-            true => rank_of(&self.march.frame.thresholds, row.code[i]),
-            false => NO_RANK,
-        };
-        if ray.rank == NO_RANK {
-            ray.rank = rank(0);
-        }
-        let mut quiet = 0;
-        while self.cut.is_none() && quiet < count && rank(quiet as usize + 1) == ray.rank {
-            quiet += 1;
-        }
-        if quiet > 0 {
-            self.rest.start += quiet;
-            return Some(Piece { path, segments: first..first + quiet, surface: None });
-        }
         let [start, end] = path.ends(first);
-        let (start, last) = (self.cut.unwrap_or(start), rank(1));
-        if ray.rank == NO_RANK || last == NO_RANK || ray.rank == last {
-            ray.rank = last;
+        let start = self.cut.unwrap_or(start);
+        let (last, code) = self.rank::<C, U, INVALID>(end);
+        if ray.past.rank == NO_RANK || last == NO_RANK || ray.past.rank == last {
+            ray.past.rank = last;
             self.rest.start += 1;
             self.cut = None;
             return Some(Piece { path: path.piece(start, end), segments: first..first + 1, surface: None });
         }
-        let is_up = last > ray.rank;
-        let surface = if is_up { ray.rank } else { ray.rank - 1 } as usize;
+        let is_up = last > ray.past.rank;
+        let surface = if is_up { ray.past.rank } else { ray.past.rank - 1 } as usize;
         let inside = |along: f32| along.max(path.low).min(path.high);
         let threshold = self.march.frame.thresholds[surface];
         let line = Line { march: self.march, stretch: self.stretch, threshold };
-        let hit = line.locate::<C, U, INVALID>(inside(start), [inside(end), row.code[1]]);
-        ray.rank += if is_up { 1 } else { -1 };
+        let hit = line.locate::<C, U, INVALID>(inside(start), [inside(end), code]);
+        ray.past.rank += if is_up { 1 } else { -1 };
         self.cut = Some(hit);
         Some(Piece { path: path.piece(start, hit), segments: first..first + 1, surface: Some((surface, hit)) })
+    }
+
+    /// Leaps over segments at whose ends the ray is past as many surfaces as it is: all of them, or as many as are looked at together.
+    #[inline(always)]
+    fn leap<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
+        while self.cut.is_none() && !self.rest.is_empty() {
+            let (path, first) = (self.path, self.rest.start);
+            if ray.past.rank == NO_RANK {
+                ray.past.rank = self.rank::<C, U, INVALID>(path.ends(first)[0]).0;
+            }
+            let count = path.whole(&self.rest, (TOGETHER * LANES) as i32);
+            let mut ends = [path.sample::<C, U, INVALID>(path.places(first, count, -1)); TOGETHER];
+            if count > LANES as i32 {
+                ends[1] = path.sample::<C, U, INVALID>(path.places(first + LANES as i32, count, -1));
+            }
+            let (low, high) = self.march.frame.band(ray.past.rank);
+            let mut quiet = 0u32;
+            for p in 0..TOGETHER {
+                for i in 0..LANES {
+                    let (code, is_known) = (ends[p].code[i], ends[p].weight[i] > 0.0);
+                    let is_same = is_known & (low <= code) & (code < high);
+                    let is_quiet = if ray.past.rank == NO_RANK { !is_known } else { is_same };
+                    quiet |= (is_quiet as u32) << (p * LANES + i);
+                }
+            }
+            let quiet = (quiet.trailing_ones() as i32).min(count);
+            self.rest.start += quiet;
+            if quiet < count || is_short {
+                return;
+            }
+        }
+    }
+
+    /// How many surfaces a place is past, and its code.
+    #[inline(always)]
+    fn rank<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> (i32, f32) {
+        let place = self.path.sample::<C, U, INVALID>([along; LANES]);
+        let code = place.code[0];
+        (if place.weight[0] > 0.0 { rank_of(&self.march.frame.thresholds, code) } else { NO_RANK }, code)
     }
 }

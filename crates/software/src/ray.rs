@@ -36,10 +36,21 @@ pub(crate) struct Ray {
     pub(crate) cursor: u32,
     /// What the samples add up to; the blend mode knows its meaning.
     pub(crate) sum: Vec4,
+    /// What it knows of surfaces.
+    pub(crate) past: Past,
+}
+
+/// What a ray knows of a layer's surfaces.
+#[derive(Clone, Copy)]
+pub(crate) struct Past {
     /// The segment behind the last one that was searched for a surface.
     pub(crate) reached: u32,
     /// How many of several surfaces it is past.
     pub(crate) rank: i32,
+}
+
+impl Past {
+    pub(crate) const NONE: Self = Self { reached: 0, rank: NO_RANK };
 }
 
 impl Ray {
@@ -54,8 +65,7 @@ impl Ray {
         end: 0,
         cursor: 0,
         sum: Vec4::ZERO,
-        reached: 0,
-        rank: NO_RANK,
+        past: Past::NONE,
     };
 
     /// The ray through a pixel's centre, between these distances; one without segments if it misses the volume.

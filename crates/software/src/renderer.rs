@@ -7,7 +7,7 @@ use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
 use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, pools, share};
-use brickyard_volume::{Combination, Jitter, Method, Mode, Picture};
+use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, Placement, Pyramid};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -160,7 +160,7 @@ impl SoftwareRenderer {
             let by_itself = !is_mixed || settings.mode.is_projection();
             let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
             let frames = layers.iter().map(|layer| frame(layer, slots(layer), by_itself)).collect();
-            let scene = Scene::new(frames, meshes, is_mixed, combination);
+            let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);
             let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {
                 frame.light.iter().map(|light| f32::from_bits(light.load(Ordering::Relaxed))).collect()
@@ -191,6 +191,15 @@ fn frame<'a>(layer: &Layer<'a>, slots: &'a Slots, by_itself: bool) -> Frame<'a> 
 /// Whether the layers need more than the loops of one.
 fn is_mixed(layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
     combination.is_some() || !matches!(layers, [layer] if layer.frame.is_plain())
+}
+
+/// Whether the layers' draw lists are of one cut, which all rays meet alike.
+fn is_one_cut(layers: &[Layer<'_>]) -> bool {
+    fn view<'a>(layer: &Layer<'a>) -> (u32, &'a Geometry, &'a Placement, &'a Option<Clip>, &'a Pyramid) {
+        let FrameSettings { geometry, placement, clip, .. } = &layer.frame.settings;
+        (layer.cut, geometry, placement, clip, layer.pyramid)
+    }
+    layers[1..].iter().all(|layer| view(layer) == view(&layers[0]))
 }
 
 fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) {

@@ -20,6 +20,8 @@ use glam::Vec4;
 pub(crate) struct Chunk {
     /// Packets in use.
     pub(crate) packets: usize,
+    /// Whether one of them is the ray's first or last and not a whole step.
+    pub(crate) is_cut: bool,
     /// Samples, where all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
     /// That zone.
@@ -30,6 +32,8 @@ pub(crate) struct Chunk {
     pub(crate) weight: [Packet; PACKETS],
     /// The codes there.
     pub(crate) code: [Packet; PACKETS],
+    /// Which samples those in `voxel` and `fraction` are, if they are whole steps.
+    pub(crate) located: Option<Located>,
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
     fraction: [[Packet; 3]; PACKETS],
@@ -47,6 +51,8 @@ pub(crate) struct Chunk {
 impl Chunk {
     pub(crate) const EMPTY: Self = Self {
         packets: 0,
+        is_cut: false,
+        located: None,
         whole_steps: 0,
         zone: 0,
         along: [[0.0; LANES]; PACKETS],
@@ -60,6 +66,18 @@ impl Chunk {
         passed: [[0.0; LANES]; PACKETS],
         media: Vec::new(),
     };
+}
+
+/// Some whole steps in a brick. Bricks of several layers in one cell are sampled at the same places.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Located {
+    pub(crate) origin: [f32; 3],
+    pub(crate) step: [f32; 3],
+    /// The first in steps from the origin, and how many packets there are.
+    pub(crate) first: i32,
+    pub(crate) packets: usize,
+    /// Voxels along the brick's edge.
+    pub(crate) padded: usize,
 }
 
 /// How a code lies in memory.
@@ -186,17 +204,11 @@ impl<'a> Brick<'a> {
         self.codes
     }
 
-    /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
-    /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
+    /// Finds where the samples at the slot coordinates `origin + along * step` are.
     #[inline(always)]
-    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        origin: [f32; 3],
-        step: [f32; 3],
-        chunk: &mut Chunk,
-    ) {
-        let packets = chunk.packets.min(PACKETS);
-        for p in 0..packets {
+    pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut Chunk) {
+        chunk.located = None;
+        for p in 0..chunk.packets.min(PACKETS) {
             let mut voxel = [0i32; LANES];
             for a in [2, 1, 0] {
                 for i in 0..LANES {
@@ -207,9 +219,31 @@ impl<'a> Brick<'a> {
             }
             chunk.voxel[p] = voxel;
         }
-        for p in 0..packets {
+    }
+
+    /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
+    /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
+    #[inline(always)]
+    pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        origin: [f32; 3],
+        step: [f32; 3],
+        chunk: &mut Chunk,
+    ) {
+        self.locate(origin, step, chunk);
+        // SAFETY: the samples have been found in this brick.
+        unsafe { self.sample_located::<C, U, INVALID>(chunk) };
+    }
+
+    /// [`Brick::sample`] where the samples are known to be.
+    ///
+    /// # Safety
+    /// [`Brick::locate`] has found them in a brick as large as this one.
+    #[inline(always)]
+    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(&self, chunk: &mut Chunk) {
+        for p in 0..chunk.packets.min(PACKETS) {
             let (voxel, fraction, weight) = (&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]);
-            // SAFETY: every coordinate's whole part is at most padded - 2.
+            // SAFETY: by the caller's promise every coordinate's whole part is at most padded - 2.
             chunk.code[p] = unsafe { self.interpolated::<C, U, INVALID>(voxel, fraction, weight) };
         }
     }

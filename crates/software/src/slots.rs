@@ -7,7 +7,7 @@ use crate::options::SoftwareOptions;
 use crate::steps;
 use crate::tile;
 use crate::tiles::{TILE_PX, Tile, TilePixels};
-use crate::together::BYTES_PER_CELL_AND_THREAD;
+use crate::together::{BYTES_PER_CELL_AND_THREAD, BYTES_PER_LAYER_AND_THREAD};
 use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_volume::TransferGrid;
 use brickyard_volume::lattice::MAX_ZONES;
@@ -80,7 +80,8 @@ pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> 
     // All layers have the scene's meshes.
     let room = layers[0].bricks.meshes;
     let slabs = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
-    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs);
+    let ways = (layers.len() * BYTES_PER_LAYER_AND_THREAD) as u64;
+    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs + ways);
     let tables: u64 = layers.iter().map(table_bytes).sum();
     tiles * tile + picture + meshes::bytes(room) + of_threads + tables
 }

@@ -89,10 +89,10 @@ impl Stretch {
     /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was leapt over may have had none.
     #[inline(always)]
     pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
-        if INVALID && ray.reached != self.start + ((segments.start as u32) << self.zone) {
-            ray.rank = NO_RANK;
+        if INVALID && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
+            ray.past.rank = NO_RANK;
         }
-        ray.reached = self.start + ((segments.end as u32) << self.zone);
+        ray.past.reached = self.start + ((segments.end as u32) << self.zone);
     }
 
     /// A distance, in segments from the middle of the first.
@@ -166,7 +166,8 @@ impl Stretch {
         }
         let cut_first = self.start == ray.first && done == 0;
         let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
-        let all_whole = !INVALID && !cut_first && !cut_last;
+        chunk.is_cut = cut_first | cut_last;
+        let all_whole = !INVALID && !chunk.is_cut;
         chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
         chunk.zone = self.zone;
         for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {

@@ -61,7 +61,7 @@ impl Blend for Isosurface {
             }
         };
         let first = stretch.start + ((segments.start as u32) << stretch.zone);
-        if INVALID && ray.reached != first {
+        if INVALID && ray.past.reached != first {
             ray.sum.x = 0.0;
         }
         if ray.sum.x == 0.0 {
@@ -108,7 +108,7 @@ impl Blend for Isosurface {
             }
             done += (TOGETHER * LANES) as i32;
         }
-        ray.reached = stretch.start + ((segments.end as u32) << stretch.zone);
+        ray.past.reached = stretch.start + ((segments.end as u32) << stretch.zone);
     }
 
     #[inline(always)]

@@ -9,7 +9,7 @@ use crate::sample::Chunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use crate::together::Together;
 use brickyard_volume::{Blend, Combination, Picture};
-use glam::{Vec4, Vec4Swizzles};
+use glam::Vec4;
 
 /// What a thread needs besides the frames.
 pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
@@ -39,6 +39,7 @@ impl<'a> Scene<'a> {
         frames: Vec<Frame<'a>>,
         meshes: Option<&'a MeshTree>,
         is_mixed: bool,
+        is_one_cut: bool,
         combination: Option<&'a Combination>,
     ) -> Self {
         let drawn = if !is_mixed {
@@ -46,7 +47,7 @@ impl<'a> Scene<'a> {
         } else if frames[0].settings.mode.is_projection() {
             Drawn::Projected(frames.iter().map(for_frame).collect())
         } else {
-            Drawn::Together(Together::new(&frames, combination))
+            Drawn::Together(Together::new(&frames, combination, is_one_cut))
         };
         Self { frames, meshes, drawn }
     }
@@ -88,7 +89,7 @@ impl<'a> Scene<'a> {
     fn march(&self, tile: &Tile, layers: Option<&Layers>, work: &mut Work, seen: &mut Seen) {
         match &self.drawn {
             Drawn::Alone(march) => march(&self.frames[0], tile, layers, work, seen),
-            Drawn::Together(together) => together.march(&self.frames, tile, layers, seen),
+            Drawn::Together(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
             Drawn::Projected(marches) => {
                 let mut mixtures = [Mixture::default(); PIXELS];
                 for (frame, march) in self.frames.iter().zip(marches) {
@@ -98,7 +99,7 @@ impl<'a> Scene<'a> {
                     for i in places(tile).filter(|&i| seen[i].w < 1.0) {
                         match frame.blend {
                             Blend::Mix => mixtures[i].mix(seen[i], depth),
-                            Blend::Add => mixtures[i].glow += seen[i].xyz() * frame.opacity,
+                            Blend::Add => mixtures[i].glow += seen[i] * frame.opacity,
                         }
                     }
                 }

@@ -1,10 +1,11 @@
 //! Layers that are drawn together in direct volume rendering, fog and surfaces, as [`brickyard_volume::look`] says; or an expression over
 //! them.
 //!
-//! A tile's rays are taken one by one. Of each layer a ray finds the runs of its segments that belong to the cells over the tile, as it does
-//! for one layer; then it goes along the lattice in chunks of 32 segments, in which one layer after the other leaves what it shows by itself
-//! (`gather`: sampled only where macro-cells may show something), and then one segment after the other is seen through. So no layer is
-//! sampled much behind where light ends, and costs add up. Where layers have surfaces, those of a chunk are kept, and all pieces
+//! Layers that share a cut are met alike by every ray: a tile's rays are taken cell by cell, as through one layer, and find their segments
+//! in a cell once for all layers. Through other layers they are taken one by one: of each layer a ray finds the runs of its segments that
+//! belong to the cells over the tile. Either way a ray then goes along the lattice in chunks of 32 segments, in which one layer after the
+//! other leaves what it shows by itself (`gather`: sampled only where macro-cells may show something), and then one segment after the
+//! other is seen through. So no layer is sampled much behind where light ends, and costs add up. Where layers have surfaces, those of a chunk are kept, and all pieces
 //! of media between them: a segment with surfaces in it is seen through piece by piece.
 
 use crate::frame::{Cell, Frame};
@@ -14,9 +15,9 @@ use crate::march::Seen;
 use crate::media::{Media, See};
 use crate::meshes::Layers;
 use crate::packet::CHUNK;
-use crate::ray::{FAINTEST, Ray};
+use crate::ray::{FAINTEST, Past, Ray};
 use crate::sample::Chunk;
-use crate::tiles::{Tile, place};
+use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::Combination;
 use glam::Vec4;
 
@@ -26,6 +27,27 @@ pub(crate) struct Together<'a> {
     see: See,
     has_surfaces: bool,
     combination: Option<&'a Combination>,
+    /// The cells of all layers, front to back, where they are of one cut.
+    cells: Option<Vec<Shared>>,
+}
+
+/// A layer's entry of a cell of the cut that all layers share.
+struct Shared {
+    /// The cell's place in the order of the cut.
+    rank: u32,
+    layer: u32,
+    cell: u32,
+}
+
+impl Shared {
+    fn cell<'a, 'f>(&self, frames: &'a [Frame<'f>]) -> &'a Cell<'f> {
+        &frames[self.layer as usize].cells[self.cell as usize]
+    }
+
+    /// Whether the cell shows nothing, and has been entered with so much light.
+    fn is_done(&self, frames: &[Frame<'_>], light: f32) -> bool {
+        is_done(&frames[self.layer as usize], self.cell(frames), light)
+    }
 }
 
 /// Some neighbouring segments of a ray that belong to one cell.
@@ -37,8 +59,14 @@ pub(crate) struct Run {
     end: u32,
 }
 
-/// What a thread keeps for a cell of the draw list: that it is over the tile, and which segments of a ray are its.
+/// What a thread keeps for a cell of the draw list: that it is over the tile, and which segments of a ray are its. Layers that share a
+/// cut have no more than that once for all threads.
 pub(crate) const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::<Run>();
+
+const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
+
+/// What a thread keeps for a layer.
+pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = size_of::<Way>() + size_of::<[Past; PIXELS]>();
 
 /// A cell that rays enter in a chunk: its layer, its place, and the chunk's segment.
 struct Entry {
@@ -54,39 +82,71 @@ struct Work {
     entries: Vec<Entry>,
     chunk: Chunk,
     media: Media,
+    /// What rays that go cell by cell know of surfaces, layer by layer.
+    pasts: Vec<[Past; PIXELS]>,
 }
 
 impl<'a> Together<'a> {
-    pub(crate) fn new(frames: &[Frame<'_>], combination: Option<&'a Combination>) -> Self {
+    pub(crate) fn new(frames: &[Frame<'_>], combination: Option<&'a Combination>, is_one_cut: bool) -> Self {
         let has_surfaces = frames.iter().any(|frame| !frame.settings.surfaces.is_empty());
         let gather = |frame| gather_of(frame, has_surfaces, combination.is_some());
-        Self { gathers: frames.iter().map(gather).collect(), see: See::for_machine(), has_surfaces, combination }
+        let cells = is_one_cut.then(|| {
+            let mut cells = Vec::new();
+            for (layer, frame) in (0..).zip(frames) {
+                cells.extend((0..).zip(&frame.cells).map(|(i, cell)| Shared { rank: cell.order, layer, cell: i }));
+            }
+            cells.sort_by_key(|shared| std::cmp::Reverse(shared.rank));
+            cells
+        });
+        Self { gathers: frames.iter().map(gather).collect(), see: See::for_machine(), has_surfaces, combination, cells }
     }
 
-    /// Takes a tile's rays through all layers, between the layers of meshes where there are some.
-    pub(crate) fn march(&self, frames: &[Frame<'_>], tile: &Tile, layers: Option<&Layers>, seen: &mut Seen) {
-        let over = |frame: &Frame<'_>| -> Vec<u32> {
-            let cells = frame.cells.iter().zip(0..);
-            cells.filter(|(cell, _)| meets(cell, tile)).map(|(_, i)| i).collect()
-        };
-        let cells: Vec<Vec<u32>> = frames.iter().map(over).collect();
+    fn work(&self, frames: &[Frame<'_>]) -> Work {
         let read = if self.combination.is_some() { frames.len() } else { 0 };
-        let mut work = Work {
+        Work {
             runs: Vec::new(),
             ways: Vec::new(),
             entries: Vec::new(),
             chunk: Chunk::EMPTY,
             media: Media::new(read, self.has_surfaces),
-        };
-        for y in tile.y0..tile.y1 {
-            for x in tile.x0..tile.x1 {
-                let i = place(tile, x, y);
-                let limits = layers.map_or([0.0, f64::INFINITY], |layers| layers.limits(i));
-                work.follow(frames, &cells, [x, y], limits);
-                seen[i] = work.march(self, frames);
-            }
+            pasts: Vec::new(),
         }
     }
+
+    /// Takes a tile's rays through all layers, between the layers of meshes where there are some; `rays` is room to work in.
+    pub(crate) fn march(
+        &self,
+        frames: &[Frame<'_>],
+        tile: &Tile,
+        layers: Option<&Layers>,
+        rays: &mut [Ray; PIXELS],
+        seen: &mut Seen,
+    ) {
+        let limits = |i: usize| layers.map_or([0.0, f64::INFINITY], |layers| layers.limits(i));
+        let mut work = self.work(frames);
+        if let Some(cells) = &self.cells {
+            for (i, [x, y]) in pixels(tile) {
+                rays[i] = Ray::new(&frames[0], x, y, Vec4::W, limits(i));
+            }
+            work.march_cells(self, frames, cells, tile, rays);
+            return places(tile).for_each(|i| seen[i] = rays[i].sum);
+        }
+        let over = |frame: &Frame<'_>| -> Vec<u32> {
+            let cells = frame.cells.iter().zip(0..);
+            cells.filter(|(cell, _)| meets(cell, tile)).map(|(_, i)| i).collect()
+        };
+        let cells: Vec<Vec<u32>> = frames.iter().map(over).collect();
+        for (i, pixel) in pixels(tile) {
+            work.follow(frames, &cells, pixel, limits(i));
+            seen[i] = work.march(self, frames, Vec4::W);
+        }
+    }
+}
+
+/// The places of a tile's pixels, and where these are on the picture.
+fn pixels(tile: &Tile) -> impl Iterator<Item = (usize, [u32; 2])> {
+    let Tile { x0, x1, y0, y1 } = *tile;
+    places(tile).zip((y0..y1).flat_map(move |y| (x0..x1).map(move |x| [x, y])))
 }
 
 fn meets(cell: &Cell<'_>, tile: &Tile) -> bool {
@@ -95,6 +155,75 @@ fn meets(cell: &Cell<'_>, tile: &Tile) -> bool {
 }
 
 impl Work {
+    /// Takes a tile's rays, which have set out, cell by cell through layers that share a cut; their sums become premultiplied colour and
+    /// the light that is left.
+    fn march_cells(
+        &mut self,
+        together: &Together<'_>,
+        frames: &[Frame<'_>],
+        cells: &[Shared],
+        tile: &Tile,
+        rays: &mut [Ray; PIXELS],
+    ) {
+        self.ways = (0..frames.len()).map(|layer| Way::new(layer, Ray::EMPTY)).collect();
+        self.pasts = vec![[Past::NONE; PIXELS]; if together.has_surfaces { frames.len() } else { 0 }];
+        let mut waiting = places(tile).filter(|&i| rays[i].cursor < rays[i].end).count();
+        for entries in cells.chunk_by(|a, b| a.rank == b.rank) {
+            if waiting == 0 {
+                break;
+            }
+            let cell = entries[0].cell(frames);
+            let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
+            for y in cell.rect.y0.max(tile.y0)..cell.rect.y1.min(tile.y1) {
+                for x in x0..x1 {
+                    let i = place(tile, x, y);
+                    let ray = &mut rays[i];
+                    if ray.cursor >= ray.end || entries.iter().all(|entry| entry.is_done(frames, ray.sum.w)) {
+                        continue;
+                    }
+                    let Some(run) = ray.run(&frames[0].ticks, cell, Reach::Middles) else { continue };
+                    ray.cursor = run.1;
+                    self.enter(frames, entries, ray, i, [x, y], run);
+                    ray.sum = self.march(together, frames, ray.sum);
+                    for (pasts, way) in self.pasts.iter_mut().zip(&self.ways) {
+                        pasts[i] = way.ray.past;
+                    }
+                    if ray.sum.w < FAINTEST {
+                        ray.cursor = ray.end;
+                    }
+                    waiting -= (ray.cursor >= ray.end) as usize;
+                }
+            }
+        }
+    }
+
+    /// A pixel's ray enters a cell, in which these segments are its, in all layers that have an entry of it.
+    fn enter(
+        &mut self,
+        frames: &[Frame<'_>],
+        entries: &[Shared],
+        ray: &Ray,
+        place: usize,
+        [x, y]: [u32; 2],
+        (first, end): (u32, u32),
+    ) {
+        self.runs.clear();
+        for way in &mut self.ways {
+            way.runs = 0..0;
+            way.ray = *ray;
+            if let Some(pasts) = self.pasts.get(way.layer) {
+                way.ray.past = pasts[place];
+            }
+        }
+        for entry in entries {
+            if entry.cell(frames).pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+                continue;
+            }
+            self.ways[entry.layer as usize].runs = self.runs.len()..self.runs.len() + 1;
+            self.runs.push(Run { cell: entry.cell, first, end });
+        }
+    }
+
     /// Finds the runs of a pixel's ray in all layers.
     fn follow(&mut self, frames: &[Frame<'_>], cells: &[Vec<u32>], [x, y]: [u32; 2], limits: [f64; 2]) {
         self.runs.clear();
@@ -120,7 +249,7 @@ impl Work {
                 let cell = &frame.cells[index as usize];
                 let (rect, pixels) = (&cell.rect, &cell.pixels);
                 let is_over = rect.x0 <= x && x < rect.x1 && rect.y0 <= y && y < rect.y1;
-                if !is_over || pixels.is_some_and(|pixels| !pixels.hold(x, y)) || is_done(frame, cell) {
+                if !is_over || pixels.is_some_and(|pixels| !pixels.hold(x, y)) || is_done(frame, cell, 1.0) {
                     continue;
                 }
                 if let Some((first, end)) = way.ray.run(&frame.ticks, cell, Reach::Middles) {
@@ -134,11 +263,10 @@ impl Work {
     }
 
     /// Goes along them, front to back. Returns premultiplied colour and the light that is left.
-    fn march(&mut self, together: &Together<'_>, frames: &[Frame<'_>]) -> Vec4 {
-        let mut light = Vec4::W;
+    fn march(&mut self, together: &Together<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
         // The same for all.
         let ticks = &frames[0].ticks;
-        let mut next = self.ways.iter().map(|way| self.runs[way.runs.start].first).min();
+        let mut next = self.ways.iter().filter_map(|way| Some(self.runs.get(way.runs.clone())?.first()?.first)).min();
         while let Some(tick) = next.filter(|_| light.w >= FAINTEST) {
             let zone = ticks.zone(tick);
             let end = (tick + ((CHUNK as u32) << zone)).min(ticks.zone_end(zone));
@@ -170,6 +298,8 @@ impl Work {
         let mut next: Option<u32> = None;
         for way in &mut self.ways {
             let frame = &frames[way.layer];
+            // Nothing is seen behind an opaque surface that a layer before this one has met.
+            let ticks = ticks.start..ticks.end.min(ticks.start + ((self.media.end as u32) << zone));
             while let Some(&run) = self.runs[way.runs.clone()].first() {
                 let cell = &frame.cells[run.cell as usize];
                 let mut shows = true;
@@ -185,8 +315,8 @@ impl Work {
                         (together.gathers[way.layer])(frame, cell, way, run, at, &mut self.chunk, &mut self.media);
                     }
                 }
-                if shows && run.end > ticks.end {
-                    let after = run.first.max(ticks.end);
+                let after = if run.first >= ticks.end { Some(run.first) } else { way.next().filter(|_| shows) };
+                if let Some(after) = after {
                     next = Some(next.map_or(after, |next| next.min(after)));
                     break;
                 }
@@ -197,8 +327,8 @@ impl Work {
     }
 }
 
-/// Whether a cell shows nothing, and has been entered with all light.
-fn is_done(frame: &Frame<'_>, cell: &Cell<'_>) -> bool {
+/// Whether a cell shows nothing, and has been entered with so much light.
+fn is_done(frame: &Frame<'_>, cell: &Cell<'_>, light: f32) -> bool {
     let is_clear = frame.settings.surfaces.is_empty() && cell.mask.coverage() == Coverage::None;
-    is_clear && frame.entered(cell) >= 1.0
+    is_clear && frame.entered(cell) >= light
 }

@@ -8,12 +8,13 @@ mod bricks;
 mod looks;
 
 use bricks::{CutCell, Volume, renderer};
-use brickyard_pager::{DrawList, Layer, Slot, VolumeNeeds};
-use brickyard_reference::{ReferenceVolume, one_level, render};
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
+use brickyard_reference::{ReferenceVolume, render};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
 use looks::{Look, PLAIN, camera, looks, surface};
+use std::sync::Arc;
 
 const TOLERANCE: u8 = 1;
 
@@ -27,6 +28,30 @@ struct Member {
     crop: Option<[DVec3; 2]>,
     /// Its isosurfaces, where pictures have some.
     surfaces: Vec<Isosurface>,
+    /// Which cut its cells are of, and which of these: cells that are split, and finest cells drawn by coarser bricks or by none.
+    cut: u32,
+    is_split: fn(BrickIndex) -> bool,
+    is_coarse: fn(BrickIndex) -> bool,
+    is_left_out: fn(BrickIndex) -> bool,
+}
+
+impl Member {
+    /// One that stands where its store says, of a cut of its own with the finest bricks.
+    fn new(volume: Volume, transfer: TransferFunction, cut: u32) -> Self {
+        Self {
+            volume,
+            geometry: Geometry::default(),
+            placement: Placement::default(),
+            transfer,
+            blend: Blend::Mix,
+            crop: None,
+            surfaces: Vec::new(),
+            cut,
+            is_split: |_| true,
+            is_coarse: |_| false,
+            is_left_out: |_| false,
+        }
+    }
 }
 
 fn wave(p: DVec3) -> f64 {
@@ -57,31 +82,55 @@ fn members() -> Vec<Member> {
     let holed = Volume::new(Extent::new(24, 24, 24), DVec3::splat(1.7), 16, f32_codes, holes);
     vec![
         Member {
-            volume: plain,
-            geometry: Geometry::default(),
-            placement: Placement::default(),
-            transfer: ramp((0.0, 255.0), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4),
-            blend: Blend::Mix,
             crop: Some([DVec3::new(4.2, -9.0, 3.0), DVec3::new(99.0, 33.3, 31.5)]),
             surfaces: vec![surface(160.0, 0.4), surface(90.0, 0.2)],
+            ..Member::new(plain, ramp((0.0, 255.0), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4), 0)
         },
         Member {
-            volume: askew,
             geometry: Geometry { spacing, origin: DVec3::new(-3.0, 2.0, 1.0), unit: None },
             placement: Placement::from_text("0.9 -0.5 0.1 12  0.4 1.1 0 -3  0 0.3 1.2 2").expect("a map"),
-            transfer: ramp((0.0, 65535.0), [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6),
-            blend: Blend::Mix,
-            crop: None,
-            surfaces: Vec::new(),
+            ..Member::new(askew, ramp((0.0, 65535.0), [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6), 1)
         },
         Member {
-            volume: holed,
             geometry: Geometry { spacing: DVec3::splat(1.7), origin: DVec3::splat(2.0), unit: None },
             placement: Placement::from_text("0 -1 0 38  1 0 0 -4  0 0 0.8 5").expect("a map"),
-            transfer: ramp((-1.0, 1.0), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2),
             blend: Blend::Add,
-            crop: None,
             surfaces: vec![surface(0.1, 0.7)],
+            ..Member::new(holed, ramp((-1.0, 1.0), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2), 2)
+        },
+    ]
+}
+
+/// Three channels of one image, of other types, that share a cut: cells of two levels, some of them drawn by coarser bricks, and those
+/// left out in which the last channel, which glows, has no value.
+fn channels() -> Vec<Member> {
+    let spacing = DVec3::new(1.0, 0.8, 1.1);
+    let channel = |encoding, value: &dyn Fn(DVec3) -> f64, transfer| {
+        let volume = Volume::new(Extent::new(37, 41, 33), spacing, 16, encoding, value);
+        Member {
+            geometry: Geometry { spacing, origin: DVec3::new(-3.0, 2.0, 1.0), unit: None },
+            placement: Placement::from_text("0.9 -0.5 0.1 12  0.4 1.1 0 -3  0 0.3 1.2 2").expect("a map"),
+            crop: Some([DVec3::new(-1.2, -9.0, 3.0), DVec3::new(99.0, 28.3, 31.5)]),
+            is_split: |index| index.x + index.y != 1,
+            ..Member::new(volume, transfer, 5)
+        }
+    };
+    let u8_codes = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+    let u16_codes = SlotEncoding::new(VoxelType::U16, (0.0, 65535.0), false);
+    let f32_codes = SlotEncoding::new(VoxelType::F32, (-1.0, 1.0), true);
+    let holes = |p: DVec3| if p.x > 32.0 || (p.y + p.z) % 11.0 < 2.0 { f64::NAN } else { 2.0 * wave(p * 0.7) - 1.0 };
+    vec![
+        Member {
+            surfaces: vec![surface(160.0, 0.4), surface(90.0, 0.2)],
+            is_coarse: |index| index.y == 1,
+            ..channel(u8_codes, &|p| 255.0 * wave(p), ramp((0.0, 255.0), [[0.9, 0.1, 0.2], [0.2, 0.3, 1.0]], 0.4))
+        },
+        channel(u16_codes, &|p| 65535.0 * wave(p * 1.3), ramp((0.0, 65535.0), [[0.1, 0.9, 0.2], [0.9, 0.9, 0.1]], 0.6)),
+        Member {
+            blend: Blend::Add,
+            surfaces: vec![surface(0.1, 0.7)],
+            is_left_out: |index| index.x == 2,
+            ..channel(f32_codes, &holes, ramp((-1.0, 1.0), [[0.1, 0.1, 0.9], [0.0, 0.9, 0.9]], 0.2))
         },
     ]
 }
@@ -97,7 +146,7 @@ fn frames(
 ) -> Vec<VolumeFrame> {
     let rays = camera.rays(30, 25).expect("a camera");
     let frame = |member: &Member| {
-        let Member { volume, geometry, placement, transfer, blend, crop, surfaces } = member;
+        let Member { volume, geometry, placement, transfer, blend, crop, surfaces, .. } = member;
         let shown = if look.has_surfaces { &surfaces[..] } else { &[] };
         let transfer = &look.transfer(transfer, &volume.encoding);
         let settings = FrameSettings {
@@ -120,7 +169,7 @@ fn frames(
     members.iter().map(frame).collect()
 }
 
-/// The finest bricks of a volume, front to back as the rays, in its own world, meet them.
+/// The cells of a volume, back to front as the rays, in its own world, meet them.
 fn cut(member: &Member, rays: &ViewRays) -> Vec<CutCell> {
     let Member { volume, geometry, placement, .. } = member;
     let own = ViewRays {
@@ -128,15 +177,45 @@ fn cut(member: &Member, rays: &ViewRays) -> Vec<CutCell> {
         forward: placement.volume_vector(rays.middle()),
         ..*rays
     };
-    volume.cut(&own, geometry, &|_, _| true)
+    let mut cells = volume.cut(&own, geometry, &|level, index| level.0 > 1 || (member.is_split)(index));
+    for cell in cells.iter_mut().filter(|cell| cell.level.0 == 0 && (member.is_coarse)(cell.index)) {
+        cell.drawn = Level(1);
+    }
+    cells
+}
+
+/// The padded bricks of a volume, slot by slot, and its draw list.
+fn load(member: &Member, frame: &VolumeFrame) -> (Vec<Arc<[u8]>>, DrawList) {
+    let settings = &frame.settings;
+    let (bricks, mut list) = member.volume.bricks(&cut(member, &settings.rays), &settings.needs());
+    list.cells.retain(|entry| entry.cell.level.0 > 0 || !(member.is_left_out)(entry.cell.index));
+    (bricks, list)
+}
+
+/// Gives every other finest cell two entries: its pixels are some of one and some of the other. Both draw the same brick.
+fn fade_in(list: &mut DrawList) {
+    let pair = |entry: &DrawCell| match entry.cell.level.0 == 0 && entry.cell.index.z != 1 {
+        true => vec![
+            DrawCell { pixels: Pixels { from: 20, ..Pixels::ALL }, ..*entry },
+            DrawCell { pixels: Pixels { to: 20, ..Pixels::ALL }, ..*entry },
+        ],
+        false => vec![*entry],
+    };
+    list.cells = list.cells.iter().flat_map(pair).collect();
 }
 
 fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combination>, threads: usize) -> Picture {
-    let loaded: Vec<(Vec<_>, DrawList)> = members
-        .iter()
-        .zip(frames)
-        .map(|(member, frame)| member.volume.bricks(&cut(member, &frame.settings.rays), &frame.settings.needs()))
-        .collect();
+    let loaded: Vec<_> = members.iter().zip(frames).map(|(member, frame)| load(member, frame)).collect();
+    draw_loaded(members, frames, &loaded, combination, threads).1
+}
+
+fn draw_loaded(
+    members: &[Member],
+    frames: &[VolumeFrame],
+    loaded: &[(Vec<Arc<[u8]>>, DrawList)],
+    combination: Option<&Combination>,
+    threads: usize,
+) -> (SoftwareRenderer, Picture) {
     let needs = members.iter().zip(frames).map(|(member, frame)| member.volume.needs(&frame.settings.needs()));
     let mut renderer = renderer(&needs.collect::<Vec<_>>(), &frames[0].settings.rays, threads);
     for (layer, (bricks, _)) in loaded.iter().enumerate() {
@@ -144,33 +223,43 @@ fn draw(members: &[Member], frames: &[VolumeFrame], combination: Option<&Combina
             renderer.upload(layer, Slot(slot as u32), codes.clone());
         }
     }
-    let layers = members.iter().zip(frames).zip(&loaded).enumerate();
+    let layers = members.iter().zip(frames).zip(loaded).enumerate();
     let layers: Vec<Layer<'_>> = layers
         .map(|(volume, ((member, frame), (_, draw)))| Layer {
             volume,
             frame,
             pyramid: &member.volume.pyramid,
             draw,
-            cut: 0,
+            cut: member.cut,
         })
         .collect();
-    renderer.render(&layers, combination)
+    let picture = renderer.render(&layers, combination);
+    (renderer, picture)
 }
 
 fn oracle(members: &[Member], frames: &[VolumeFrame], look: &Look, combination: Option<&Combination>) -> Picture {
-    let level_at = one_level(0);
+    let rays = &frames[0].settings.rays;
+    let levels: Vec<_> = members.iter().map(|member| member.volume.level_at(&cut(member, rays))).collect();
     let shown = |member: &Member| look.transfer(&member.transfer, &member.volume.encoding);
     let transfers: Vec<TransferFunction> = members.iter().map(shown).collect();
     let mut volumes = Vec::new();
-    for (member, transfer) in members.iter().zip(&transfers) {
-        volumes.push(ReferenceVolume { levels: &member.volume.levels, level_at: &level_at, transfer });
+    for ((member, transfer), level_at) in members.iter().zip(&transfers).zip(&levels) {
+        volumes.push(ReferenceVolume { levels: &member.volume.levels, level_at, transfer });
     }
     render(frames, &volumes, combination)
 }
 
 #[test]
 fn volumes_of_unlike_grids_match_the_oracle() {
-    let members = members();
+    match_the_oracle(&members());
+}
+
+#[test]
+fn channels_of_one_image_match_the_oracle() {
+    match_the_oracle(&channels());
+}
+
+fn match_the_oracle(members: &[Member]) {
     let clip = Clip::new(
         Some([DVec3::new(-2.0, 3.0, 0.0), DVec3::new(33.0, 40.0, 29.0)]),
         &[ClipPlane { point: DVec3::splat(20.0), normal: DVec3::new(-1.0, 0.4, -0.3) }],
@@ -189,29 +278,65 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         // Segments longer than a voxel reach out of bricks' aprons where methods look at their ends.
         let step = if look.sampling.method == Method::Udvr { step } else { f64::min(step, 0.4) };
         let drawn = |look: &Look, threads| {
-            let frames = frames(&members, &camera, step, filter, clip, look);
-            (draw(&members, &frames, None, threads), frames)
+            let frames = frames(members, &camera, step, filter, clip, look);
+            (draw(members, &frames, None, threads), frames)
         };
         let (found, frames) = drawn(&look, 2);
-        let expected = oracle(&members, &frames, &look, None);
+        let expected = oracle(members, &frames, &look, None);
         let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
         let off = found.rgb.iter().zip(&expected.rgb).filter(is_off).count();
         // Rays that graze a surface pass it or do not as is rounded.
         let grazing = if look.has_surfaces { 2 } else { 0 };
         // Stored gradients are half floats: where they all but cancel out, rounding decides where they point.
         let rounded = if look.lighting.gradient == Gradient::Stored { 3 } else { 0 };
-        if off > grazing + rounded {
+        // Where half of a place's weight has no value, rounding decides whether it shows.
+        let half_valid = 1;
+        if off > grazing + rounded + half_valid {
             problems.push(format!("{look:?} {camera:?}: {off} pixels, {:?}", found.difference(&expected)));
         }
         let shown = found.rgb.iter().filter(|&&p| p != Picture::quantise(frames[0].settings.background)).count();
-        assert!(shown > 100, "{shown} pixels prove nothing");
+        assert!(shown > 60, "{shown} pixels prove nothing");
         assert_eq!(drawn(&look, 1).0, found, "the number of threads shows");
         let is_method_alone =
             look.lighting.model == LightingModel::None && !look.has_surfaces && look.mode == Mode::Dvr;
         let is_plain = is_method_alone && !look.is_by_gradient;
-        assert!(is_plain || found.difference(&drawn(&PLAIN, 2).0).max > 20, "{look:?} does not show");
+        let shown = found.difference(&drawn(&PLAIN, 2).0).max;
+        if !is_plain && shown <= 2 {
+            problems.push(format!("{look:?} shows by {shown} only"));
+        }
     }
     assert!(problems.is_empty(), "{}", problems.join("\n"));
+}
+
+/// Channels that share a cut and the same with cuts of their own, in fog, by another method, with surfaces in it and alone: pictures and
+/// visibility are alike, also while bricks fade in.
+#[test]
+fn a_shared_cut_does_not_show() {
+    let mut members = channels();
+    let camera = camera(false, [-40.0, -25.0, 60.0]);
+    let sampling = Sampling { method: Method::Pcvs, jitter: Jitter::Blue, ..PLAIN.sampling };
+    for look in [
+        PLAIN,
+        Look { sampling, ..PLAIN },
+        Look { has_surfaces: true, ..PLAIN },
+        Look { mode: Mode::Isosurface, has_surfaces: true, has_meshes: true, ..PLAIN },
+    ] {
+        let frames = frames(&members, &camera, 0.4, Filter::Trilinear, None, &look);
+        let mut loaded: Vec<_> = members.iter().zip(&frames).map(|(member, frame)| load(member, frame)).collect();
+        fade_in(&mut loaded[1].1);
+        let mut drawn = |cuts: [u32; 3]| {
+            members.iter_mut().zip(cuts).for_each(|(member, cut)| member.cut = cut);
+            let (renderer, picture) = draw_loaded(&members, &frames, &loaded, None, 2);
+            (picture, [0, 1, 2].map(|layer| renderer.visibility(layer).expect("light").to_vec()))
+        };
+        let ((shared, light), (apart, light_apart)) = (drawn([5; 3]), drawn([5, 6, 7]));
+        let difference = shared.difference(&apart);
+        assert!(difference.max <= 2 * TOLERANCE, "{look:?}: {difference:?}");
+        for (light, apart) in light.iter().flatten().zip(light_apart.iter().flatten()) {
+            assert!((light - apart).abs() < 0.01, "{look:?}: {light} {apart}");
+        }
+        assert!(light[0].iter().any(|&light| light > 0.0 && light < 0.9), "light that nothing dims proves nothing");
+    }
 }
 
 #[test]

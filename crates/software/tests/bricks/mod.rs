@@ -138,10 +138,13 @@ impl Volume {
         let mut bricks: Vec<BrickId> = cut.iter().map(|c| self.brick(c)).collect();
         bricks.sort();
         bricks.dedup();
-        let draw = |(c, rank): (&CutCell, u32)| {
+        let (mut last, mut rank) = (None, 0);
+        let draw = |c: &CutCell| {
             let brick = self.brick(c);
+            let cell = BrickId { level: c.level, index: c.index, ..brick };
+            rank += last.replace(cell).is_some_and(|last| last != cell) as u32;
             DrawCell {
-                cell: BrickId { level: c.level, index: c.index, ..brick },
+                cell,
                 region: self.pyramid.brick_box_voxel(c.level, c.index),
                 pixels: Pixels::ALL,
                 brick,
@@ -150,7 +153,7 @@ impl Volume {
             }
         };
         let padded = bricks.iter().map(|id| self.padded(id.level, id.index, needs)).collect();
-        (padded, DrawList { cells: cut.iter().zip(0..).map(draw).collect() })
+        (padded, DrawList { cells: cut.iter().map(draw).collect() })
     }
 
     fn brick(&self, c: &CutCell) -> BrickId {
@@ -182,12 +185,12 @@ impl Volume {
         }
     }
 
-    /// The oracle's picture of the cut.
-    pub(crate) fn reference(&self, frame: &FrameSettings, cut: &[CutCell], transfer: &TransferFunction) -> Picture {
+    /// The level that is drawn at a place, in voxels.
+    pub(crate) fn level_at(&self, cut: &[CutCell]) -> impl Fn(DVec3) -> usize + use<> {
         let boxes: Vec<(VoxelBox, usize)> =
             cut.iter().map(|c| (self.pyramid.brick_box_voxel(c.level, c.index), c.drawn.index())).collect();
         let extent = self.pyramid.levels()[0].extent.to_array();
-        let level_at = |p: DVec3| {
+        move |p: DVec3| {
             // Rounding may put the last sample of a ray a hair outside.
             let voxel: [u32; 3] = std::array::from_fn(|a| (p[a].max(0.0) as u32).min(extent[a] - 1));
             let holds = |b: &VoxelBox| {
@@ -195,7 +198,12 @@ impl Volume {
                 (0..3).all(|a| min[a] <= voxel[a] && voxel[a] < max[a])
             };
             boxes.iter().find(|(b, _)| holds(b)).expect("a cut covers the volume").1
-        };
+        }
+    }
+
+    /// The oracle's picture of the cut.
+    pub(crate) fn reference(&self, frame: &FrameSettings, cut: &[CutCell], transfer: &TransferFunction) -> Picture {
+        let level_at = self.level_at(cut);
         let volume = ReferenceVolume { levels: &self.levels, level_at: &level_at, transfer };
         brickyard_reference::render(&[VolumeFrame::alone(frame.clone())], &[volume], None)
     }
