@@ -359,7 +359,8 @@ impl Look for Read {
         media: &mut Media,
     ) {
         sample::<C, U, INVALID>(march, way, segments.clone(), chunk);
-        let read = media.values.len() / CHUNK;
+        let (read, is_lit) = (media.values.len() / CHUNK, march.frame.is_lit);
+        let path = is_lit.then(|| Path::new(march, &way.stretch, &way.ray));
         for (i, segment) in segments.enumerate().take(CHUNK) {
             let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
             if weight > 0.0 {
@@ -367,6 +368,9 @@ impl Look for Read {
                 let value = march.frame.settings.encoding.value(code as f64 / C::MAX as f64);
                 media.values[place * read + way.layer] = value;
                 media.longest[place] = media.longest[place].max(weight);
+                if let Some(path) = &path {
+                    media.gradients[place * read + way.layer] = path.gradient::<C, U, INVALID>(segment, code);
+                }
             }
         }
     }

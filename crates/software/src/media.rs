@@ -3,7 +3,7 @@
 use crate::mixture::{Alone, AloneChunk, Mixture, Passage, passages};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
-use glam::{Vec4, Vec4Swizzles};
+use glam::{DVec3, Vec3, Vec4, Vec4Swizzles};
 use std::ops::Range;
 
 /// Places of a chunk, and of a packet that begins with its last one.
@@ -21,6 +21,8 @@ pub(crate) struct Media {
     pub(crate) light: [f32; PLACES],
     /// Of layers that an expression reads: their values, all of a segment's together, and the longest of their parts.
     pub(crate) values: Vec<f64>,
+    /// Where the expression is lit: the gradients of those values in the scene's world.
+    pub(crate) gradients: Vec<DVec3>,
     pub(crate) longest: [f32; PLACES],
     /// What one layer shows by itself.
     pub(crate) alone: AloneChunk,
@@ -51,13 +53,14 @@ pub(crate) struct Met {
 
 impl Media {
     /// The media of layers of which so many are read by an expression, with surfaces among them or not.
-    pub(crate) fn new(read: usize, has_surfaces: bool) -> Self {
+    pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
             mixtures: [Mixture::default(); PLACES],
             is_any: false,
             end: CHUNK,
             light: [0.0; PLACES],
             values: vec![f64::NAN; read * CHUNK],
+            gradients: vec![DVec3::ZERO; if is_lit { read * CHUNK } else { 0 }],
             longest: [0.0; PLACES],
             alone: AloneChunk::EMPTY,
             found: has_surfaces.then(Found::default),
@@ -76,8 +79,14 @@ impl Media {
         }
     }
 
-    /// Puts in the media of an expression's values, and forgets what it is made of.
-    pub(crate) fn combine(&mut self, combination: &Combination, count: usize) {
+    /// Puts in the media of an expression's values, and forgets what it is made of. `shade` lights a segment's colour under this
+    /// normal.
+    pub(crate) fn combine(
+        &mut self,
+        combination: &Combination,
+        count: usize,
+        shade: impl Fn(usize, DVec3, Option<DVec3>) -> DVec3,
+    ) {
         let read = self.values.len() / CHUNK;
         for segment in 0..count.min(CHUNK) {
             let length = std::mem::take(&mut self.longest[segment]);
@@ -85,11 +94,16 @@ impl Media {
                 continue;
             }
             let values = segment * read..(segment + 1) * read;
-            let look = combination.look(&self.values[values.clone()]);
+            let look = match self.gradients.get(values.clone()) {
+                None => combination.look(&self.values[values.clone()]),
+                Some(gradients) => combination
+                    .look_lit(&self.values[values.clone()], gradients, |color, normal| shade(segment, color, normal)),
+            };
             self.values[values].fill(f64::NAN);
             if let Some([r, g, b, alpha]) = look {
                 let depth = -(-alpha).ln_1p() * std::f32::consts::LOG2_E;
-                self.mixtures[segment].mix(Vec4::new(r, g, b, 1.0), depth.min(crate::mixture::OPAQUE) * length);
+                let color = Vec3::new(r, g, b);
+                self.mixtures[segment].mix(color.extend(1.0), depth.min(crate::mixture::OPAQUE) * length);
                 self.is_any = true;
             }
         }

@@ -393,11 +393,24 @@ impl<'a> Path<'a> {
 
     /// A colour lit at a place.
     fn lit_by(&self, lighting: &Lighting, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
-        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
-        let placement = &self.march.frame.settings.placement;
-        let normal = (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel).normalize());
+        let normal = self.in_world(differences).map(DVec3::normalize);
         let place = self.eye + self.direction * self.distance(along);
         lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
+    }
+
+    /// The gradient in the scene's world, in half codes by the unit; `None` where the field is flat.
+    fn in_world(&self, differences: Vec3) -> Option<DVec3> {
+        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
+        let placement = &self.march.frame.settings.placement;
+        (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel))
+    }
+
+    /// The gradient in the scene's world, in data units by the unit, in the middle of a segment with this code; zero where the field is flat.
+    #[inline(never)]
+    pub(crate) fn gradient<C: Code, U: Unit, const INVALID: bool>(&self, segment: i32, code: f32) -> DVec3 {
+        let [start, end] = self.ends(segment);
+        let differences = self.differences::<C, U, INVALID>(0.5 * (start + end), code);
+        self.in_world(differences).map_or(DVec3::ZERO, |gradient| gradient * self.half_code)
     }
 
     /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.

@@ -208,8 +208,8 @@ fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) {
     assert_eq!(needs.encoding, settings.encoding, "other codes");
     assert!(needs.bricks.satisfy(&settings.needs()), "{:?} of bricks for {:?}", settings.needs(), needs.bricks);
     let sampling = &settings.sampling;
-    let is_plain = settings.mode == Mode::Dvr && sampling.method == Method::Udvr && sampling.jitter == Jitter::None;
-    let is_bare = !layer.frame.is_lit() && settings.surfaces.is_empty();
+    let is_plain = settings.mode == Mode::Dvr && sampling.method == Method::Udvr;
+    let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
     assert!(
         !is_read || (is_plain && is_bare),
         "an expression has its volumes' values, sampled plainly, and no gradient"

@@ -19,7 +19,7 @@ use crate::ray::{FAINTEST, Past, Ray};
 use crate::sample::Chunk;
 use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::Combination;
-use glam::Vec4;
+use glam::{DVec3, Vec4};
 
 /// The layers of a frame, and what is done with them.
 pub(crate) struct Together<'a> {
@@ -108,7 +108,7 @@ impl<'a> Together<'a> {
             ways: Vec::new(),
             entries: Vec::new(),
             chunk: Chunk::EMPTY,
-            media: Media::new(read, self.has_surfaces),
+            media: Media::new(read, frames[0].is_lit, self.has_surfaces),
             pasts: Vec::new(),
         }
     }
@@ -273,7 +273,11 @@ impl Work {
             next = self.gather(together, frames, tick..end, zone);
             let count = ((end - tick) >> zone) as usize;
             if let Some(combination) = together.combination {
-                self.media.combine(combination, count);
+                let shade = self.ways.first().map(|way| shade(&frames[way.layer], &way.ray, tick, zone));
+                self.media.combine(combination, count, |segment, color, normal| match &shade {
+                    Some(shade) => shade(segment, color, normal),
+                    None => color,
+                });
             }
             light = (together.see.0)(&mut self.media, count, light);
             for Entry { layer, cell, segment } in self.entries.drain(..) {
@@ -324,6 +328,25 @@ impl Work {
             }
         }
         next
+    }
+}
+
+/// What lights the colours of a chunk's segments from a tick on, along a layer's ray, in their middles.
+fn shade<'a>(
+    frame: &'a Frame<'_>,
+    ray: &Ray,
+    tick: u32,
+    zone: usize,
+) -> impl Fn(usize, DVec3, Option<DVec3>) -> DVec3 + use<'a> {
+    let (settings, ticks) = (frame.settings, &frame.ticks);
+    let direction = DVec3::from_array(ray.direction) * settings.geometry.spacing;
+    let direction = settings.placement.world_vector(direction);
+    let eye = settings.geometry.world_from_voxel(DVec3::from_array(ray.origin));
+    let eye = settings.placement.world_from_volume(eye);
+    let length = ticks.step * (1u64 << zone) as f64;
+    move |segment, color, normal| {
+        let middle = tick as f64 * ticks.step + (segment as f64 + 0.5) * length;
+        settings.lighting.shade(color, normal, direction, eye + direction * middle)
     }
 }
 
