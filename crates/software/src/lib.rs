@@ -6,8 +6,8 @@
 //! 2. `tile`: the picture's tiles go to the threads. Where there are meshes (`meshes`), a tile does all that follows for each slab between
 //!    two layers of triangles.
 //! 3. `march`: one layer, or one of several that are projected, takes its cells one by one and the tile's rays through each, so that
-//!    neighbouring rays find a brick's voxels in the first-level cache. `together`: layers that are mixed take the rays one by one,
-//!    and leave what they show of some segments (`gather`) to be seen through together (`media`, `mixture`).
+//!    neighbouring rays find a brick's voxels in the first-level cache. `together`: layers that are mixed leave what they show of some of a
+//!    ray's segments (`gather`) to be seen through together (`media`, `mixture`), cell by cell where they share a cut, else ray by ray.
 //! 4. `ray` and `stretch`: the segments of a ray that belong to a cell, exactly once for all cells together.
 //! 5. `macrocells`: of those, the ones in which something can be seen.
 //! 6. `sample` (or `cubic`) and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
