@@ -177,7 +177,7 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) ->
     VolumeNeeds {
         encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
         edge: pyramid.edge(),
-        levels: pyramid.levels().len() as u32,
+        levels: pyramid.octree_levels(),
         bricks: options.bricks,
         least_slots: u32::try_from(roots + 1).unwrap_or(u32::MAX).min(most_slots),
         most_slots,

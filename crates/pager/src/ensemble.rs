@@ -13,7 +13,7 @@ pub struct VolumeNeeds {
     pub encoding: SlotEncoding,
     /// Voxels along a brick's core edge.
     pub edge: u32,
-    /// Levels of the pyramid.
+    /// Levels of the octree over its bricks: see [`Pyramid::octree_levels`].
     pub levels: u32,
     /// What the pictures need of bricks.
     pub bricks: Needs,

@@ -213,6 +213,7 @@ mod tests {
                 &slots,
             );
             assert!(tree.nodes.len() / GROUP <= 1 + list.cells.len() * splits(&pyramid).len());
+            assert_eq!(pyramid.octree_levels() as usize, 1 + splits(&pyramid).len(), "what renderers make room for");
             let n = pyramid.levels()[0].extent;
             let mut empty = 0;
             for i in (0..n.volume()).step_by(7) {

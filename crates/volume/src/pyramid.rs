@@ -85,6 +85,12 @@ impl Pyramid {
         Level((self.levels.len() - 1) as u8)
     }
 
+    /// Levels of the octree over its bricks: its own, and, where the coarsest has several bricks, those above that hold them all.
+    pub fn octree_levels(&self) -> u32 {
+        let widest = self.level(self.coarsest()).bricks.to_array().into_iter().fold(1, u32::max);
+        self.levels.len() as u32 + widest.next_power_of_two().trailing_zeros()
+    }
+
     /// Bricks of all levels together.
     pub fn brick_count(&self) -> u64 {
         self.levels.iter().map(|l| l.bricks.volume()).sum()
