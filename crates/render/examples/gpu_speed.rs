@@ -4,26 +4,26 @@
 //!
 //! Frames of all renderers take turns, so that other load meets all alike; the best of each counts.
 
-#[path = "../tests/bricks/mod.rs"]
-#[allow(dead_code, reason = "the oracle is for tests")]
-mod bricks;
+#[path = "../../../tests/conformance/list.rs"]
+#[allow(dead_code, reason = "tests draw in more ways with it")]
+mod list;
+#[path = "../../../tests/conformance/volume.rs"]
+#[allow(dead_code, reason = "tests draw in more ways with it")]
+mod volume;
 
-use bricks::{ALONE, Bricks, MEMORY_BYTES};
-use brickyard_pager::{DrawList, Layer, Pixels};
+use brickyard_pager::{DrawList, Layer};
 use brickyard_render::{Compositor, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
+use list::finest;
+use volume::Volume;
 
 const SIZE_PX: u32 = 512;
 const FRAMES: u32 = 6;
 
 fn main() {
     let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
-    let cube = |f: fn(DVec3) -> f64| {
-        Bricks::new([256; 3], 64, Geometry::default(), encoding, move |v| {
-            255.0 * f(DVec3::from_array(v.map(|v| v as f64 + 0.5)))
-        })
-    };
+    let cube = |f: fn(DVec3) -> f64| Volume::new([256; 3], 64, Geometry::default(), encoding, move |p| 255.0 * f(p));
     let only = std::env::args().nth(1);
     let wanted = |name: &str| only.as_ref().is_none_or(|only| name.contains(only));
     for (what, field, cases) in [
@@ -48,9 +48,9 @@ fn main() {
         if !cases.iter().any(|(name, ..)| wanted(name)) {
             continue;
         }
-        let bricks = cube(field);
+        let volume = cube(field);
         for (name, mode, opacity) in cases.into_iter().filter(|(name, ..)| wanted(name)) {
-            measure(&bricks, &format!("{what} {name}"), mode, opacity);
+            measure(&volume, &format!("{what} {name}"), mode, opacity);
         }
     }
 }
@@ -75,7 +75,7 @@ fn vessels(p: DVec3) -> f64 {
     [0.0, 1.7, 3.1, 4.9].map(tube).into_iter().fold(0.0, f64::max)
 }
 
-fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
+fn measure(volume: &Volume, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
     let value = |t: f64| 255.0 * t;
     let colors = [[0.0, 0.1, 0.1, 0.4], [0.5, 0.9, 0.4, 0.2], [1.0, 1.0, 1.0, 0.8]];
     let opacity = if opacity.is_empty() { vec![[0.0, 1.0]] } else { opacity };
@@ -86,14 +86,13 @@ fn measure(bricks: &Bricks, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
         ..TransferFunction::default()
     };
     let projection = Projection::Perspective { fov_y_deg: 24.0 };
-    let camera = Camera::looking_at_box(bricks.geometry.world_box(Extent::new(256, 256, 256)));
+    let camera = Camera::looking_at_box(volume.geometry.world_box(Extent::new(256, 256, 256)));
     let rays = Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).expect("a camera");
-    let frame = bricks.settings(rays, mode, &transfer, Lattice::uniform(1.0, 0));
-    let frame = VolumeFrame::alone(frame);
+    let frame = VolumeFrame::alone(volume.frame_in(mode, rays, &transfer, Lattice::uniform(1.0, 0)));
     let ways = [Compositor::Sorted, Compositor::Raycast].into_iter().flat_map(|way| [(way, 1), (way, 3)]);
-    let mut stages: Vec<Stage> = ways.map(|(way, layers)| Stage::new(bricks, &frame, way, layers)).collect();
+    let mut stages: Vec<Stage> = ways.map(|(way, layers)| Stage::new(volume, &frame, way, layers)).collect();
     for _ in 0..FRAMES {
-        stages.iter_mut().for_each(|stage| stage.draw(bricks, &frame));
+        stages.iter_mut().for_each(|stage| stage.draw(volume, &frame));
     }
     for [one, three] in stages.as_chunks().0 {
         println!(
@@ -123,21 +122,23 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(bricks: &Bricks, frame: &VolumeFrame, compositor: Compositor, layers: usize) -> Self {
+    fn new(volume: &Volume, frame: &VolumeFrame, compositor: Compositor, layers: usize) -> Self {
         let (options, settings) = (GpuOptions { compositor, ..Default::default() }, &frame.settings);
-        let needs = vec![bricks.volume_needs(); layers];
-        let mut renderer =
-            GpuRenderer::new(&options, &needs, 4 * MEMORY_BYTES, (SIZE_PX, SIZE_PX)).expect("an adapter");
-        let entries = |_| vec![(0, Pixels::ALL)];
-        let mut list = bricks.draw_fading(&mut renderer, ALONE, &settings.rays, &|_| false, &entries);
+        let bricks = Needs { apron: 2, ..Needs::PLAIN };
+        let needs = vec![volume.needs(&bricks); layers];
+        let mut renderer = GpuRenderer::new(&options, &needs, 256 << 20, (SIZE_PX, SIZE_PX)).expect("an adapter");
+        let mut list = finest(volume, settings);
+        for cell in &list.cells {
+            renderer.upload(0, cell.slot, &volume.padded(cell.brick, &bricks)).expect("the slot is there");
+        }
         if settings.mode == Mode::Dvr {
-            cull(bricks, &settings.table, &mut list);
+            cull(volume, &settings.table, &mut list);
         }
         Self { renderer, layers, list, best: (f64::INFINITY, f64::INFINITY), picture: None }
     }
 
-    fn draw(&mut self, bricks: &Bricks, frame: &VolumeFrame) {
-        let layer = |volume| Layer { volume, frame, pyramid: &bricks.pyramid, draw: &self.list, cut: 0 };
+    fn draw(&mut self, of: &Volume, frame: &VolumeFrame) {
+        let layer = |volume| Layer { volume, frame, pyramid: &of.pyramid, draw: &self.list, cut: 0 };
         let layers: Vec<Layer<'_>> = (0..self.layers).map(layer).collect();
         let start = cpu_ms();
         self.picture = Some(self.renderer.render(&layers, None).expect("a picture"));
@@ -146,15 +147,15 @@ impl Stage {
 }
 
 /// Leaves out what the cut would: bricks in which nothing has opacity.
-fn cull(bricks: &Bricks, table: &TransferTable, list: &mut DrawList) {
-    let level = &bricks.levels[0];
+fn cull(volume: &Volume, table: &TransferTable, list: &mut DrawList) {
+    let level = &volume.levels[0];
     list.cells.retain(|cell| {
         let (low, high) = (cell.region.min.to_array(), cell.region.max.to_array());
         let mut voxels = (low[2]..high[2])
             .flat_map(|z| (low[1]..high[1]).map(move |y| (y, z)))
             .flat_map(|(y, z)| (low[0]..high[0]).map(move |x| [x, y, z]));
         voxels.any(|v| {
-            let unorm = (level.values[level.extent.linear(v) as usize] - bricks.encoding.low) / 255.0;
+            let unorm = (level.values[level.extent.linear(v) as usize] - volume.encoding.low) / 255.0;
             table.lookup(unorm as f32)[3] > 0.0
         })
     });

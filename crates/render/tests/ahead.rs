@@ -1,13 +1,11 @@
 //! Pipelines that are made ahead: what is drawn meanwhile, and what becomes of them when the device or the renderer goes.
 
-#[allow(dead_code, reason = "other tests draw in other ways with it")]
 mod bricks;
 
-use bricks::{Bricks, Into, MEMORY_BYTES, missing::leave_out};
-use brickyard_pager::{DrawList, Layer, Pixels};
-use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
+use bricks::{Bricks, COMPOSITORS, transfer};
+use brickyard_pager::{DrawList, Layer};
+use brickyard_render::{Compositor, GpuError, GpuRenderer};
 use brickyard_volume::*;
-use glam::DVec3;
 use std::time::{Duration, Instant};
 
 const LAYERS: usize = 3;
@@ -19,50 +17,19 @@ struct Stage {
     draw: DrawList,
 }
 
-fn rays() -> ViewRays {
-    let (eye, target) = (DVec3::new(-30.0, -25.0, 50.0), DVec3::splat(16.0));
-    let camera = Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 45.0 } };
-    camera.rays(40, 30).expect("a camera")
-}
-
 impl Stage {
     /// `None`, said loudly, where there is no adapter at all.
     fn new(compositor: Compositor) -> Option<Self> {
-        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
-        let wave =
-            |v: [u32; 3]| 127.0 + 120.0 * (v[0] as f64 * 0.3).sin() * (v[1] as f64 * 0.2 + v[2] as f64 * 0.1).cos();
-        let mut bricks = Bricks::new([32; 3], 16, Geometry::default(), encoding, wave);
-        bricks.needs.apron = 4;
-        let options = GpuOptions { compositor, ..Default::default() };
-        match GpuRenderer::new(&options, &[bricks.volume_needs(); LAYERS], MEMORY_BYTES, (64, 64)) {
-            Ok(renderer) => {
-                let mut stage = Self { bricks, renderer, draw: DrawList::default() };
-                stage.upload();
-                Some(stage)
-            }
-            Err(GpuError::NoAdapter { .. }) => {
-                leave_out("gpu", "nothing was made ahead");
-                None
-            }
-            Err(other) => panic!("{other}"),
-        }
-    }
-
-    fn upload(&mut self) {
-        let into = Into { layer: 0, first: 0, step: 1 };
-        let entries = |_| vec![(0, Pixels::ALL)];
-        self.draw = self.bricks.draw_fading(&mut self.renderer, into, &rays(), &|_| false, &entries);
+        let bricks = Bricks::new();
+        let mut renderer = bricks.renderer(compositor, LAYERS)?;
+        let draw = bricks.upload(&mut renderer);
+        Some(Self { bricks, renderer, draw })
     }
 
     /// A look of all three layers, by a method and with light or without.
     fn look(&self, method: Method, model: LightingModel) -> Vec<VolumeFrame> {
-        let transfer = |hue: f64| TransferFunction {
-            color: vec![[0.0, hue, 0.2, 1.0 - hue], [255.0, 0.4, 0.6, hue]],
-            opacity: vec![[90.0, 0.0], [200.0, 0.4]],
-            ..TransferFunction::default()
-        };
         let frame = |i: usize| {
-            let plain = self.bricks.settings(rays(), Mode::Dvr, &transfer(0.4 * i as f64), Lattice::uniform(0.7, 0));
+            let plain = self.bricks.frame(&transfer(0.4 * i as f64));
             let sampling = Sampling { method, ..Sampling::default() };
             VolumeFrame::alone(FrameSettings { sampling, lighting: Lighting { model, ..Lighting::default() }, ..plain })
         };
@@ -70,9 +37,7 @@ impl Stage {
     }
 
     fn with<T>(&mut self, frames: &[VolumeFrame], f: impl FnOnce(&mut GpuRenderer, &[Layer<'_>]) -> T) -> T {
-        let Self { bricks, renderer, draw } = self;
-        let layer = |(volume, frame)| Layer { volume, frame, pyramid: &bricks.pyramid, draw, cut: 0 };
-        f(renderer, &frames.iter().enumerate().map(layer).collect::<Vec<_>>())
+        f(&mut self.renderer, &self.bricks.layers(frames, &self.draw))
     }
 
     fn render(&mut self, frames: &[VolumeFrame]) -> Result<Picture, GpuError> {
@@ -90,7 +55,7 @@ impl Stage {
 
 #[test]
 fn the_old_look_is_drawn_until_the_new_one_is_made() {
-    for compositor in [Compositor::Raycast, Compositor::Compute, Compositor::Sorted] {
+    for compositor in COMPOSITORS {
         let Some(mut stage) = Stage::new(compositor) else { return };
         let [old, new, other] = [
             stage.look(Method::Udvr, LightingModel::None),
@@ -138,7 +103,7 @@ fn a_device_may_go_while_a_thread_makes_something_for_it() {
     }
     stage.prepare(&new);
     stage.renderer.renew().expect("another device");
-    stage.upload();
+    stage.draw = stage.bricks.upload(&mut stage.renderer);
     assert!(!stage.is_prepared(&new), "what was made for the old device is gone");
     assert_eq!(stage.render(&old).expect("a picture"), first);
     // Drawn before it is made ahead.

@@ -4,15 +4,20 @@
 //! `cargo run --release -p brickyard-software --example cpu_speed -- FOLDER
 //! [ONLY]`, `ONLY` being part of a case's name.
 
-#[path = "../tests/bricks/mod.rs"]
-#[allow(dead_code, reason = "the oracle is for tests")]
-mod bricks;
+#[path = "../../../tests/conformance/list.rs"]
+#[allow(dead_code, reason = "tests draw in more ways with it")]
+mod list;
+#[path = "../../../tests/conformance/volume.rs"]
+#[allow(dead_code, reason = "tests draw in more ways with it")]
+mod volume;
 
-use bricks::Volume;
 use brickyard_pager::{Layer, Slot};
+use brickyard_software::{SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
+use list::finest;
 use std::time::Instant;
+use volume::Volume;
 
 const SIZE_PX: u32 = 512;
 const FRAMES: u32 = 8;
@@ -23,7 +28,7 @@ fn main() -> std::io::Result<()> {
         let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
         let channel = |i: usize| {
             let moved = DVec3::new(7.0, -5.0, 3.0) * i as f64;
-            Volume::new(Extent::new(256, 256, 256), DVec3::ONE, 64, encoding, |p| encoding.value(shells(p + moved)))
+            Volume::new([256; 3], 64, Geometry::default(), encoding, |p| encoding.value(shells(p + moved)))
         };
         let channels = [0, 1, 2].map(channel);
         for (name, mode, opacity) in [
@@ -77,39 +82,28 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
         unit_distance: 1.25,
         ..TransferFunction::default()
     };
-    let geometry = Geometry::default();
-    let camera = Camera::looking_at_box(geometry.world_box(Extent::new(256, 256, 256)));
+    let camera = Camera::looking_at_box(volume.geometry.world_box(Extent::new(256, 256, 256)));
     let projection = Projection::Perspective { fov_y_deg: 24.0 };
-    FrameSettings {
-        rays: Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).unwrap(),
-        lattice: Lattice::uniform(1.0, 0),
-        geometry,
-        placement: Placement::default(),
-        encoding: volume.encoding,
-        table: TransferTable::new(&transfer, &volume.encoding).into(),
-        mode,
-        surfaces: match mode {
-            Mode::Isosurface => Surface::all(&[Isosurface::at(value(0.4))], &transfer, &volume.encoding),
-            _ => Vec::new(),
-        },
-        sampling: Sampling::default(),
-        lighting: Lighting::default(),
-        background: [0.0; 3],
-        clip: None,
-        meshes: Vec::new(),
-    }
+    let rays = Camera { projection, ..camera }.rays(SIZE_PX, SIZE_PX).unwrap();
+    let surfaces = match mode {
+        Mode::Isosurface => Surface::all(&[Isosurface::at(value(0.4))], &transfer, &volume.encoding),
+        _ => Vec::new(),
+    };
+    FrameSettings { mode, surfaces, background: [0.0; 3], ..volume.frame(rays, &transfer, Lattice::uniform(1.0, 0)) }
 }
 
 /// The best wall and the best CPU time of some frames, and the picture, of layers together.
 fn measure(layers: &[(&Volume, &FrameSettings)], threads: usize) -> (f64, f64, Picture) {
     let needs: Vec<_> = layers.iter().map(|(volume, frame)| volume.needs(&frame.needs())).collect();
-    let mut renderer = bricks::renderer(&needs, &layers[0].1.rays, threads);
+    let options = SoftwareOptions { memory_bytes: 1 << 30, max_picture_px: [SIZE_PX, SIZE_PX], threads, leaps: true };
+    let mut renderer = SoftwareRenderer::new(&needs, &options).expect("a gibibyte is enough");
     let mut drawn = Vec::new();
     for (layer, (volume, frame)) in layers.iter().enumerate() {
-        let cut = volume.cut(&frame.rays, &frame.geometry, &|_, _| true);
-        let (bricks, list) = volume.bricks(&cut, &frame.needs());
-        for (slot, codes) in bricks.into_iter().enumerate() {
-            renderer.upload(layer, Slot(slot as u32), codes);
+        let mut list = finest(volume, frame);
+        // The bricks of all lie in turns: they share slots.
+        for cell in &mut list.cells {
+            cell.slot = Slot(cell.slot.0 * layers.len() as u32 + layer as u32);
+            renderer.upload(layer, cell.slot, volume.padded(cell.brick, &frame.needs()));
         }
         drawn.push((VolumeFrame::alone((*frame).clone()), list));
     }

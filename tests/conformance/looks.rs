@@ -1,6 +1,6 @@
-//! What several volumes are looked at by, in the tests of both renderers that draw them: a part of each of these.
+//! What several layers are looked at by.
 
-use brickyard_volume::*;
+use brickyard::volume::*;
 use glam::DVec3;
 
 pub(crate) fn camera(orthographic: bool, eye: [f64; 3]) -> Camera {

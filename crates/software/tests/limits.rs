@@ -1,0 +1,97 @@
+//! What is the CPU renderer's own: budgets that hold, and threads that do not show. What pictures show is in the conformance suite
+//! (`tests/conformance`).
+
+use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
+use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
+use brickyard_volume::*;
+use glam::DVec3;
+
+const EDGE: u32 = 32;
+const BRICKS: Needs = Needs { apron: 2, ..Needs::PLAIN };
+
+fn needs(edge: u32, voxel_type: VoxelType) -> VolumeNeeds {
+    let encoding = SlotEncoding::new(voxel_type, (0.0, 255.0), false);
+    VolumeNeeds { encoding, edge, levels: 2, bricks: BRICKS, least_slots: 2, most_slots: 9 }
+}
+
+fn options(memory_bytes: u64, threads: usize) -> SoftwareOptions {
+    SoftwareOptions { memory_bytes, max_picture_px: [120, 100], threads, leaps: true }
+}
+
+/// Of three volumes whose bricks share no slots.
+#[test]
+fn budgets_are_shared_and_hard() {
+    let needs =
+        [(16, VoxelType::U8), (12, VoxelType::U16), (24, VoxelType::F32)].map(|(edge, voxel)| needs(edge, voxel));
+    let with = |bytes| SoftwareRenderer::new(&needs, &options(bytes, 2));
+    let Err(SoftwareError::Budget { least_bytes, .. }) = with(1000) else { panic!("1000 bytes cannot be enough") };
+    assert!(with(least_bytes - 1).is_err());
+    let least = with(least_bytes).expect("the least works");
+    assert!((0..3).all(|volume| least.slots(volume) == 2) && least.bytes() == least_bytes);
+    let more = with(least_bytes + 300_000).expect("more works");
+    assert!((0..3).all(|volume| more.slots(volume) > 2) && more.bytes() <= least_bytes + 300_000);
+    let all = with(1 << 30).expect("all works");
+    assert!((0..3).all(|volume| all.slots(volume) == needs[volume].most_slots));
+}
+
+/// A brick of waves with its apron.
+fn brick() -> Vec<u8> {
+    let along = || (0..EDGE + 2 * BRICKS.apron).map(f64::from);
+    let value = |[x, y, z]: [f64; 3]| (127.0 + 120.0 * (x * 0.3).sin() * (y * 0.2 + z * 0.1).cos()) as u8;
+    along().flat_map(|z| along().flat_map(move |y| along().map(move |x| value([x, y, z])))).collect()
+}
+
+/// The picture and the marks of so many layers of one brick, of which each but the first is turned.
+fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>) {
+    let needs = vec![needs(EDGE, VoxelType::U8); layers];
+    let pyramid = Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], EDGE);
+    let mut renderer = SoftwareRenderer::new(&needs, &options(1 << 30, threads)).expect("a gibibyte is enough");
+    renderer.upload(0, Slot(0), brick().into());
+    let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
+    let region = pyramid.brick_box_voxel(id.level, id.index);
+    let cell = DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot: Slot(0), rank: 0 };
+    let list = DrawList { cells: vec![cell] };
+    let transfer = TransferFunction {
+        color: vec![[0.0, 0.1, 0.2, 0.9], [255.0, 0.4, 0.6, 0.1]],
+        opacity: vec![[90.0, 0.0], [200.0, 0.4]],
+        ..TransferFunction::default()
+    };
+    let projection = Projection::Perspective { fov_y_deg: 40.0 };
+    let (eye, target) = (DVec3::new(-30.0, -25.0, 50.0), DVec3::splat(16.0));
+    let rays = Camera { eye, target, up: DVec3::Z, projection }.rays(120, 100).expect("a camera");
+    let shown = if mode == Mode::Isosurface { vec![Isosurface::at(140.0)] } else { Vec::new() };
+    let turned = Placement::from_text("0.8 -0.6 0 12  0.6 0.8 0 -9  0 0 1.1 1").expect("a map");
+    let frame = |layer: usize| {
+        VolumeFrame::alone(FrameSettings {
+            rays,
+            lattice: Lattice::uniform(0.7, 0),
+            geometry: Geometry::default(),
+            placement: if layer == 0 { Placement::default() } else { turned },
+            encoding: needs[layer].encoding,
+            table: TransferTable::new(&transfer, &needs[layer].encoding).into(),
+            mode,
+            surfaces: Surface::all(&shown, &transfer, &needs[layer].encoding),
+            sampling: Sampling::default(),
+            lighting: Lighting::default(),
+            background: [0.1, 0.2, 0.35],
+            clip: None,
+            meshes: Vec::new(),
+        })
+    };
+    let frames: Vec<VolumeFrame> = (0..layers).map(frame).collect();
+    let layer = |(volume, frame)| Layer { volume, frame, pyramid: &pyramid, draw: &list, cut: 0 };
+    let picture = renderer.render(&frames.iter().enumerate().map(layer).collect::<Vec<_>>(), None);
+    (picture, renderer.visibility(0).map(<[f32]>::to_vec))
+}
+
+#[test]
+fn the_picture_does_not_depend_on_threads() {
+    for mode in Mode::ALL {
+        for layers in [1, 2] {
+            let one = draw(mode, layers, 1);
+            let colors: std::collections::BTreeSet<_> = one.0.rgb.iter().collect();
+            assert!(colors.len() > 60, "{mode:?}: a flat picture proves nothing");
+            assert_eq!(one, draw(mode, layers, 3), "{mode:?}, {layers} layers");
+        }
+    }
+}

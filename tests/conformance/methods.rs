@@ -1,0 +1,161 @@
+//! Every sampling method, filter and lighting, through bricks of several sizes; what they all have in common with a plain picture is in
+//! `modes`.
+
+use crate::list::finest;
+use crate::scenery::{
+    SMALL, is_hole, lightings, overview, range, scaled, steep, tinted, u8_codes, uneven, waves, wavy, wide_codes,
+};
+use crate::shot::{Shot, assert_telling};
+use crate::stage::{ALL, CPU, MOST, Stage, Way};
+use crate::volume::Volume;
+use brickyard::volume::*;
+use glam::DVec3;
+
+/// One way to look, and who takes it.
+struct Take {
+    sampling: Sampling,
+    /// The number of its lighting.
+    lighting: usize,
+    /// Whether opacities depend on gradients, too.
+    is_steep: bool,
+    ways: &'static [Way],
+}
+
+impl Take {
+    fn frame(&self, volume: &Volume, [plain, steep]: &[TransferFunction; 2]) -> FrameSettings {
+        let transfer = if self.is_steep { steep } else { plain };
+        let (sampling, lighting) = (self.sampling, lightings()[self.lighting].clone());
+        FrameSettings {
+            sampling,
+            lighting,
+            ..volume.frame(overview(volume, self.sampling.filter), transfer, Lattice::uniform(0.7, 0))
+        }
+    }
+}
+
+/// Each method with a function of values, and those that can with one of values and gradients, in these lightings. On a GPU those with
+/// functions of values, in `few` lightings.
+fn takes(filter: Filter, lightings: &[usize], few: &[usize]) -> Vec<Take> {
+    let mut takes = Vec::new();
+    for method in Method::ALL {
+        for (is_steep, &lighting) in [false, true].into_iter().flat_map(|s| lightings.iter().map(move |l| (s, l))) {
+            if !(is_steep && method.is_pre_integrated()) {
+                let ways = match !is_steep && few.contains(&lighting) {
+                    true => &MOST[..],
+                    false => &MOST[..1],
+                };
+                let sampling = Sampling { method, filter, ..Sampling::default() };
+                takes.push(Take { sampling, lighting, is_steep, ways });
+            }
+        }
+    }
+    takes
+}
+
+/// Draws them in the bricks of a volume, and on the CPU by turns in those of others of its like.
+fn agree(volume: &Volume, others: &[Volume], takes: &[Take], allowed: impl Fn(Way, &Take) -> usize) {
+    let transfers = [tinted(range(&volume.encoding)), steep(range(&volume.encoding))];
+    let frames: Vec<FrameSettings> = takes.iter().map(|take| take.frame(volume, &transfers)).collect();
+    let on_gpu = takes.iter().zip(&frames).filter(|(take, _)| take.ways.len() > 1);
+    let mut stage = Stage::with_room(&[volume], on_gpu.map(|(_, frame)| frame.needs()));
+    let mut others: Vec<Stage<'_>> = others.iter().map(|other| Stage::exact(&[other])).collect();
+    for (i, (take, frame)) in takes.iter().zip(&frames).enumerate() {
+        let transfer = &transfers[take.is_steep as usize];
+        let what = format!("{:?} {:?}, steep: {}", frame.sampling, frame.lighting, take.is_steep);
+        let shot = Shot::new(frame, finest(volume, frame), transfer);
+        let expected = shot.oracle(&[volume]);
+        assert_telling(&expected, &what);
+        for way in take.ways {
+            shot.agree_with(&expected, &mut stage, &[*way], allowed(*way, take), &what);
+        }
+        let turn = i % others.len().max(1);
+        if let Some(other) = others.get_mut(turn) {
+            let volume = other.volumes[0];
+            let what = format!("{what}, in bricks of {}", volume.pyramid.edge());
+            let shot = Shot::new(frame, finest(volume, frame), transfer);
+            shot.agree_with(&expected, other, &[CPU], allowed(CPU, take), &what);
+        }
+    }
+}
+
+/// How many pixels rounding may decide: stored gradients are half floats, and where they all but cancel out, it decides where they point.
+fn rounded(take: &Take) -> usize {
+    (lightings()[take.lighting].gradient == Gradient::Stored) as usize
+}
+
+/// In bricks of 16, and of other sizes by turns, the last of which holds all of it.
+fn agree_in_bricks_of_any_size(filter: Filter, few: &[usize]) {
+    let others = [8, 32, 64].map(|edge| wavy(SMALL, edge));
+    let all: Vec<usize> = (0..lightings().len()).collect();
+    agree(&wavy(SMALL, 16), &others, &takes(filter, &all, few), |_, take| rounded(take));
+}
+
+#[test]
+fn every_method_and_lighting_matches_the_oracle() {
+    agree_in_bricks_of_any_size(Filter::Trilinear, &[0, 1, 4, 5, 7]);
+}
+
+#[test]
+fn every_method_and_lighting_matches_the_oracle_with_splines() {
+    agree_in_bricks_of_any_size(Filter::Tricubic, &[0, 1, 5]);
+}
+
+#[test]
+fn invalid_voxels_in_wide_codes_match_the_oracle() {
+    let value = |p: DVec3| {
+        if is_hole(p) { f64::NAN } else { -1.0 + 4.0 * waves(p) }
+    };
+    let of = |edge| Volume::new(SMALL, edge, uneven(), wide_codes(), value);
+    for filter in Filter::ALL {
+        // A place has a value if half of the weight is valid: where it is just half, rounding decides, and with it a gradient.
+        let allowed = |way, take: &Take| (way != CPU || take.is_steep) as usize + rounded(take);
+        agree(&of(16), &[of(32)], &takes(filter, &[0, 1, 5], &[0, 1, 5]), allowed);
+    }
+}
+
+#[test]
+fn projections_are_filtered_alike() {
+    let volumes = [16, 8, 32, 64].map(|edge| wavy(SMALL, edge));
+    let transfer = tinted((0.0, 255.0));
+    for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
+        let plain =
+            volumes[0].frame_in(mode, overview(&volumes[0], Filter::Tricubic), &transfer, Lattice::uniform(0.7, 0));
+        let frame = FrameSettings { sampling: Sampling { filter: Filter::Tricubic, ..plain.sampling }, ..plain };
+        let expected = Shot::new(&frame, finest(&volumes[0], &frame), &transfer).oracle(&[&volumes[0]]);
+        assert_telling(&expected, "a projection");
+        for (volume, ways) in volumes.iter().zip([&MOST[..], &[CPU], &[CPU], &[CPU]]) {
+            let what = format!("{mode:?} in {}", volume.pyramid.edge());
+            let shot = Shot::new(&frame, finest(volume, &frame), &transfer);
+            shot.agree_with(&expected, &mut Stage::exact(&[volume]), ways, 0, &what);
+        }
+    }
+}
+
+/// The same rays through bricks with what their own needs ask for and no more, of each size by turns.
+#[test]
+fn bricks_with_just_what_is_needed_show_the_same() {
+    let volumes = [8, 32, 64].map(|edge| Volume::new(SMALL, edge, uneven(), u8_codes(), scaled(u8_codes(), waves)));
+    let transfers = [tinted((0.0, 255.0)), steep((0.0, 255.0))];
+    for (i, (method, filter, is_steep)) in [
+        (Method::Pcvs, Filter::Trilinear, false),
+        (Method::Cvs, Filter::Tricubic, false),
+        (Method::Asm, Filter::Trilinear, false),
+        (Method::Plvs, Filter::Tricubic, false),
+        (Method::Udvr, Filter::Trilinear, true),
+        (Method::Cvs, Filter::Tricubic, true),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for (j, lighting) in [0, 4, 5].into_iter().enumerate() {
+            let sampling = Sampling { method, filter, ..Sampling::default() };
+            let volume = &volumes[(i + j) % 3];
+            let take = Take { sampling, lighting, is_steep, ways: &MOST };
+            let frame = take.frame(volume, &transfers);
+            let shot = Shot::new(&frame, finest(volume, &frame), &transfers[is_steep as usize]);
+            let what = format!("{sampling:?}, {lighting}, in {}", volume.pyramid.edge());
+            let ways = if lighting == 5 { &ALL[..] } else { &MOST };
+            shot.agree(&mut Stage::exact(&[volume]), ways, rounded(&take), &what);
+        }
+    }
+}

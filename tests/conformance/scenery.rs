@@ -1,0 +1,148 @@
+//! What is looked at, and whence: fields, transfer functions, lights and views that catch a renderer's usual mistakes.
+
+use crate::volume::Volume;
+use brickyard::volume::*;
+use glam::DVec3;
+
+pub(crate) fn u8_codes() -> SlotEncoding {
+    SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false)
+}
+
+/// Of 16 bits, where 0 is no value.
+pub(crate) fn wide_codes() -> SlotEncoding {
+    SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true)
+}
+
+/// Of spacings that differ, away from the origin.
+pub(crate) fn uneven() -> Geometry {
+    Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), unit: None }
+}
+
+/// Smooth, without symmetry, between 0 and 1 in voxel space.
+pub(crate) fn waves(p: DVec3) -> f64 {
+    let wave = (p.x * 0.31).sin() + (p.y * 0.23 + 1.0).sin() + (p.z * 0.37 + p.x * 0.1).cos();
+    (wave / 6.0 + 0.5).clamp(0.0, 1.0)
+}
+
+/// A field between 0 and 1 in a volume's range.
+pub(crate) fn scaled(encoding: SlotEncoding, field: impl Fn(DVec3) -> f64) -> impl Fn(DVec3) -> f64 {
+    move |p| encoding.low + (encoding.high - encoding.low) * field(p)
+}
+
+/// A volume of waves.
+pub(crate) fn wavy(extent: [u32; 3], edge: u32) -> Volume {
+    Volume::new(extent, edge, uneven(), u8_codes(), scaled(u8_codes(), waves))
+}
+
+/// Colours and opacity that change quickly, with a clear stretch. Points lie on whole 8-bit codes of the range, where tables are exact (the
+/// oracle has none).
+pub(crate) fn tinted((low, high): (f64, f64)) -> TransferFunction {
+    let at = |code: u32| low + code as f64 / 255.0 * (high - low);
+    TransferFunction {
+        color: vec![[at(25), 0.9, 0.1, 0.2], [at(127), 0.1, 1.0, 0.3], [at(230), 0.2, 0.3, 1.0]],
+        opacity: vec![[at(76), 0.0], [at(127), 0.08], [at(178), 0.02], [at(190), 0.3], [at(255), 0.9]],
+        unit_distance: 1.5,
+        ..TransferFunction::default()
+    }
+}
+
+/// The same with a jump.
+pub(crate) fn vivid((low, high): (f64, f64)) -> TransferFunction {
+    let mut vivid = tinted((low, high));
+    vivid.opacity[3][0] = low + 179.0 / 255.0 * (high - low);
+    vivid
+}
+
+/// The tinted one where the field is steep, and a region besides. All of it is smooth: the oracle has no table.
+pub(crate) fn steep((low, high): (f64, f64)) -> TransferFunction {
+    let code = (high - low) / 255.0;
+    let region = Region {
+        shape: Shape::Gaussian,
+        value: [low + 40.0 * code, low + 200.0 * code],
+        gradient: [0.0, 14.0 * code],
+        color: [1.0, 0.9, 0.1],
+        opacity: 0.15,
+    };
+    let gradient_opacity = vec![[code, 0.0], [9.0 * code, 1.0], [16.0 * code, 0.4]];
+    TransferFunction { gradient_opacity, regions: vec![region], ..tinted((low, high)) }
+}
+
+/// One colour that lets so much of the light pass over a distance.
+pub(crate) fn constant(alpha: f64, unit_distance: f64) -> TransferFunction {
+    TransferFunction {
+        color: vec![[0.0, 1.0, 0.5, 0.0]],
+        opacity: vec![[0.0, alpha]],
+        unit_distance,
+        ..TransferFunction::default()
+    }
+}
+
+pub(crate) fn range(encoding: &SlotEncoding) -> (f64, f64) {
+    (encoding.low, encoding.high)
+}
+
+fn lit(model: LightingModel, gradient: Gradient, lights: &[DVec3]) -> Lighting {
+    Lighting { model, gradient, lights: lights.to_vec() }
+}
+
+/// None; by gradients of each kind from the eye and by a light; and from cool to warm by two lights.
+pub(crate) fn lightings() -> [Lighting; 8] {
+    let (left, right, below) =
+        (DVec3::new(-30.0, 10.0, 40.0), DVec3::new(90.0, 10.0, 40.0), DVec3::new(0.0, -50.0, -20.0));
+    let [central, sobel, stored] = Gradient::ALL;
+    [
+        Lighting::default(),
+        lit(LightingModel::BlinnPhong, central, &[]),
+        lit(LightingModel::Phong, central, &[left]),
+        lit(LightingModel::BlinnPhong, sobel, &[]),
+        lit(LightingModel::Phong, sobel, &[left]),
+        lit(LightingModel::BlinnPhong, stored, &[left]),
+        lit(LightingModel::Phong, stored, &[]),
+        lit(LightingModel::Tone, central, &[right, below]),
+    ]
+}
+
+pub(crate) fn look(eye: DVec3, target: DVec3, fov_y_deg: f64) -> Camera {
+    Camera { eye, target, up: DVec3::new(0.1, 0.2, 1.0), projection: Projection::Perspective { fov_y_deg } }
+}
+
+/// The same without perspective.
+pub(crate) fn parallel(eye: DVec3, target: DVec3, height: f64) -> Camera {
+    Camera { projection: Projection::Orthographic { height }, ..look(eye, target, 1.0) }
+}
+
+/// A volume of which there are small pictures, and a hole that it may have.
+pub(crate) const SMALL: [u32; 3] = [40, 29, 37];
+
+pub(crate) fn is_hole(p: DVec3) -> bool {
+    (p - DVec3::new(20.0, 15.0, 18.0)).length() < 6.5
+}
+
+/// A small picture of all of a volume; smaller yet by splines, which take the oracle far longer.
+pub(crate) fn overview(volume: &Volume, filter: Filter) -> ViewRays {
+    let (low, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
+    let centre = (low + high) * 0.5;
+    let (width, height) = if filter == Filter::Tricubic { (16, 13) } else { (22, 18) };
+    look(centre + DVec3::new(-56.0, -41.0, 38.0), centre, 40.0).rays(width, height).expect("a camera")
+}
+
+/// Views of a volume of about 50 voxels along an edge, in bricks of 8 or 16. Odd sizes put a ray exactly along the view direction.
+pub(crate) fn views(volume: &Volume) -> Vec<(&'static str, ViewRays)> {
+    let world = |x: f64, y: f64, z: f64| volume.geometry.world_from_voxel(DVec3::new(x, y, z));
+    let level = |camera: Camera| Camera { up: DVec3::Z, ..camera };
+    let aside = |eye, target| level(parallel(eye, target, 54.7));
+    let whole = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
+    let size = |camera: Camera, w, h| camera.rays(w, h).expect("a camera");
+    vec![
+        ("outside", size(Camera::looking_at_box(whole), 64, 48)),
+        ("inside", size(level(look(world(20.3, 11.7, 25.1), world(40.0, 30.0, 20.0), 100.0)), 64, 64)),
+        ("far away", size(level(look(world(900.0, -1400.0, 700.0), world(22.0, 18.0, 26.0), 1.6)), 48, 48)),
+        ("on a brick's corner", size(level(look(world(16.0, 16.0, 16.0), world(30.0, 17.0, 15.0), 70.0)), 49, 49)),
+        ("along the edges of bricks", size(look(world(-20.0, 16.0, 16.0), world(20.0, 16.0, 16.0), 45.0), 41, 33)),
+        ("grazing a brick's face", size(level(look(world(16.0, -30.0, 16.0), world(16.0, 30.0, 16.0), 40.0)), 65, 65)),
+        ("grazing the volume's face", size(level(look(world(0.0, -30.0, 0.0), world(0.0, 30.0, 0.0), 40.0)), 65, 65)),
+        ("parallel, along an axis", size(aside(world(16.0, -30.0, 20.0), world(16.0, 0.0, 20.0)), 55, 55)),
+        ("parallel, oblique", size(aside(world(-30.0, -40.0, 60.0), world(22.0, 18.0, 26.0)), 60, 44)),
+        ("parallel, from inside", size(aside(world(20.0, 20.0, 20.0), world(30.0, 45.0, 26.0)), 60, 60)),
+    ]
+}
