@@ -59,7 +59,8 @@ fn stage<'a>(volumes: &[&'a Volume]) -> Stage<'a> {
 /// A picture of all bricks; `None` where there is no adapter.
 fn render(stage: &mut Stage<'_>, way: Way, frames: &[VolumeFrame]) -> Option<Picture> {
     let lists = stage.volumes.iter().zip(frames).map(|(volume, frame)| finest(volume, &frame.settings)).collect();
-    Shot { frames: frames.to_vec(), lists, transfers: Vec::new(), combination: None }.render(stage, way)
+    Shot { frames: frames.to_vec(), lists, transfers: Vec::new(), combination: None, is_apart: false }
+        .render(stage, way)
 }
 
 /// What is left of the light in the cells of the last picture of such frames.

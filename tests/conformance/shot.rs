@@ -19,18 +19,27 @@ pub(crate) struct Shot<'a> {
     pub(crate) lists: Vec<DrawList>,
     pub(crate) transfers: Vec<&'a TransferFunction>,
     pub(crate) combination: Option<&'a Combination>,
+    /// Whether each layer has a cut of its own, though some could share one.
+    pub(crate) is_apart: bool,
 }
 
 impl<'a> Shot<'a> {
     /// One volume by itself.
     pub(crate) fn new(frame: &FrameSettings, list: DrawList, transfer: &'a TransferFunction) -> Self {
         let frames = vec![VolumeFrame::alone(frame.clone())];
-        Self { frames, lists: vec![list], transfers: vec![transfer], combination: None }
+        Self { frames, lists: vec![list], transfers: vec![transfer], combination: None, is_apart: false }
     }
 
     /// What it needs of bricks.
     pub(crate) fn needs(&self) -> Needs {
         self.frames.iter().map(|frame| frame.settings.needs()).reduce(most).expect("a layer")
+    }
+
+    /// Which cut a layer is of: that of the first with its grid and place.
+    fn cut(&self, layer: usize) -> u32 {
+        let grid = |frame: &VolumeFrame| (frame.settings.geometry.clone(), frame.settings.placement);
+        let is_of = |frame: &VolumeFrame| !self.is_apart && grid(frame) == grid(&self.frames[layer]);
+        self.frames.iter().position(is_of).unwrap_or(layer) as u32
     }
 
     /// A renderer's picture; `None` where there is no adapter at all.
@@ -39,7 +48,13 @@ impl<'a> Shot<'a> {
             self.lists.iter().enumerate().map(|(i, list)| placed(list, i, self.lists.len())).collect();
         let all = (0..).zip(&self.frames).zip(&lists).zip(stage.volumes.clone());
         let layers: Vec<Layer<'_>> = all
-            .map(|(((volume, frame), draw), of)| Layer { volume, frame, pyramid: &of.pyramid, draw, cut: 0 })
+            .map(|(((volume, frame), draw), of)| Layer {
+                volume,
+                frame,
+                pyramid: &of.pyramid,
+                draw,
+                cut: self.cut(volume),
+            })
             .collect();
         let picture = stage.renderer(way, &self.needs())?.render(&layers, self.combination);
         Some(picture.unwrap_or_else(|error| panic!("{way:?}: {error}")))
