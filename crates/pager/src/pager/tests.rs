@@ -17,6 +17,12 @@ fn brick(level: u8, index: [u32; 3]) -> BrickId {
     BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
 }
 
+/// A pager of one volume.
+fn pager_of(source: &Arc<TestSource>, config: PagerConfig) -> Pager {
+    let shared: Arc<dyn BrickSource> = source.clone();
+    Pager::new(from_ref(&shared), config).unwrap()
+}
+
 /// Frames until settled, uploads applied to `atlas`.
 fn settle(pager: &mut Pager, views: &[View], atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
     let deadline = std::time::Instant::now() + Duration::from_secs(20);
@@ -59,7 +65,7 @@ fn a_threaded_pager_settles_around_failures_within_its_budget() {
     source.panicking = [brick(0, [7, 0, 0])].into();
     let source = Arc::new(source);
     // About 40 of the 280 cores fit.
-    let mut pager = Pager::new(&[source.clone()], config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024)).unwrap();
+    let mut pager = pager_of(&source, config(400, 400 * TABLE_BYTES_PER_SLOT + 64 * 1024));
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let mut atlas = HashMap::new();
@@ -83,7 +89,7 @@ fn a_threaded_pager_settles_around_failures_within_its_budget() {
 #[test]
 fn one_slot_shows_the_root_of_each_channel() {
     let source = Arc::new(TestSource::cube(40));
-    let mut pager = Pager::new(&[source.clone()], config(1, 8192)).unwrap();
+    let mut pager = pager_of(&source, config(1, 8192));
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     let mut atlas = HashMap::new();
     for channel in [0, 1, 0] {
@@ -102,7 +108,7 @@ fn bricks_that_fail_for_a_passing_reason_come_in_the_same_view() {
         let view =
             View { level: LevelPolicy::Locked(0), ..box_view(&make(), Projection::Perspective { fov_y_deg: 30.0 }) };
         let drawn = |source: TestSource| {
-            let mut pager = Pager::new(&[Arc::new(source)], config(200, 1 << 20)).unwrap();
+            let mut pager = pager_of(&Arc::new(source), config(200, 1 << 20));
             let mut atlas = HashMap::new();
             let frame = settle(&mut pager, from_ref(&view), &mut atlas);
             let status = frame.status;
@@ -125,7 +131,7 @@ fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
     source.failing.insert(lasting);
     source.passing.lock().unwrap().insert(passing, u32::MAX);
     let source = Arc::new(source);
-    let mut pager = Pager::new(&[source.clone()], config(200, 1 << 20)).unwrap();
+    let mut pager = pager_of(&source, config(200, 1 << 20));
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let reads = || [passing, lasting].map(|id| source.reads.lock().unwrap()[&id]);
@@ -143,7 +149,7 @@ fn what_does_not_pass_is_given_up_and_tried_once_more_by_a_new_view() {
 #[test]
 fn slots_that_lost_their_bricks_are_filled_again() {
     let source = Arc::new(TestSource::cube(40));
-    let mut pager = Pager::new(&[source.clone()], config(200, 1 << 20)).unwrap();
+    let mut pager = pager_of(&source, config(200, 1 << 20));
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     let before = settle(&mut pager, from_ref(&view), &mut HashMap::new());
     let decoded = before.status.counters.decoded;
@@ -170,7 +176,7 @@ fn frames_upload_no_more_than_asked_but_always_something() {
         uploads: Some(UploadLimits { bytes: 2500, time: Duration::from_secs(9) }),
         ..config(300, 1 << 20)
     };
-    let mut pager = Pager::new(&[source.clone()], limited).unwrap();
+    let mut pager = pager_of(&source, limited);
     let view = View { pixel_error: 8.0, ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
     let mut frame = pager.frame(from_ref(&view), Duration::ZERO);
     let (mut frames, mut without) = (0, 0);
@@ -191,7 +197,7 @@ fn frames_upload_no_more_than_asked_but_always_something() {
 #[test]
 fn a_renderer_may_keep_the_codes() {
     let source = Arc::new(TestSource::cube(64));
-    let mut pager = Pager::new(&[source.clone()], config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024)).unwrap();
+    let mut pager = pager_of(&source, config(600, 600 * TABLE_BYTES_PER_SLOT + 16 * 1024));
     let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
     let mut kept = Vec::new();
     loop {
@@ -213,7 +219,7 @@ fn a_volume_without_a_readable_brick_is_an_error() {
     let mut source = TestSource::cube(8);
     source.failing = [brick(0, [0, 0, 0])].into();
     let source = Arc::new(source);
-    let mut pager = Pager::new(&[source.clone()], config(4, 1 << 16)).unwrap();
+    let mut pager = pager_of(&source, config(4, 1 << 16));
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
     assert!(!status.covered);
@@ -224,7 +230,7 @@ fn a_volume_without_a_readable_brick_is_an_error() {
 fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
     let source = Arc::new(TestSource::cube(64));
     let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 1 << 20) };
-    let mut pager = Pager::new(&[source.clone()], live).unwrap();
+    let mut pager = pager_of(&source, live);
     let projection = Projection::Perspective { fov_y_deg: 60.0 };
     let mut view = View { pixel_error: 5.0, ..box_view(&source, projection) };
     let (mut atlas, eye) = (HashMap::new(), view.rays.eye);
@@ -251,7 +257,7 @@ fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
 fn what_is_foreseen_is_there_when_it_is_wanted() {
     let source = Arc::new(TestSource::cube(64));
     let ahead = PagerConfig { prefetch: true, ..config(1200, 2 << 20) };
-    let mut pager = Pager::new(&[source.clone()], ahead).unwrap();
+    let mut pager = pager_of(&source, ahead);
     let whole = box_view(&source, Projection::Orthographic { height: 30.0 });
     let view = |aside: f64| {
         let eye = whole.rays.eye + whole.rays.right.normalize() * aside;
@@ -274,7 +280,7 @@ fn what_is_foreseen_is_there_when_it_is_wanted() {
 #[test]
 fn what_is_fetched_ahead_does_not_displace_its_like() {
     let source = Arc::new(TestSource::cube(64));
-    let mut pager = Pager::new(&[source.clone()], PagerConfig { prefetch: true, ..config(400, 2 << 20) }).unwrap();
+    let mut pager = pager_of(&source, PagerConfig { prefetch: true, ..config(400, 2 << 20) });
     let whole = box_view(&source, Projection::Orthographic { height: 24.0 });
     let view = View { level: LevelPolicy::Locked(0), ..whole };
     let (mut frame, mut frames) = (pager.frame(from_ref(&view), Duration::ZERO), 0);
@@ -294,7 +300,7 @@ fn what_is_hidden_is_not_read() {
     let view = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };
     let mut uploaded = Vec::new();
     for shows in [1.0, 0.0] {
-        let mut pager = Pager::new(&[source.clone()], config(600, 1 << 20)).unwrap();
+        let mut pager = pager_of(&source, config(600, 1 << 20));
         // The half of the volume that is farther away.
         let hides = |cell: &DrawCell| cell.region.min.y >= 32;
         loop {
@@ -324,7 +330,7 @@ fn a_view_settles_when_all_has_faded_in() {
         // Whatever else is staged, one brick comes a frame, the root first.
         let uploads = Some(UploadLimits { bytes: 0, time: Duration::from_secs(9) });
         let config = PagerConfig { fade, uploads, workers: 1, ..config(40, 1 << 20) };
-        let mut pager = Pager::new(&[source.clone()], config).unwrap();
+        let mut pager = pager_of(&source, config);
         let (mut at, mut shares) = (Duration::ZERO, HashMap::<BrickId, Vec<u8>>::new());
         let last = loop {
             let frame = pager.frame(from_ref(&view), at);
@@ -348,7 +354,8 @@ fn a_view_settles_when_all_has_faded_in() {
 #[test]
 fn budgets_that_hold_no_brick_are_refused_with_the_least_that_works() {
     let source = Arc::new(TestSource::cube(64));
-    let new = |config| Pager::new(&[source.clone()], config).map(drop);
+    let shared: Arc<dyn BrickSource> = source.clone();
+    let new = |config| Pager::new(from_ref(&shared), config).map(drop);
     assert!(matches!(new(config(0, 1 << 20)), Err(PagerError::Slots { least: 1, least_bytes: 1000, .. })));
     let Err(PagerError::HostMemory { least, .. }) = new(config(4, 100)) else { panic!("100 bytes are too few") };
     assert!(new(config(4, least)).is_ok());
