@@ -14,7 +14,7 @@ pub struct Status {
     /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
     /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
     pub settled: bool,
-    /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`].
+    /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`](crate::Pager::feedback).
     pub awaits_feedback: bool,
     /// Whether every cell is drawn with something. False only before a volume's coarsest bricks have arrived, when nothing is
     /// drawn, or with `error`.
