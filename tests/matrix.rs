@@ -8,8 +8,8 @@ use brickyard::render::GpuError;
 use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, Lighting, LightingModel, MAX_VOLUMES,
-    Method, Mode, Placement, Projection, Region, Sampling, Scene, SceneLayer, Shape, Stereo, StereoLayout,
+    Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel,
+    MAX_VOLUMES, Method, Mode, Placement, Projection, Region, Sampling, Scene, SceneLayer, Shape, Stereo, StereoLayout,
     TransferChoice, TransferFunction,
 };
 use brickyard_tests::{
@@ -154,7 +154,9 @@ fn of_layers(scene: &Scene, (count, grids): (usize, Grids)) -> Scene {
         Grids::Unlike => SceneLayer { source: Some(i % 2), ..layer(i) },
         Grids::One => SceneLayer { source: Some(0), world_from_volume: Placement::default(), ..layer(i) },
     };
-    Scene { layers: (0..count).map(placed).collect(), ..scene.clone() }
+    // Where levels meet, cells of `sorted` do not always know on which side of a surface a ray is: of one layer either.
+    let level = if grids == Grids::One && has_surfaces(scene) { LevelPolicy::Locked(0) } else { scene.level };
+    Scene { layers: (0..count).map(placed).collect(), level, ..scene.clone() }
 }
 
 /// What layers stand on.

@@ -376,7 +376,8 @@ fn the_channels_of_one_store_are_layers() {
         let stores: [&Store; 2] = apart.each_ref().map(|test| &*test.store);
         let oracle = render_reference(&stores, &expected, 1 << 30).expect("the oracle's picture");
         assert_eq!(render_reference(&[&both.store], &shown, 1 << 30).expect("the oracle's picture"), oracle);
-        for way in WAYS {
+        let sorted = (BackendChoice::Gpu, CompositorChoice::Sorted);
+        for way in WAYS.into_iter().chain([sorted]) {
             let options = options(way, SIZE, 64 << 20, 64 << 20);
             let Some((picture, _)) = draw(&sources[0], &shown, &options) else { continue };
             assert_same(&picture, &oracle, &format!("{mode:?} {way:?}"));

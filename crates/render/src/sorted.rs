@@ -49,15 +49,16 @@ impl Boxes {
         if layers.len() > 1 {
             // Entries of one layer keep their order.
             entries.sort_by_key(|(_, entry)| entry.rank);
+            // Layers are of times and channels of their own.
             let is_torn =
-                |(_, a): &(usize, &DrawCell), (_, b): &(usize, &DrawCell)| (a.rank == b.rank) != (a.cell == b.cell);
+                |(_, a): &(usize, &DrawCell), (_, b): &(usize, &DrawCell)| (a.rank == b.rank) != (a.region == b.region);
             if let Some([(_, a), (_, b)]) = entries.array_windows().find(|[a, b]| is_torn(a, b)) {
                 let problem = format!("{} at rank {}, {} at rank {}", a.cell, a.rank, b.cell, b.rank);
                 return Err(GpuError::Mismatch(format!("the layers' cells are not of one cut: {problem}")));
             }
         }
         let mut boxes = Self::default();
-        for cell in entries.chunk_by(|(_, a), (_, b)| a.cell == b.cell) {
+        for cell in entries.chunk_by(|(_, a), (_, b)| a.region == b.region) {
             boxes.push(layers, cell);
         }
         Ok(boxes)
