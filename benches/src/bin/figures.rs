@@ -85,7 +85,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
 fn lines(flights: &[&Value], value: impl Fn(&Value) -> Option<f64>) -> Vec<Line> {
     let mut kinds: BTreeMap<String, Vec<(f64, f64)>> = BTreeMap::new();
     for flight in flights {
-        if let (Some(edge), Some(value)) = (flight["extent"][0].as_f64(), value(flight)) {
+        if let (Some(edge), Some(value)) = (flight["extents"][0][0].as_f64(), value(flight)) {
             kinds.entry(kind(flight)).or_default().push((edge, value));
         }
     }
@@ -97,7 +97,7 @@ fn lines(flights: &[&Value], value: impl Fn(&Value) -> Option<f64>) -> Vec<Line>
 }
 
 fn kind(flight: &Value) -> String {
-    let store = Path::new(flight["store"].as_str().unwrap_or_default());
+    let store = Path::new(flight["stores"][0].as_str().unwrap_or_default());
     let name = store.file_stem().unwrap_or_default().to_string_lossy();
     name.rsplit_once('-').map_or(&*name, |(kind, _)| kind).to_string()
 }
@@ -155,7 +155,7 @@ fn print_table(flights: &[Value]) {
             "| {} {}³ | {}{} | {} / {} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.1} % | {} / {} / {} | {:.2} | \
              {:.1} % | {} / {} / {} |",
             kind(flight),
-            flight["extent"][0],
+            flight["extents"][0][0],
             flight["scenario"].as_str().unwrap_or_default(),
             if flight["cold"] == true { ", cold" } else { "" },
             mib(&flight["gpu_memory"]),
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn stores_of_a_kind_are_one_line_by_size() {
-        let flight = |store: &str, edge: u32, ms: f64| json!({ "store": store, "extent": [edge, edge, edge], "frame_ms": { "p50": ms } });
+        let flight = |store: &str, edge: u32, ms: f64| json!({ "stores": [store], "extents": [[edge, edge, edge]], "frame_ms": { "p50": ms } });
         let flights =
             [flight("a/ct-1024.zarr", 1024, 3.0), flight("b/ct-512.zarr", 512, 2.0), flight("mr.zarr", 64, 1.0)];
         let found = lines(&flights.iter().collect::<Vec<_>>(), |flight| flight["frame_ms"]["p50"].as_f64());
