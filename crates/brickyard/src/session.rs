@@ -47,7 +47,7 @@ struct Pool {
     is_settled: bool,
 }
 
-/// Volumes, the pagers of those that are shown, and a backend.
+/// Volumes, the layers that show them, the pagers of their pools of slots, and a backend.
 pub struct Session {
     volumes: Vec<VolumeSource>,
     layers: Vec<SessionLayer>,
@@ -268,7 +268,7 @@ impl Session {
     }
 
     fn try_draw(&mut self, scene: &ResolvedScene) -> Result<Picture, BackendError> {
-        let Self { layers: own, backend, .. } = self;
+        let Self { layers: own, pools, backend, .. } = self;
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
         let eyes = 1 + scene.stereo.is_some() as usize;
@@ -285,9 +285,12 @@ impl Session {
             }
             Ok::<_, BackendError>(picture)
         })?;
-        for Pool { layers, pager, .. } in &mut self.pools {
+        for Pool { layers, pager, .. } in pools {
             for (volume, &layer) in layers.iter().enumerate() {
-                seen[layer].iter().for_each(|seen| pager.feedback(volume, seen));
+                // A scene that hides what the last step showed tells nothing of it.
+                let cells: usize = own[layer].draws.iter().map(|list| list.cells.len()).sum();
+                let told = seen[layer].iter().filter(|seen| seen.len() == cells);
+                told.for_each(|seen| pager.feedback(volume, seen));
             }
         }
         Ok(picture)
@@ -342,7 +345,7 @@ impl Session {
     }
 }
 
-/// What is drawn now of a scene's layers, seen by one eye.
+/// A scene's layers with their draw lists of now, for one eye. Layers that the scene hides are left out.
 fn drawn<'a>(layers: &'a [SessionLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
     let layer = |(volume, own): (usize, &'a SessionLayer)| {
         let shown = scene.layers.iter().find(|layer| layer.place == own.place)?;
@@ -352,18 +355,21 @@ fn drawn<'a>(layers: &'a [SessionLayer], scene: &'a ResolvedScene, eye: usize) -
     layers.iter().enumerate().filter_map(layer).collect()
 }
 
-/// What is drawn of a layer before it was streamed.
+/// The draw list of a layer before its first step.
 static NOTHING: DrawList = DrawList { cells: Vec::new() };
 
 /// Cells of unlike grids are in no one order from back to front: their fog and surfaces take rays.
 fn check_order(volumes: &[VolumeSource], scene: &ResolvedScene, is_sorted: bool) -> Result<(), SessionError> {
-    let grid = |layer: &ResolvedLayer| {
-        let FrameSettings { geometry, placement, encoding, .. } = &layer.frames[0].settings;
-        let slots = (encoding.format, encoding.has_invalid);
-        (volumes[layer.volume].source.pyramid().clone(), geometry.clone(), *placement, slots)
+    let first = &scene.layers[0];
+    let is_on_its_grid = |layer: &ResolvedLayer| {
+        let [pyramid, of_first] = [layer, first].map(|layer| volumes[layer.volume].source.pyramid());
+        let [own, other] = [layer, first].map(|layer| &layer.frames[0].settings);
+        let slots = |settings: &FrameSettings| (settings.encoding.format, settings.encoding.has_invalid);
+        let is_one_place = own.geometry == other.geometry && own.placement == other.placement;
+        pyramid == of_first && is_one_place && slots(own) == slots(other)
     };
-    let has_one_grid = || scene.layers.iter().all(|layer| grid(layer) == grid(&scene.layers[0]));
-    let is_projection = scene.layers[0].frames[0].settings.mode.is_projection();
+    let has_one_grid = || scene.layers.iter().all(is_on_its_grid);
+    let is_projection = first.frames[0].settings.mode.is_projection();
     if !is_sorted || is_projection || has_one_grid() { Ok(()) } else { Err(SessionError::NoOrder) }
 }
 

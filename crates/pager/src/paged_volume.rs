@@ -41,7 +41,7 @@ pub(crate) struct PagedVolume {
     handed_out: Vec<Arc<[u8]>>,
 }
 
-/// What a view sees of a volume, in cells and in their areas.
+/// How much of a volume a view sees, in cells and in their areas.
 pub(crate) struct Seen {
     pub(crate) wanted: usize,
     pub(crate) resident: usize,
@@ -130,7 +130,7 @@ impl PagedVolume {
         self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
     }
 
-    /// What a frame wants that sees so much of a cut.
+    /// The bricks that a frame wants of a cut that it sees so.
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a Sight) -> Wants<'a> {
         Wants { pyramid: self.source.pyramid(), cut, sight, roots: &self.roots }
     }

@@ -97,12 +97,14 @@ impl Pager {
         check_slots(sources, config.slots, slot_bytes)?;
         let meter = Arc::new(Meter::new(config.host_bytes));
         let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
-        let wishes = sources.iter().map(|source| volume_wish(&**source, &config)).collect::<Result<Vec<_>, _>>()?;
         let given = config.host_bytes;
         let shares = match sources {
             [_] => vec![given.saturating_sub(tables)],
-            _ => share(given.saturating_sub(tables), &wishes)
-                .map_err(|least| PagerError::HostMemory { given, least: least + tables })?,
+            _ => {
+                let wishes = sources.iter().map(|source| volume_wish(&**source, &config));
+                share(given.saturating_sub(tables), &wishes.collect::<Result<Vec<_>, _>>()?)
+                    .map_err(|least| PagerError::HostMemory { given, least: least + tables })?
+            }
         };
         meter.charge(tables.min(given));
         let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
@@ -298,7 +300,7 @@ fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Pla
     Planner::new(&planned_sources(volumes), config.slots, config.planning)
 }
 
-/// What cuts are made from.
+/// The sources that cuts are made from.
 fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
     volumes.iter().map(PagedVolume::planned_source).collect()
 }
