@@ -6,7 +6,7 @@
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
 //! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
-//! draws the newest finished one, whichever view that was made for. At once, the cut is always the view's own, and the same
+//! draws the newest finished one, whichever view that was made for; but where volumes come to stand on one grid, it waits for theirs. At once, the cut is always the view's own, and the same
 //! views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
@@ -209,6 +209,11 @@ impl Planner {
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
                     self.newest = thread.newest(PATIENCE).or(self.newest.take());
+                    // Cells of one grid have one order only in cuts that are made together: those are waited for.
+                    let subjects = subjects(&self.sources, &job.views, &job);
+                    while self.newest.as_ref().is_some_and(|(_, newest)| !split::share_trees(&subjects, &newest.cuts)) {
+                        self.newest = thread.newest(PATIENCE).or(self.newest.take());
+                    }
                 }
             }
             self.asked = Some(job.clone());

@@ -77,6 +77,12 @@ pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<us
     volumes.iter().enumerate().map(|(i, volume)| first(volume).unwrap_or(i)).collect()
 }
 
+/// Whether volumes on one grid, and seen alike, share trees of cuts.
+pub(crate) fn share_trees(subjects: &[Subject<'_>], cuts: &[Arc<Cut>]) -> bool {
+    let firsts = firsts(subjects, Subject::shares_grid_with);
+    cuts.iter().zip(firsts).all(|(cut, first)| cut.shares_tree_with(&cuts[first]))
+}
+
 /// The cuts of volumes that want at most `max_cells` cells together, after their `last` ones, which are none or as many.
 pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
     debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());

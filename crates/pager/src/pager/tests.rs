@@ -402,3 +402,21 @@ fn volumes_share_slots_and_what_is_hidden_keeps_its_roots() {
     let Err(PagerError::HostMemory { given: 9, least }) = Pager::new(&shared, config(3, 9)).map(drop) else { panic!() };
     assert!(Pager::new(&shared, config(3, least)).is_ok() && Pager::new(&shared, config(3, least - 1)).is_err());
 }
+
+/// A renderer that needs one order has it from the first frame on in which volumes stand in one place.
+#[test]
+fn volumes_that_come_to_share_a_grid_share_its_cut_at_once() {
+    // So many cells that a plan takes longer than a frame waits for it.
+    let source = Arc::new(TestSource::cube(256));
+    let live = PagerConfig { planning: Planning::Thread, ..config(40_000, 1 << 30) };
+    let mut pager = Pager::new(&[source.clone() as _, source.clone() as _], live).unwrap();
+    let here = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 600.0 }) };
+    let aside = Placement::from_text("1 0 0 70  0 1 0 0  0 0 1 0").unwrap();
+    let apart = [here.clone(), View { placement: aside, ..here.clone() }];
+    for turn in 0..3 {
+        for (views, expected) in [(&apart, [0, 1]), (&[here.clone(), here.clone()], [0, 0])] {
+            let frame = pager.frame(views, Duration::ZERO);
+            assert_eq!([0, 1].map(|i: usize| frame.volumes[i].cut), expected, "turn {turn}");
+        }
+    }
+}
