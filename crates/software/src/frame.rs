@@ -1,9 +1,10 @@
 //! What all tiles of one layer's frame share: the cells front to back with their place on the picture and in slot space, the
 //! lattice, and what the transfer table can show.
 
+use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
-use crate::steps::{Effect, StepTables};
+use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
@@ -49,8 +50,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) integrals: Option<&'a Integrals>,
     /// What fog is classified by, if that is value and gradient.
     pub(crate) grid: Option<&'a TransferGrid>,
-    /// What whole steps do, in a composite picture.
+    /// What whole steps do, in a composite picture of the layer alone.
     pub(crate) steps: StepTables,
+    /// What its medium is of the one that several layers are together.
+    pub(crate) depths: Option<DepthTable>,
     /// Opacity is zero at table positions outside these two.
     pub(crate) visible: [f32; 2],
     /// Of each surface the code from which on a place is past it, ascending; where there is none, more than any.
@@ -152,8 +155,9 @@ impl<'a> Frame<'a> {
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
-        let zones = if settings.mode == Mode::Dvr { ticks.zones } else { 0 };
-        let effect = if by_itself { Effect::Seen } else { Effect::Share(layer.blend) };
+        let (is_fog, format) = (settings.mode == Mode::Dvr, settings.encoding.format);
+        let zones = if is_fog && by_itself { ticks.zones } else { 0 };
+        let depths = (is_fog && !by_itself).then(|| DepthTable::new(&settings.table, format, layer.blend));
         let lit = if settings.mode.is_projection() { 0 } else { list.cells.len() };
         Self {
             settings,
@@ -161,7 +165,8 @@ impl<'a> Frame<'a> {
             adaptive_step: settings.table.adaptive_step(),
             grid: settings.grid(),
             integrals: settings.sampling.method.is_pre_integrated().then(|| settings.table.integrals()),
-            steps: StepTables::new(&settings.table, &settings.lattice, settings.encoding.format, zones, effect),
+            steps: StepTables::new(&settings.table, &settings.lattice, format, zones),
+            depths,
             ticks,
             shown_low,
             shown_high,

@@ -7,8 +7,7 @@ use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
-use crate::mixture::OPAQUE;
-use crate::packet::{CHUNK, LANES, PACKETS, Packet, log2};
+use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
@@ -17,7 +16,7 @@ use crate::sample::Avx2;
 use crate::sample::{Brick, Chunk, Code, Code8, Code16, Located, Portable, Unit};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{self as volume, Filter, Method, Mode, SlotFormat};
+use brickyard_volume::{Filter, Method, Mode, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
@@ -60,8 +59,8 @@ impl Way {
         self.stretch = Stretch::new(frame, cell, &self.ray, 0, start, self.last, reach);
         if self.coverage == Coverage::Some {
             match ends {
-                true => look::<Medium<true>>(&mut self.stretch, cell, Vec4::ZERO, &mut [0; LANES]),
-                false => look::<Dvr>(&mut self.stretch, cell, Vec4::ZERO, &mut [0; LANES]),
+                true => look::<Medium<true>>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]),
+                false => look::<Dvr>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]),
             }
         }
         (self.seen, self.pending) = (self.stretch.seen, 0..0);
@@ -212,91 +211,28 @@ impl Look for Plain {
         media: &mut Media,
     ) {
         let frame = march.frame;
+        let depths = frame.depths.as_ref().expect("layers of fog that are drawn together have it");
         let first = (at + segments.start) as usize;
         sample::<C, U, INVALID>(march, way, segments, chunk);
-        let packets = chunk.packets.min(PACKETS);
-        let mixtures = &mut media.mixtures[first..][..packets * LANES];
-        if C::BYTES == 1
-            && chunk.whole_steps > 0
-            && let Some(table) = frame.steps.zone(chunk.zone)
-        {
-            let (mut shows, mut is_steep) = ([false; PACKETS], false);
-            for p in 0..packets {
-                let count = chunk.whole_steps as i32 - (p * LANES) as i32;
-                shows[p] = table.find(&chunk.code[p], count, &mut chunk.places[p]);
-                is_steep |= table.is_steep(&chunk.places[p]);
+        for p in 0..chunk.packets.min(PACKETS) {
+            if !depths.find(&chunk.code[p], &mut chunk.places[p]) {
+                continue;
             }
-            if !is_steep {
-                for p in (0..packets).filter(|&p| shows[p]) {
-                    media.is_any = true;
-                    let mixtures = &mut mixtures[p * LANES..][..LANES];
-                    for i in 0..LANES {
-                        // SAFETY: the places have been found.
-                        let step = unsafe { table.step(&chunk.places[p], i) };
-                        match frame.blend {
-                            volume::Blend::Mix => mixtures[i].mixed += step,
-                            volume::Blend::Add => mixtures[i].glow += step,
-                        }
-                    }
-                }
-                return;
-            }
-        }
-        let entries = Entries::of(frame);
-        let mut shows = [false; PACKETS];
-        for p in 0..packets {
-            let position = entries.positions(frame, &chunk.code[p]);
-            shows[p] = frame.shows(&position);
-            if shows[p] {
-                for i in 0..LANES {
-                    let entry = entries.lookup(position[i]);
-                    chunk.entry[p][i] = entry;
-                    chunk.alpha[p][i] = entry.w;
-                }
-            }
-        }
-        if frame.blend == volume::Blend::Mix {
-            for p in (0..packets).step_by(2) {
-                if shows[p] || shows[p + 1] {
-                    let (alpha, weight) =
-                        ([chunk.alpha[p], chunk.alpha[p + 1]], [chunk.weight[p], chunk.weight[p + 1]]);
-                    [chunk.passed[p], chunk.passed[p + 1]] = depths(alpha, weight);
-                }
-            }
-        }
-        for p in (0..packets).filter(|&p| shows[p]) {
             media.is_any = true;
-            let mixtures = &mut mixtures[p * LANES..][..LANES];
-            for i in 0..LANES {
-                let entry = chunk.entry[p][i];
-                match frame.blend {
-                    volume::Blend::Mix => mixtures[i].mix(entry, chunk.passed[p][i]),
-                    volume::Blend::Add => mixtures[i].glow += entry * (entry.w * chunk.weight[p][i]),
+            let (mixed, weight) = (&mut media.mixed[first + p * LANES..][..LANES], &chunk.weight[p]);
+            if depths.bends(&chunk.places[p]) {
+                let entries = Entries::of(frame);
+                for i in 0..LANES {
+                    mixed[i] += depths.computed(&entries, chunk.code[p][i] * frame.positions_per_code) * weight[i];
+                }
+            } else {
+                for i in 0..LANES {
+                    // SAFETY: the place has been found.
+                    mixed[i] += unsafe { depths.unit(&chunk.places[p], i) } * weight[i];
                 }
             }
         }
     }
-}
-
-/// The halvings of light in media of these opacities, of so many unit distances. Two packets at a time: one alone would mostly wait for
-/// its own last result.
-#[inline(always)]
-fn depths(alpha: [Packet; 2], weight: [Packet; 2]) -> [Packet; 2] {
-    const TWO: usize = 2 * LANES;
-    let (mut clear, mut length) = ([0.0f32; TWO], [0.0f32; TWO]);
-    for i in 0..LANES {
-        (clear[i], clear[i + LANES]) = (1.0 - alpha[0][i], 1.0 - alpha[1][i]);
-        (length[i], length[i + LANES]) = (weight[0][i], weight[1][i]);
-    }
-    let mut depth = log2(&clear);
-    for i in 0..TWO {
-        depth[i] = if clear[i] > 0.0 { -depth[i] } else { OPAQUE } * length[i];
-    }
-    let mut out = [[0.0; LANES]; 2];
-    for i in 0..LANES {
-        (out[0][i], out[1][i]) = (depth[i], depth[i + LANES]);
-    }
-    out
 }
 
 /// Every method, lit or not, by value and gradient or by value alone; with `ENDS`, surfaces too.
@@ -384,16 +320,19 @@ fn sample<C: Code, U: Unit, const INVALID: bool>(
     segments: Range<i32>,
     chunk: &mut Chunk,
 ) {
-    let (first, Stretch { origin, step, .. }) = (segments.start, *stretch);
-    stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
-    let filter = march.frame.settings.sampling.filter;
+    let (frame, brick) = (march.frame, &march.brick);
+    let (Stretch { origin, step, .. }, filter) = (*stretch, frame.settings.sampling.filter);
     if filter != Filter::Trilinear {
-        return march.brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
+        chunk.located = None;
+        stretch.place_samples::<INVALID>(frame, ray, chunk, segments);
+        return brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
     }
-    let located = Located { origin, step, first, packets: chunk.packets, padded: march.brick.padded() };
-    if chunk.is_cut || chunk.located != Some(located) {
-        march.brick.locate(origin, step, chunk);
-        chunk.located = (!chunk.is_cut).then_some(located);
+    let [first, end] = [segments.start, segments.end];
+    let located = Located { origin, step, first, end, weight: stretch.weight(frame), padded: brick.padded() };
+    if INVALID || chunk.located != Some(located) {
+        stretch.place_samples::<INVALID>(frame, ray, chunk, segments);
+        brick.locate(origin, step, chunk);
+        chunk.located = (!INVALID && !chunk.is_cut).then_some(located);
     }
     // SAFETY: they have been located now, or by a layer with bricks of the same size.
     unsafe { march.brick.sample_located::<C, U, INVALID>(chunk) };

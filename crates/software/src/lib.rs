@@ -19,6 +19,7 @@
 
 mod blend;
 mod cubic;
+mod depths;
 mod entries;
 mod frame;
 mod gather;

@@ -145,8 +145,6 @@ pub(crate) struct Blocks {
 }
 
 impl Blocks {
-    pub(crate) const EMPTY: Self = Self { middle: [0.0; 3], stride: [0.0; 3], half: [0.0; 3], spans: 0, limit: 0.0 };
-
     /// The blocks of `length` segments with their middles at `origin + i * step` (slot coordinates).
     #[inline(always)]
     pub(crate) fn new(origin: [f32; 3], step: [f32; 3], length: i32, reach: Reach, edge: u32, apron: u32) -> Self {

@@ -201,7 +201,7 @@ impl Queue {
         for stretch in &mut *stretches {
             let ray = &rays[stretch.ray];
             if B::coverage(cell, ray) != Coverage::All {
-                look::<B>(stretch, cell, ray.sum, &mut self.boxes);
+                look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
         let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
@@ -227,10 +227,15 @@ impl Queue {
 
 /// Finds the blocks of a stretch that may be seen.
 #[inline(always)]
-pub(crate) fn look<B: Blend>(stretch: &mut Stretch, cell: &Cell<'_>, sum: Vec4, boxes: &mut [i32; LANES]) {
-    let (mut seen, mut first) = (0, 0);
+pub(crate) fn look<B: Blend>(
+    stretch: &mut Stretch,
+    (frame, cell): (&Frame<'_>, &Cell<'_>),
+    sum: Vec4,
+    boxes: &mut [i32; LANES],
+) {
+    let (blocks, mut seen, mut first) = (stretch.blocks(frame, B::REACH), 0, 0);
     while first * stretch.block < stretch.count {
-        stretch.blocks.boxes(first, boxes);
+        blocks.boxes(first, boxes);
         // SAFETY: these are boxes of the brick.
         seen |= unsafe { B::sees(cell, boxes, sum) } << first;
         first += LANES as i32;

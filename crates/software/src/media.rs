@@ -1,9 +1,9 @@
 //! The media of a chunk of segments, of all layers, and how a ray's light goes through them.
 
-use crate::mixture::{Alone, AloneChunk, Mixture, Passage, passages};
+use crate::mixture::{Alone, AloneChunk, OPAQUE, passages};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
-use glam::{DVec3, Vec3, Vec4, Vec4Swizzles};
+use glam::{DVec3, Vec4, Vec4Swizzles};
 use std::ops::Range;
 
 /// Places of a chunk, and of a packet that begins with its last one.
@@ -11,14 +11,19 @@ const PLACES: usize = CHUNK + LANES;
 
 /// What a chunk of segments has.
 pub(crate) struct Media {
-    /// Of each segment all of it.
-    pub(crate) mixtures: [Mixture; PLACES],
+    /// Of each segment the colour that all its media give where no light is lost on the way, and their depth: the light that they let
+    /// through is `exp(-depth)`.
+    pub(crate) mixed: [Vec4; PLACES],
     /// Whether that is anything.
     pub(crate) is_any: bool,
     /// One past the last segment that can be seen: in that an opaque surface was met.
     pub(crate) end: usize,
     /// The light with which each segment was entered that was seen through last.
     pub(crate) light: [f32; PLACES],
+    /// How deep they are, and how light passes them by [`passages`]: room to work in.
+    depth: [f32; PLACES],
+    dimmed: [f32; PLACES],
+    left: [f32; PLACES],
     /// Of layers that an expression reads: their values, all of a segment's together, and the longest of their parts.
     pub(crate) values: Vec<f64>,
     /// Where the expression is lit: the gradients of those values in the scene's world.
@@ -55,10 +60,13 @@ impl Media {
     /// The media of layers of which so many are read by an expression, with surfaces among them or not.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
-            mixtures: [Mixture::default(); PLACES],
+            mixed: [Vec4::ZERO; PLACES],
             is_any: false,
             end: CHUNK,
             light: [0.0; PLACES],
+            depth: [0.0; PLACES],
+            dimmed: [0.0; PLACES],
+            left: [0.0; PLACES],
             values: vec![f64::NAN; read * CHUNK],
             gradients: vec![DVec3::ZERO; if is_lit { read * CHUNK } else { 0 }],
             longest: [0.0; PLACES],
@@ -72,7 +80,7 @@ impl Media {
     pub(crate) fn take_alone(&mut self, segment: i32, ends: [f64; 2]) {
         let place = self.alone.place(segment);
         let alone = std::mem::take(&mut self.alone.segments[place]);
-        self.mixtures[place].put_share(&alone, 1.0);
+        self.mixed[place] += alone.media(1.0);
         self.is_any = true;
         if let Some(found) = self.found.as_mut().filter(|_| ends[0] < ends[1]) {
             found.pieces.push(Piece { segment: place, alone, ends });
@@ -101,9 +109,8 @@ impl Media {
             };
             self.values[values].fill(f64::NAN);
             if let Some([r, g, b, alpha]) = look {
-                let depth = -(-alpha).ln_1p() * std::f32::consts::LOG2_E;
-                let color = Vec3::new(r, g, b);
-                self.mixtures[segment].mix(color.extend(1.0), depth.min(crate::mixture::OPAQUE) * length);
+                let depth = (-(-alpha).ln_1p()).min(OPAQUE) * length;
+                self.mixed[segment] += Vec4::new(r, g, b, 1.0) * depth;
                 self.is_any = true;
             }
         }
@@ -128,7 +135,7 @@ impl Media {
         }
         light = self.pass(from..count, light);
         if self.is_any {
-            self.mixtures[..count].fill(Mixture::default());
+            self.mixed[..count].fill(Vec4::ZERO);
             self.found.iter_mut().for_each(|found| found.pieces.clear());
             self.is_any = false;
         }
@@ -143,30 +150,26 @@ impl Media {
             self.light[segments].fill(light.w);
             return light;
         }
-        // Two by two, so that a segment need not wait for the one before it.
-        let (mut color, mut left) = ([light, Vec4::ZERO], light.w);
-        for first in segments.clone().step_by(LANES) {
-            let (count, mixtures) = (segments.end - first, &self.mixtures[first..first + LANES]);
-            let mut depth = [0.0; LANES];
-            for i in 0..LANES {
-                depth[i] = if i < count { mixtures[i].mixed.w } else { 0.0 };
-            }
-            let passage = passages(&depth);
-            let (mut entered, mut dimmed) = ([0.0; LANES], [0.0; LANES]);
-            for i in 0..LANES {
-                entered[i] = left;
-                left *= passage.left[i];
-            }
-            for i in 0..LANES {
-                dimmed[i] = if i < count { entered[i] * passage.dimmed[i] } else { 0.0 };
-            }
-            for i in (0..LANES).step_by(2) {
-                color[0] += mixtures[i].seen() * dimmed[i];
-                color[1] += mixtures[i + 1].seen() * dimmed[i + 1];
-            }
-            self.light[first..first + LANES].copy_from_slice(&entered);
+        // Two by two, so that a segment need not wait for the one before it; nothing is behind the last one.
+        let (first, count) = (segments.start, segments.len());
+        let even = count.next_multiple_of(2);
+        let (mixed, entered) = (&self.mixed[first..first + even], &mut self.light[first..first + even]);
+        let (depth, dimmed, left) = (&mut self.depth[..even], &mut self.dimmed[..even], &mut self.left[..even]);
+        for i in 0..even {
+            depth[i] = mixed[i].w;
         }
-        (color[0] + color[1]).with_w(left)
+        depth[count..].fill(0.0);
+        passages(depth, dimmed, left);
+        dimmed[count..].fill(0.0);
+        let (mut near, mut far, mut passing) = (light, Vec4::ZERO, light.w);
+        for i in (0..even).step_by(2) {
+            let between = passing * left[i];
+            (entered[i], entered[i + 1]) = (passing, between);
+            near += mixed[i] * (passing * dimmed[i]);
+            far += mixed[i + 1] * (between * dimmed[i + 1]);
+            passing = between * left[i + 1];
+        }
+        (near + far).with_w(passing)
     }
 }
 
@@ -184,13 +187,14 @@ impl Found {
 
     /// Passes light through what lies between two distances.
     fn between(&self, segment: usize, [start, end]: [f64; 2], light: Vec4) -> Vec4 {
-        let mut mixture = Mixture::default();
+        let mut mixed = Vec4::ZERO;
         for Piece { alone, ends, .. } in self.pieces.iter().filter(|piece| piece.segment == segment) {
             let share = (ends[1].min(end) - ends[0].max(start)).max(0.0) / (ends[1] - ends[0]);
-            mixture.put_share(alone, share as f32);
+            mixed += alone.media(share as f32);
         }
-        let Passage { dimmed: [dimmed], left: [left] } = passages(&[mixture.mixed.w]);
-        (light + mixture.seen() * (dimmed * light.w)).with_w(light.w * left)
+        let (mut dimmed, mut left) = ([0.0], [0.0]);
+        passages(&[mixed.w], &mut dimmed, &mut left);
+        (light + mixed * (dimmed[0] * light.w)).with_w(light.w * left[0])
     }
 }
 

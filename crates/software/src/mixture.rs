@@ -20,6 +20,16 @@ pub(crate) struct Alone {
     glow: Vec3,
 }
 
+impl Alone {
+    /// The media of a share of the piece: the colour that they give where no light is lost on the way, and their depth.
+    #[inline(always)]
+    pub(crate) fn media(&self, share: f32) -> Vec4 {
+        let depth = self.depth * std::f32::consts::LN_2 * share;
+        let color = if self.hidden > 0.0 { self.color * (depth / self.hidden) } else { Vec3::ZERO };
+        (color + self.glow * share).extend(if self.hidden > 0.0 { depth } else { 0.0 })
+    }
+}
+
 /// The segments of a chunk as one layer shows them.
 pub(crate) struct AloneChunk {
     pub(crate) blend: Blend,
@@ -57,63 +67,69 @@ impl AloneChunk {
     }
 }
 
-/// What some media are together: of those that mix colour times depth, and depth; what others add.
+/// What several projections show together.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Mixture {
-    pub(crate) mixed: Vec4,
+pub(crate) struct Projections {
+    /// Of layers that mix: colour times depth, and depth.
+    mixed: Vec4,
+    /// What layers that add give.
     pub(crate) glow: Vec4,
 }
 
-impl Mixture {
-    /// Adds a uniform medium: its straight colour, and halvings of the light over all of it.
-    #[inline(always)]
+impl Projections {
+    /// Mixes in a projection's colour, through so many halvings of the light.
     pub(crate) fn mix(&mut self, color: Vec4, depth: f32) {
         self.mixed += color.with_w(1.0) * depth;
     }
 
-    /// Adds a share of what a layer shows of a piece.
-    pub(crate) fn put_share(&mut self, alone: &Alone, share: f32) {
-        if alone.hidden > 0.0 {
-            self.mixed += (alone.color / alone.hidden).extend(1.0) * (alone.depth * share);
-        }
-        self.glow += alone.glow.extend(0.0) * share;
-    }
-
-    /// The colour that it shows where no light is lost on the way.
-    #[inline(always)]
+    /// Premultiplied colour, and the light that passes: what adds is not dimmed.
     pub(crate) fn seen(&self) -> Vec4 {
-        self.mixed * std::f32::consts::LN_2 + self.glow
-    }
-
-    /// What projections show together, premultiplied, and the light that passes them: what adds is not dimmed.
-    pub(crate) fn flat(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
         (mixed + self.glow.xyz()).extend(left)
     }
 }
 
-/// How light passes media: the mean, from front to back, of the light that passes from there, and what passes all of it.
-#[derive(Clone, Copy)]
-pub(crate) struct Passage<T> {
-    pub(crate) dimmed: T,
-    pub(crate) left: T,
+/// Media that are less deep pass light as the first four terms of the series say: the next one is 1e-7.
+const THIN: f32 = 1.0 / 16.0;
+
+/// Finds how light passes media of so many depths: the mean, from front to back, of the light that is dimmed so far, and what is left
+/// behind all of it.
+#[inline(always)]
+pub(crate) fn passages(depth: &[f32], dimmed: &mut [f32], left: &mut [f32]) {
+    let mut is_thick = 0;
+    for ((&depth, dimmed), left) in depth.iter().zip(&mut *dimmed).zip(&mut *left) {
+        *dimmed = 1.0 - depth * (0.5 - depth * (1.0 / 6.0 - depth * (1.0 / 24.0)));
+        *left = 1.0 - depth * *dimmed;
+        is_thick |= (depth > THIN) as i32;
+    }
+    if is_thick != 0 {
+        for ((&depth, dimmed), left) in depth.iter().zip(dimmed).zip(left) {
+            let [power] = exp2(&[depth * -std::f32::consts::LOG2_E]);
+            let is_thin = depth <= THIN;
+            *dimmed = if is_thin { *dimmed } else { (1.0 - power) / depth };
+            *left = if is_thin { *left } else { power };
+        }
+    }
 }
 
-/// How light passes media of these depths.
-#[inline(always)]
-pub(crate) fn passages<const N: usize>(depth: &[f32; N]) -> Passage<[f32; N]> {
-    let mut halvings = [0.0; N];
-    for i in 0..N {
-        halvings[i] = -depth[i];
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_passes_as_its_integral_says() {
+        let depth: Vec<f32> = (0..4000).map(|i| 1e-7 * 1.006f32.powi(i)).chain([0.0, OPAQUE]).collect();
+        for depth in depth.chunks(32) {
+            let (mut dimmed, mut left) = ([0.0; 32], [0.0; 32]);
+            passages(depth, &mut dimmed, &mut left);
+            for (i, &depth) in depth.iter().enumerate() {
+                let (depth, power) = (depth as f64, (-depth as f64).exp());
+                let mean = if depth > 0.0 { -(-depth).exp_m1() / depth } else { 1.0 };
+                // Single precision, and of 1 - power at THIN no more than 2^-20 of it.
+                assert!((left[i] as f64 - power).abs() < 4e-7, "{depth}: {} {power}", left[i]);
+                assert!((dimmed[i] as f64 - mean).abs() < 2e-6 * mean + 1e-30, "{depth}: {} {mean}", dimmed[i]);
+            }
+        }
     }
-    let (powers, mut dimmed, mut left) = (exp2(&halvings), [0.0; N], [0.0; N]);
-    for i in 0..N {
-        let nats = depth[i] * std::f32::consts::LN_2;
-        // Of thin media the difference would be what rounding leaves.
-        let (thin, thick) = (1.0 - 0.5 * nats, (1.0 - powers[i]) / nats);
-        dimmed[i] = if nats < 1e-3 { thin } else { thick };
-        left[i] = if nats < 1e-3 { 1.0 - nats * thin } else { powers[i] };
-    }
-    Passage { dimmed, left }
 }

@@ -32,7 +32,7 @@ pub(crate) struct Chunk {
     pub(crate) weight: [Packet; PACKETS],
     /// The codes there.
     pub(crate) code: [Packet; PACKETS],
-    /// Which samples those in `voxel` and `fraction` are, if they are whole steps.
+    /// Which samples these are, if they are whole steps that all count.
     pub(crate) located: Option<Located>,
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
@@ -73,9 +73,11 @@ impl Chunk {
 pub(crate) struct Located {
     pub(crate) origin: [f32; 3],
     pub(crate) step: [f32; 3],
-    /// The first in steps from the origin, and how many packets there are.
+    /// The first in steps from the origin, and one past the last.
     pub(crate) first: i32,
-    pub(crate) packets: usize,
+    pub(crate) end: i32,
+    /// What each weighs.
+    pub(crate) weight: f32,
     /// Voxels along the brick's edge.
     pub(crate) padded: usize,
 }

@@ -4,10 +4,10 @@ use crate::frame::{Cell, Resident};
 use crate::macrocells::boxes;
 use crate::meshes;
 use crate::options::SoftwareOptions;
-use crate::steps;
 use crate::tile;
 use crate::tiles::{TILE_PX, Tile, TilePixels};
 use crate::together::{BYTES_PER_CELL_AND_THREAD, BYTES_PER_LAYER_AND_THREAD};
+use crate::{depths, steps};
 use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_volume::TransferGrid;
 use brickyard_volume::lattice::MAX_ZONES;
@@ -92,5 +92,5 @@ fn table_bytes(needs: &VolumeNeeds) -> u64 {
     let steps = steps::bytes(format, MAX_ZONES) as u64;
     let rows = TransferGrid::most_rows(format.max_code() + 1);
     let entries = if needs.bricks.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
-    steps + (entries * size_of::<[f32; 4]>()) as u64
+    steps + (depths::bytes(format) + entries * size_of::<[f32; 4]>()) as u64
 }

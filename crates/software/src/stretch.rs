@@ -35,7 +35,6 @@ pub(crate) struct Stretch {
     /// of a voxel.
     pub(crate) origin: [f32; 3],
     pub(crate) step: [f32; 3],
-    pub(crate) blocks: Blocks,
 }
 
 impl Stretch {
@@ -51,7 +50,6 @@ impl Stretch {
         middle: 0.0,
         origin: [0.0; 3],
         step: [0.0; 3],
-        blocks: Blocks::EMPTY,
     };
 
     /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
@@ -82,8 +80,13 @@ impl Stretch {
         let count = ((end - start) >> zone) as i32;
         let most = block.saturating_mul(u64::BITS as i32);
         let (end, count) = if count <= most { (end, count) } else { (start + ((most as u32) << zone), most) };
-        let blocks = Blocks::new(origin, step, block, reach, frame.edge, frame.apron);
-        Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step, blocks }
+        Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step }
+    }
+
+    /// Its blocks in the brick.
+    #[inline(always)]
+    pub(crate) fn blocks(&self, frame: &Frame<'_>, reach: Reach) -> Blocks {
+        Blocks::new(self.origin, self.step, self.block, reach, frame.edge, frame.apron)
     }
 
     /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was leapt over may have had none.
@@ -145,6 +148,12 @@ impl Stretch {
         [low, high]
     }
 
+    /// Unit distances of a whole segment.
+    #[inline(always)]
+    pub(crate) fn weight(&self, frame: &Frame<'_>) -> f32 {
+        (self.length * frame.per_unit) as f32
+    }
+
     /// Places the samples of the segments `done..to`, or of as many as a chunk holds.
     #[inline(always)]
     pub(crate) fn place_samples<const INVALID: bool>(
@@ -154,7 +163,7 @@ impl Stretch {
         chunk: &mut Chunk,
         Range { start: done, end: to }: Range<i32>,
     ) {
-        let full = (self.length * frame.per_unit) as f32;
+        let full = self.weight(frame);
         let left = to - done;
         chunk.packets = (left.min(CHUNK as i32) as usize).div_ceil(LANES);
         for p in 0..chunk.packets.min(PACKETS) {

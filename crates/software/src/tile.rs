@@ -4,7 +4,7 @@
 use crate::frame::Frame;
 use crate::march::{MarchTile, Seen, Work, for_frame};
 use crate::meshes::{Layers, MeshTree};
-use crate::mixture::{Mixture, OPAQUE};
+use crate::mixture::{OPAQUE, Projections};
 use crate::sample::Chunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use crate::together::Together;
@@ -14,7 +14,7 @@ use glam::Vec4;
 /// What a thread needs besides the frames.
 pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<Seen>()
-    + size_of::<[Mixture; PIXELS]>()
+    + size_of::<[Projections; PIXELS]>()
     + size_of::<TilePixels>()
     + size_of::<Chunk>()) as u64;
 
@@ -91,19 +91,19 @@ impl<'a> Scene<'a> {
             Drawn::Alone(march) => march(&self.frames[0], tile, layers, work, seen),
             Drawn::Together(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
             Drawn::Projected(marches) => {
-                let mut mixtures = [Mixture::default(); PIXELS];
+                let mut shown = [Projections::default(); PIXELS];
                 for (frame, march) in self.frames.iter().zip(marches) {
                     march(frame, tile, layers, work, seen);
                     let depth = if frame.opacity < 1.0 { -(1.0 - frame.opacity).log2() } else { OPAQUE };
                     // What is seen of a projection is opaque, or nothing.
                     for i in places(tile).filter(|&i| seen[i].w < 1.0) {
                         match frame.blend {
-                            Blend::Mix => mixtures[i].mix(seen[i], depth),
-                            Blend::Add => mixtures[i].glow += seen[i] * frame.opacity,
+                            Blend::Mix => shown[i].mix(seen[i], depth),
+                            Blend::Add => shown[i].glow += seen[i] * frame.opacity,
                         }
                     }
                 }
-                places(tile).for_each(|i| seen[i] = mixtures[i].flat());
+                places(tile).for_each(|i| seen[i] = shown[i].seen());
             }
         }
     }
