@@ -74,8 +74,9 @@ impl Array {
                 far[a] += 1;
                 self.voxel(far) - self.voxel(near)
             };
-            let known: Vec<f64> = pairs.map(difference).filter(|d| d.is_finite()).collect();
-            2.0 * known.iter().sum::<f64>() / known.len().max(1) as f64
+            let known = pairs.map(difference).filter(|d| d.is_finite());
+            let (sum, count) = known.fold((0.0, 0), |(sum, count), d| (sum + d, count + 1));
+            2.0 * sum / count.max(1) as f64
         };
         DVec3::new(along(0), along(1), along(2))
     }
@@ -90,19 +91,26 @@ impl Array {
             t if filter == Filter::Tricubic => sampling::b_spline(t),
             t => [0.0, 1.0 - t, t, 0.0],
         });
-        let (mut sum, mut weight) = (0.0, 0.0);
+        // Where those are among the values; past a face the last one is replicated.
+        let n = self.extent.to_array().map(|n| n as i64);
+        let strides = [1, n[0], n[0] * n[1]];
+        let offsets: [[i64; 4]; 3] = std::array::from_fn(|a| {
+            std::array::from_fn(|i| (base[a] as i64 + i as i64 - 1).clamp(0, n[a] - 1) * strides[a])
+        });
         // Of those, the two or four with a weight.
-        let (first, count) = match filter {
-            Filter::Trilinear => (1, 2),
-            Filter::Tricubic => (0, 4),
+        let taps = match filter {
+            Filter::Trilinear => 1..3,
+            Filter::Tricubic => 0..4,
         };
-        for voxel in 0..count * count * count {
-            let at = [voxel % count, voxel / count % count, voxel / (count * count)].map(|i| i + first);
-            let w: f64 = (0..3).map(|a| weights[a][at[a]]).product();
-            let value = self.voxel(std::array::from_fn(|a| base[a] as i64 + at[a] as i64 - 1));
-            if value.is_finite() {
-                sum += w * value;
-                weight += w;
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (z, y) in taps.clone().flat_map(|z| taps.clone().map(move |y| (z, y))) {
+            for x in taps.clone() {
+                let w = weights[0][x] * weights[1][y] * weights[2][z];
+                let value = self.values[(offsets[0][x] + offsets[1][y] + offsets[2][z]) as usize];
+                if value.is_finite() {
+                    sum += w * value;
+                    weight += w;
+                }
             }
         }
         (weight >= 0.5).then(|| sum / weight)

@@ -45,6 +45,7 @@ macro_rules! xyz {
                 Self { x, y, z }
             }
             /// As `[x, y, z]`.
+            #[inline]
             pub const fn to_array(self) -> [u32; 3] {
                 [self.x, self.y, self.z]
             }
@@ -85,6 +86,7 @@ impl Extent {
     }
 
     /// Row-major position (x fastest) of a cell of this extent.
+    #[inline]
     pub const fn linear(self, [x, y, z]: [u32; 3]) -> u64 {
         (z as u64 * self.y as u64 + y as u64) * self.x as u64 + x as u64
     }
