@@ -64,9 +64,9 @@ pub struct Row {
     pub pixels: usize,
     /// The signal-to-noise ratio by the variance of RGB; infinite (`null` in JSON) where no pixel varies.
     pub rgb_db: f64,
-    /// That of YCbCr.
+    /// The signal-to-noise ratio by the variance of YCbCr.
     pub ycbcr_db: f64,
-    /// That of HSL.
+    /// The signal-to-noise ratio by the variance of HSL.
     pub hsl_db: f64,
     /// The ratio against the truth.
     pub truth_db: f64,

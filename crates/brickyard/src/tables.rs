@@ -13,7 +13,7 @@ struct Made {
     table: Arc<TransferTable>,
 }
 
-/// What is kept: the tables last used, the latest first, and the one last made ahead.
+/// The tables that are kept: the ones last used, the latest first, and the one last made ahead.
 #[derive(Default)]
 struct Kept {
     used: Vec<Made>,

@@ -22,7 +22,7 @@ impl VolumeSource {
         Self { source: store.clone(), default_windows }
     }
 
-    /// What a channel is to a transfer function.
+    /// What a transfer function is fitted to for a channel: its place, extent and window.
     pub fn subject(&self, channel: u32) -> Subject {
         Subject::new(self.source.geometry(), self.extent(), self.default_window(channel))
     }

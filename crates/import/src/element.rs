@@ -15,7 +15,7 @@ pub enum Endian {
 }
 
 impl Endian {
-    /// That of this machine's memory.
+    /// The byte order of this machine's memory.
     pub(crate) fn native() -> Self {
         if cfg!(target_endian = "little") { Self::Little } else { Self::Big }
     }

@@ -69,7 +69,7 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// That of a source, none of it read yet; and the thread that reads it. At most so many bytes of pages are kept.
+    /// The occupancy of a source's bricks, none of it read yet; and the thread that reads it. At most so many bytes of pages are kept.
     pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
         let (asked, pages) = unbounded();
         let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
@@ -180,7 +180,7 @@ impl BrickSource for PagedOccupancy {
         self.source.occupancy_bins(channel)
     }
 
-    /// That of the brick, or of its nearest ancestor whose page is there. Never waits.
+    /// The occupancy of a brick, or of its nearest ancestor whose page is there. Never waits.
     fn occupancy(&self, id: BrickId) -> Occupancy {
         let (pyramid, mut brick) = (self.source.pyramid(), id);
         let mut pages = self.lock();

@@ -19,7 +19,7 @@ pub(crate) struct Shelf {
     allocated: usize,
     free: Vec<Arc<[u8]>>,
     entries: LruCache<BrickId, Entry>,
-    /// Those of the entries that are done.
+    /// The entries that are done.
     done: LruCache<BrickId, ()>,
 }
 

@@ -17,7 +17,7 @@ pub(crate) struct SharedBuffers {
 }
 
 impl SharedBuffers {
-    /// Those of frames and tables of so many bytes in all.
+    /// Makes the buffers of frames and tables of so many bytes in all.
     pub(crate) fn new(
         gpu: &Gpu,
         (frame_bytes, table_bytes): (u64, u64),

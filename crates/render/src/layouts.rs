@@ -59,7 +59,7 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Those of layers in so many pools, with stored gradients or without.
+    /// Makes the layouts for layers in so many pools, with stored gradients or without.
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> Self {
         let fragment = ShaderStages::FRAGMENT;
         let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));

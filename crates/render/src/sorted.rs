@@ -37,7 +37,7 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Those of layers drawn together.
+    /// Makes the boxes of layers that are drawn together.
     ///
     /// # Errors
     /// If the layers' cells are not those of one cut.

@@ -106,7 +106,7 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
-    /// Those of a padded brick whose voxels take so much of it, with its macro-cells.
+    /// A padded brick whose voxels take so many of its bytes, with its macro-cells.
     pub(crate) fn new(codes: Arc<[u8]>, voxel_bytes: usize, cells: MacroCells) -> Self {
         assert!(voxel_bytes <= codes.len(), "not a padded brick");
         Self { codes, voxel_bytes, cells }

@@ -41,7 +41,7 @@ pub(crate) struct Chunks {
 }
 
 impl Chunks {
-    /// Those of the store at `store`.
+    /// The chunks of the store at `store`.
     pub(crate) fn new(store: &Path, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
         let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
         let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));

@@ -37,7 +37,7 @@ pub struct Integrals {
 }
 
 impl Integrals {
-    /// Those of a [table](crate::TransferTable)'s entries.
+    /// Sums up a [table](crate::TransferTable)'s entries.
     pub fn new(entries: &[[f32; 4]]) -> Self {
         let entries: Vec<[f64; 4]> = entries.iter().map(|entry| entry.map(f64::from)).collect();
         let mut sums = vec![[0.0; 4]; entries.len()];

@@ -39,7 +39,7 @@ pub const fn bytes(edge: usize) -> usize {
 }
 
 impl MacroCells {
-    /// Those of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
+    /// The macro-cells of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
             SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
@@ -77,7 +77,7 @@ impl MacroCells {
         Self { ranges: ranges.into(), whole }
     }
 
-    /// Those of a brick of which nothing is known: a ray leaps over none of them.
+    /// The macro-cells of a brick of which nothing is known: a ray leaps over none of them.
     pub fn of_anything(format: SlotFormat, edge: usize) -> Self {
         let whole = [0, format.max_code() as u16];
         Self { ranges: vec![whole; per_axis(edge).pow(3)].into(), whole }

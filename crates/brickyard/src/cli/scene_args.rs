@@ -191,7 +191,7 @@ impl SceneArguments {
         Ok(scene)
     }
 
-    /// What is the same for all layers.
+    /// Sets what of a scene is the same for all of its layers.
     fn set_picture(&self, scene: &mut Scene) -> Result<(), Failure> {
         scene.stereo = self.stereo(scene.stereo)?;
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {

@@ -25,7 +25,7 @@ enum Cameras {
 }
 
 impl Views {
-    /// Those of a scene, which has a camera. All their files may be written, and the statistics'.
+    /// The views of a scene, which has a camera. All their files may be written, and the statistics'.
     ///
     /// # Errors
     /// If not, or if the path cannot be read or there is nothing to show.

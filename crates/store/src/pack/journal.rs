@@ -39,7 +39,7 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// That of a directory's journal; empty if there is none, or it is none.
+    /// Reads the head of a directory's journal; empty if there is none, or the file is none.
     ///
     /// # Errors
     /// If it is there and cannot be read.

@@ -26,14 +26,14 @@ pub(crate) struct BrickPages<'a, T> {
     fill_hash: u128,
 }
 
-/// Those of one stage.
+/// The pages of one stage.
 struct StagePages<T> {
     ranges: SideArray,
     hashes: SideArray,
     bricks: Extent,
     /// The first layer that is not final.
     first: u32,
-    /// That layer, and those after it of which something is known.
+    /// The first layer that is not final, and those after it of which something is known.
     waiting: VecDeque<Layer<T>>,
     /// Final layers of the row of pages at hand.
     finished: Vec<Layer<T>>,
@@ -197,7 +197,7 @@ impl<T: Measure> StagePages<T> {
 pub(crate) struct ShardPages {
     array: SideArray,
     grid: Extent,
-    /// Those of the row of pages at hand, x fastest.
+    /// The fingerprints of the row of pages at hand, x fastest.
     row: Vec<Fingerprint>,
     /// How many of them are there.
     known: usize,
