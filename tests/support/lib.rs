@@ -341,6 +341,11 @@ impl Sandbox {
         tempfile::tempdir_in("/dev/shm").map_or_else(|_| Self::default(), Self)
     }
 
+    /// One in a folder that is there.
+    pub fn within(folder: &str) -> Self {
+        Self(tempfile::tempdir_in(folder).expect("a temporary folder"))
+    }
+
     /// A path inside.
     pub fn path(&self, path: impl AsRef<Path>) -> PathBuf {
         self.0.path().join(path)
