@@ -22,7 +22,7 @@ impl VolumeSource {
         Self { source: store.clone(), default_windows }
     }
 
-    /// What a transfer function is fitted to for a channel: its place, extent and window.
+    /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
     pub fn subject(&self, channel: u32) -> Subject {
         Subject::new(self.source.geometry(), self.extent(), self.default_window(channel))
     }

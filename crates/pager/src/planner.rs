@@ -6,8 +6,8 @@
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
 //! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
-//! draws the newest finished one, whichever view that was made for; but where volumes come to stand on one grid, it waits for theirs. At once, the cut is always the view's own, and the same
-//! views give the same cuts.
+//! draws the newest finished one, whichever view that was made for. Only where volumes come to stand on one grid does it wait
+//! for theirs. At once, the cut is always the view's own, and the same views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
 use crate::plan::{self, Key, Tier};

@@ -1,5 +1,5 @@
-//! What a unit distance of one of several layers has of the medium that all are together, by code: colour times depth, and depth; or
-//! colour that is added.
+//! The table of a layer's medium, by code, where several layers are one medium: of a unit distance colour times depth, and depth; or the
+//! colour that it adds.
 //!
 //! A segment has as much more as it is longer, so one table is for segments of any length. Between its entries it is linear, where what
 //! it stands for is nearly so; the samples of other places are computed one by one. For 8-bit codes there are two entries a code, and for
@@ -126,14 +126,14 @@ impl DepthTable {
         a + (b - a) * places.fraction[i]
     }
 
-    /// The same of a code, computed.
+    /// Computes what a unit distance of a code's medium has, where [`DepthTable::unit`] is not near enough.
     #[cold]
     pub(crate) fn computed(&self, table: &Entries<'_>, code: f32) -> Vec4 {
         unit(self.blend, table.lookup(code))
     }
 }
 
-/// What a unit distance of this straight colour and opacity has of the medium that all layers are together.
+/// A unit distance of a medium of this straight colour and opacity: its part of the medium that all layers are together.
 fn unit(blend: Blend, entry: Vec4) -> Vec4 {
     match blend {
         Blend::Mix => entry.with_w(1.0) * (-(-entry.w).ln_1p()).min(OPAQUE),

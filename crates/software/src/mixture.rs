@@ -24,9 +24,13 @@ impl Alone {
     /// The media of a share of the piece: the colour that they give where no light is lost on the way, and their depth.
     #[inline(always)]
     pub(crate) fn media(&self, share: f32) -> Vec4 {
-        let depth = self.depth * std::f32::consts::LN_2 * share;
-        let color = if self.hidden > 0.0 { self.color * (depth / self.hidden) } else { Vec3::ZERO };
-        (color + self.glow * share).extend(if self.hidden > 0.0 { depth } else { 0.0 })
+        let glow = self.glow * share;
+        if self.hidden > 0.0 {
+            let depth = self.depth * std::f32::consts::LN_2 * share;
+            (self.color * (depth / self.hidden) + glow).extend(depth)
+        } else {
+            glow.extend(0.0)
+        }
     }
 }
 

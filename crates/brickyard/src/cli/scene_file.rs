@@ -45,7 +45,7 @@ pub(super) fn read_transfers(scene: &mut Scene, stores: &[Store]) -> Result<(), 
     Ok(())
 }
 
-/// What a layer's transfer function is fitted to; `None` if there is no such store or channel.
+/// The subject that a layer's transfer function is fitted to; `None` if there is no such store or channel.
 pub(super) fn subject(scene: &Scene, layer: usize, stores: &[Store]) -> Option<Subject> {
     let (store, channel) = (stores.get(scene.store(layer))?, scene.layers[layer].channel);
     let of = |channel| Subject::new(store.geometry(), extent(store), store.default_window(channel));
