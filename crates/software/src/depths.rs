@@ -7,8 +7,9 @@
 //! table is made in some microseconds, and in a third of a millisecond for 16-bit codes.
 
 use crate::entries::Entries;
-use crate::mixture::OPAQUE;
+use crate::mixture::{Mixed, OPAQUE};
 use crate::packet::{LANES, Packet};
+use crate::sample::Unit;
 use crate::steps::Places;
 use brickyard_volume::{Blend, SlotFormat, TransferTable};
 use glam::Vec4;
@@ -114,19 +115,33 @@ impl DepthTable {
         bends
     }
 
-    /// What the sample at a place that [`DepthTable::find`] has found has of the medium, a unit distance long.
+    /// Adds what the samples at places that [`DepthTable::find`] has found have of the medium; lengths times a share are
+    /// unit distances.
     ///
     /// # Safety
-    /// It has been found in this table.
+    /// They have been found in this table.
     #[inline(always)]
-    pub(crate) unsafe fn unit(&self, places: &Places, i: usize) -> Vec4 {
-        let index = places.at[i] as usize;
-        // SAFETY: the caller's promise; the limit is short of the last entry.
-        let [a, b] = unsafe { [*self.entries.get_unchecked(index), *self.entries.get_unchecked(index + 1)] };
-        a + (b - a) * places.fraction[i]
+    pub(crate) unsafe fn add<U: Unit>(
+        &self,
+        places: &Places,
+        lengths: &Packet,
+        share: f32,
+        mixed: &mut [Mixed; LANES],
+    ) {
+        let (mut near, mut far) = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let length = lengths[i] * share;
+            far[i] = length * places.fraction[i];
+            near[i] = length - far[i];
+        }
+        for i in 0..LANES {
+            // SAFETY: the caller's promise; the limit is short of the last entry, so there are two from here on.
+            let pair: &[Vec4; 2] = unsafe { &*self.entries.as_ptr().add(places.at[i] as usize).cast() };
+            mixed[i].add_shares::<U>(pair, near[i], far[i]);
+        }
     }
 
-    /// Computes what a unit distance of a code's medium has, where [`DepthTable::unit`] is not near enough.
+    /// Computes what a unit distance of a code's medium has, where [`DepthTable::add`] is not near enough.
     #[cold]
     pub(crate) fn computed(&self, table: &Entries<'_>, code: f32) -> Vec4 {
         unit(self.blend, table.lookup(code))
@@ -144,6 +159,7 @@ fn unit(blend: Blend, entry: Vec4) -> Vec4 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::Portable;
     use brickyard_volume::{SlotEncoding, TransferFunction, VoxelType};
 
     /// Of codes between and at the entries, what is looked up is what is computed, or known to bend; and few are.
@@ -168,8 +184,10 @@ mod tests {
                 let mut places = Places::EMPTY;
                 let shows = depths.find(&[code; LANES], &mut places);
                 let bends = depths.bends(&places);
-                // SAFETY: the place has been found.
-                let looked_up = unsafe { depths.unit(&places, 7) };
+                let mut mixed = [Mixed::NONE; LANES];
+                // SAFETY: the places have been found.
+                unsafe { depths.add::<Portable>(&places, &[1.0; LANES], 1.0, &mut mixed) };
+                let looked_up = mixed[7].sum();
                 let [r, g, b, alpha] = table.lookup(code / max as f32).map(f64::from);
                 assert!(if i < 190 { !shows } else { shows || alpha == 0.0 }, "{voxel_type} {code}");
                 let expected = match blend {

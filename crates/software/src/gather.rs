@@ -7,16 +7,17 @@ use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
+use crate::mixture::Mixed;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Chunk, Code, Code8, Code16, Located, Portable, Unit};
+use crate::sample::{ALL_PACKETS, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Method, Mode, SlotFormat};
+use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
@@ -118,11 +119,10 @@ trait Look {
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
         let method = frame.settings.sampling.method;
-        let is_bare = !frame.is_lit && frame.grid.is_none() && frame.settings.mode == Mode::Dvr;
         if is_read {
             return for_machine::<C, Read, INVALID>();
         }
-        if is_bare && method == Method::Udvr && !has_surfaces {
+        if is_plain(frame) && !has_surfaces {
             return for_machine::<C, Plain, INVALID>();
         }
         match method.curve() == Curve::Middle && frame.settings.surfaces.is_empty() {
@@ -137,6 +137,13 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
     }
+}
+
+/// Whether a layer's segments are classified by the value in their middles alone.
+pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
+    let settings = frame.settings;
+    let is_bare = !frame.is_lit && frame.grid.is_none() && settings.surfaces.is_empty();
+    is_bare && settings.mode == Mode::Dvr && settings.sampling.method == Method::Udvr
 }
 
 fn for_machine<C: Code, L: Look, const INVALID: bool>() -> Gather {
@@ -210,27 +217,42 @@ impl Look for Plain {
         chunk: &mut Chunk,
         media: &mut Media,
     ) {
-        let frame = march.frame;
-        let depths = frame.depths.as_ref().expect("layers of fog that are drawn together have it");
         let first = (at + segments.start) as usize;
         sample::<C, U, INVALID>(march, way, segments, chunk);
-        for p in 0..chunk.packets.min(PACKETS) {
-            if !depths.find(&chunk.code[p], &mut chunk.places[p]) {
-                continue;
+        add_fog::<U>(march.frame, 1.0, ALL_PACKETS, chunk, &mut media.mixed[first..], &mut media.is_any);
+    }
+}
+
+/// Adds what some packets of a chunk, which has been sampled, have of a layer's medium, its weights times a share being unit distances.
+#[inline(always)]
+pub(crate) fn add_fog<U: Unit>(
+    frame: &Frame<'_>,
+    share: f32,
+    packets: u32,
+    chunk: &mut Chunk,
+    mixed: &mut [Mixed],
+    is_any: &mut bool,
+) {
+    let depths = frame.depths.as_ref().expect("layers of fog that are drawn together have it");
+    let mut shows = 0;
+    for p in 0..chunk.packets.min(PACKETS) {
+        shows |= (depths.find(&chunk.code[p], &mut chunk.places[p]) as u32) << p;
+    }
+    shows &= packets;
+    *is_any |= shows != 0;
+    for (p, mixed) in mixed.as_chunks_mut().0.iter_mut().enumerate().take(PACKETS) {
+        if shows & 1 << p == 0 {
+            continue;
+        }
+        if depths.bends(&chunk.places[p]) {
+            let entries = Entries::of(frame);
+            for (i, mixed) in mixed.iter_mut().enumerate() {
+                let code = chunk.code[p][i] * frame.positions_per_code;
+                mixed.add(depths.computed(&entries, code) * (chunk.weight[p][i] * share));
             }
-            media.is_any = true;
-            let (mixed, weight) = (&mut media.mixed[first + p * LANES..][..LANES], &chunk.weight[p]);
-            if depths.bends(&chunk.places[p]) {
-                let entries = Entries::of(frame);
-                for i in 0..LANES {
-                    mixed[i] += depths.computed(&entries, chunk.code[p][i] * frame.positions_per_code) * weight[i];
-                }
-            } else {
-                for i in 0..LANES {
-                    // SAFETY: the place has been found.
-                    mixed[i] += unsafe { depths.unit(&chunk.places[p], i) } * weight[i];
-                }
-            }
+        } else {
+            // SAFETY: the places have been found.
+            unsafe { depths.add::<U>(&chunk.places[p], &chunk.weight[p], share, mixed) };
         }
     }
 }
@@ -320,20 +342,7 @@ fn sample<C: Code, U: Unit, const INVALID: bool>(
     segments: Range<i32>,
     chunk: &mut Chunk,
 ) {
-    let (frame, brick) = (march.frame, &march.brick);
-    let (Stretch { origin, step, .. }, filter) = (*stretch, frame.settings.sampling.filter);
-    if filter != Filter::Trilinear {
-        chunk.located = None;
-        stretch.place_samples::<INVALID>(frame, ray, chunk, segments);
-        return brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
-    }
-    let [first, end] = [segments.start, segments.end];
-    let located = Located { origin, step, first, end, weight: stretch.weight(frame), padded: brick.padded() };
-    if INVALID || chunk.located != Some(located) {
-        stretch.place_samples::<INVALID>(frame, ray, chunk, segments);
-        brick.locate(origin, step, chunk);
-        chunk.located = (!INVALID && !chunk.is_cut).then_some(located);
-    }
-    // SAFETY: they have been located now, or by a layer with bricks of the same size.
-    unsafe { march.brick.sample_located::<C, U, INVALID>(chunk) };
+    let (Stretch { origin, step, .. }, filter) = (*stretch, march.frame.settings.sampling.filter);
+    stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
+    march.brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
 }

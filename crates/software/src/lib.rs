@@ -8,6 +8,7 @@
 //! 3. `march`: one layer, or one of several that are projected, takes its cells one by one and the tile's rays through each, so that
 //!    neighbouring rays find a brick's voxels in the first-level cache. `together`: layers that are mixed leave what they show of some of a
 //!    ray's segments (`gather`) to be seen through together (`media`, `mixture`), cell by cell where they share a cut, else ray by ray.
+//!    Where they share a cut and are plain fog (`channels`), some rays go side by side and are located once for all layers.
 //! 4. `ray` and `stretch`: the segments of a ray that belong to a cell, exactly once for all cells together.
 //! 5. `macrocells`: of those, the ones in which something can be seen.
 //! 6. `sample` (or `cubic`) and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
@@ -18,6 +19,7 @@
 //! and no fused multiply-add is used.
 
 mod blend;
+mod channels;
 mod cubic;
 mod depths;
 mod entries;

@@ -1,6 +1,6 @@
 //! The media of a chunk of segments, of all layers, and how a ray's light goes through them.
 
-use crate::mixture::{Alone, AloneChunk, OPAQUE, passages};
+use crate::mixture::{Alone, AloneChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
 use glam::{DVec3, Vec4, Vec4Swizzles};
@@ -11,19 +11,16 @@ const PLACES: usize = CHUNK + LANES;
 
 /// What a chunk of segments has.
 pub(crate) struct Media {
-    /// Of each segment the colour that all its media give where no light is lost on the way, and their depth: the light that they let
-    /// through is `exp(-depth)`.
-    pub(crate) mixed: [Vec4; PLACES],
+    /// The media of each segment: the light that they let through is `exp(-depth)`.
+    pub(crate) mixed: [Mixed; PLACES],
     /// Whether that is anything.
     pub(crate) is_any: bool,
     /// One past the last segment that can be seen: in that an opaque surface was met.
     pub(crate) end: usize,
     /// The light with which each segment was entered that was seen through last.
     pub(crate) light: [f32; PLACES],
-    /// How deep they are, and how light passes them by [`passages`]: room to work in.
-    depth: [f32; PLACES],
-    dimmed: [f32; PLACES],
-    left: [f32; PLACES],
+    /// Room to work out how light passes them.
+    passage: Passage,
     /// Of layers that an expression reads: their values, all of a segment's together, and the longest of their parts.
     pub(crate) values: Vec<f64>,
     /// Where the expression is lit: the gradients of those values in the scene's world.
@@ -60,13 +57,11 @@ impl Media {
     /// The media of layers of which so many are read by an expression, with surfaces among them or not.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
-            mixed: [Vec4::ZERO; PLACES],
+            mixed: [Mixed::NONE; PLACES],
             is_any: false,
             end: CHUNK,
             light: [0.0; PLACES],
-            depth: [0.0; PLACES],
-            dimmed: [0.0; PLACES],
-            left: [0.0; PLACES],
+            passage: Passage::EMPTY,
             values: vec![f64::NAN; read * CHUNK],
             gradients: vec![DVec3::ZERO; if is_lit { read * CHUNK } else { 0 }],
             longest: [0.0; PLACES],
@@ -80,7 +75,7 @@ impl Media {
     pub(crate) fn take_alone(&mut self, segment: i32, ends: [f64; 2]) {
         let place = self.alone.place(segment);
         let alone = std::mem::take(&mut self.alone.segments[place]);
-        self.mixed[place] += alone.media(1.0);
+        self.mixed[place].add(alone.media(1.0));
         self.is_any = true;
         if let Some(found) = self.found.as_mut().filter(|_| ends[0] < ends[1]) {
             found.pieces.push(Piece { segment: place, alone, ends });
@@ -110,7 +105,7 @@ impl Media {
             self.values[values].fill(f64::NAN);
             if let Some([r, g, b, alpha]) = look {
                 let depth = (-(-alpha).ln_1p()).min(OPAQUE) * length;
-                self.mixed[segment] += Vec4::new(r, g, b, 1.0) * depth;
+                self.mixed[segment].add(Vec4::new(r, g, b, 1.0) * depth);
                 self.is_any = true;
             }
         }
@@ -118,7 +113,7 @@ impl Media {
 
     /// Passes light through so many segments, and empties them.
     #[inline(always)]
-    fn see(&mut self, count: usize, mut light: Vec4) -> Vec4 {
+    pub(crate) fn see(&mut self, count: usize, mut light: Vec4) -> Vec4 {
         let count = count.min(CHUNK);
         let mut from = 0;
         if let Some(mut found) = self.found.take_if(|found| !found.surfaces.is_empty()) {
@@ -127,7 +122,7 @@ impl Media {
                 let segment = here[0].segment;
                 light = self.pass(from..segment, light);
                 self.light[segment] = light.w;
-                light = found.see(segment, here, light);
+                light = found.see(segment, here, light, &mut self.passage);
                 from = segment + 1;
             }
             found.surfaces.clear();
@@ -135,7 +130,7 @@ impl Media {
         }
         light = self.pass(from..count, light);
         if self.is_any {
-            self.mixed[..count].fill(Vec4::ZERO);
+            self.mixed[..count].fill(Mixed::NONE);
             self.found.iter_mut().for_each(|found| found.pieces.clear());
             self.is_any = false;
         }
@@ -150,51 +145,30 @@ impl Media {
             self.light[segments].fill(light.w);
             return light;
         }
-        // Two by two, so that a segment need not wait for the one before it; nothing is behind the last one.
-        let (first, count) = (segments.start, segments.len());
-        let even = count.next_multiple_of(2);
-        let (mixed, entered) = (&self.mixed[first..first + even], &mut self.light[first..first + even]);
-        let (depth, dimmed, left) = (&mut self.depth[..even], &mut self.dimmed[..even], &mut self.left[..even]);
-        for i in 0..even {
-            depth[i] = mixed[i].w;
-        }
-        depth[count..].fill(0.0);
-        passages(depth, dimmed, left);
-        dimmed[count..].fill(0.0);
-        let (mut near, mut far, mut passing) = (light, Vec4::ZERO, light.w);
-        for i in (0..even).step_by(2) {
-            let between = passing * left[i];
-            (entered[i], entered[i + 1]) = (passing, between);
-            near += mixed[i] * (passing * dimmed[i]);
-            far += mixed[i + 1] * (between * dimmed[i + 1]);
-            passing = between * left[i + 1];
-        }
-        (near + far).with_w(passing)
+        self.passage.pass(&self.mixed[segments.clone()], light, &mut self.light[segments])
     }
 }
 
 impl Found {
     /// Passes light through a segment, between the surfaces that were met there.
-    fn see(&self, segment: usize, surfaces: &[Met], mut light: Vec4) -> Vec4 {
+    fn see(&self, segment: usize, surfaces: &[Met], mut light: Vec4, passage: &mut Passage) -> Vec4 {
         let mut start = f64::NEG_INFINITY;
         for Met { t, shown, .. } in surfaces {
-            light = self.between(segment, [start, *t], light);
+            light = self.between(segment, [start, *t], light, passage);
             light = (light.xyz() + shown.xyz() * (shown.w * light.w)).extend(light.w * (1.0 - shown.w));
             start = *t;
         }
-        self.between(segment, [start, f64::INFINITY], light)
+        self.between(segment, [start, f64::INFINITY], light, passage)
     }
 
     /// Passes light through what lies between two distances.
-    fn between(&self, segment: usize, [start, end]: [f64; 2], light: Vec4) -> Vec4 {
-        let mut mixed = Vec4::ZERO;
+    fn between(&self, segment: usize, [start, end]: [f64; 2], light: Vec4, passage: &mut Passage) -> Vec4 {
+        let mut mixed = Mixed::NONE;
         for Piece { alone, ends, .. } in self.pieces.iter().filter(|piece| piece.segment == segment) {
             let share = (ends[1].min(end) - ends[0].max(start)).max(0.0) / (ends[1] - ends[0]);
-            mixed += alone.media(share as f32);
+            mixed.add(alone.media(share as f32));
         }
-        let (mut dimmed, mut left) = ([0.0], [0.0]);
-        passages(&[mixed.w], &mut dimmed, &mut left);
-        (light + mixed * (dimmed[0] * light.w)).with_w(light.w * left[0])
+        passage.pass(&[mixed], light, &mut [0.0])
     }
 }
 

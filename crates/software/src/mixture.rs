@@ -2,11 +2,68 @@
 
 use crate::packet::{CHUNK, exp2};
 use crate::row::Passed;
+use crate::sample::Unit;
 use brickyard_volume::Blend;
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
 /// The depth of what lets no light through: finite, so that sums and shares of it are numbers.
 pub(crate) const OPAQUE: f32 = 1e30;
+
+/// The media of a segment: the colour that they give where no light is lost on the way, and their depth. They are kept as two vectors
+/// whose sum they are, for as such two neighbouring entries of a table are added at once.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub(crate) struct Mixed {
+    near: Vec4,
+    far: Vec4,
+}
+
+impl Mixed {
+    pub(crate) const NONE: Self = Self { near: Vec4::ZERO, far: Vec4::ZERO };
+
+    /// Adds colour and depth.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, media: Vec4) {
+        self.near += media;
+    }
+
+    /// Adds shares of two neighbouring entries of a table.
+    #[inline(always)]
+    pub(crate) fn add_shares<U: Unit>(&mut self, entries: &[Vec4; 2], near: f32, far: f32) {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.add_shares_avx2(entries, near, far) };
+        }
+        self.near += entries[0] * near;
+        self.far += entries[1] * far;
+    }
+
+    /// [`Mixed::add_shares`], inlined into a function that has AVX2.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    unsafe fn add_shares_avx2(&mut self, entries: &[Vec4; 2], near: f32, far: f32) {
+        use std::arch::x86_64::{
+            _mm_set1_ps, _mm256_add_ps, _mm256_loadu_ps, _mm256_mul_ps, _mm256_set_m128, _mm256_storeu_ps,
+        };
+        let sums: *mut f32 = std::ptr::from_mut(self).cast();
+        // SAFETY: the caller's promise; two vectors of four lie one behind the other, as one of eight.
+        unsafe {
+            let shares = _mm256_set_m128(_mm_set1_ps(far), _mm_set1_ps(near));
+            let added = _mm256_mul_ps(_mm256_loadu_ps(entries.as_ptr().cast()), shares);
+            _mm256_storeu_ps(sums, _mm256_add_ps(_mm256_loadu_ps(sums), added));
+        }
+    }
+
+    /// Colour and depth.
+    #[inline(always)]
+    pub(crate) fn sum(&self) -> Vec4 {
+        self.near + self.far
+    }
+}
 
 /// What one layer shows of a piece of a segment by itself.
 #[derive(Clone, Copy, Default)]
@@ -97,10 +154,62 @@ impl Projections {
 /// Media that are less deep pass light as the first four terms of the series say: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
+/// Media of which it is worked out together how light passes them: those of a chunk.
+const AT_ONCE: usize = CHUNK;
+
+/// How light passes media, front to back: room to work in.
+pub(crate) struct Passage {
+    media: [Vec4; AT_ONCE],
+    depth: [f32; AT_ONCE],
+    /// The mean, from front to back of each medium, of the light that is dimmed so far, and what is left behind all of it.
+    dimmed: [f32; AT_ONCE],
+    left: [f32; AT_ONCE],
+}
+
+impl Passage {
+    pub(crate) const EMPTY: Self = {
+        let none = [0.0; AT_ONCE];
+        Self { media: [Vec4::ZERO; AT_ONCE], depth: none, dimmed: none, left: none }
+    };
+
+    /// Passes light through as many media as there is room for. Returns premultiplied colour and the light that is left, and says with
+    /// how much light each was entered.
+    #[inline(always)]
+    pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, entered: &mut [f32]) -> Vec4 {
+        for ((media, depth), mixed) in self.media.iter_mut().zip(&mut self.depth).zip(mixed) {
+            *media = mixed.sum();
+            *depth = media.w;
+        }
+        // Four by four, so that none need wait for those before it; nothing is behind the last one.
+        let count = mixed.len().min(AT_ONCE);
+        let full = count.next_multiple_of(4);
+        self.media[count..full].fill(Vec4::ZERO);
+        self.depth[count..full].fill(0.0);
+        passages(&self.depth[..full], &mut self.dimmed[..full], &mut self.left[..full]);
+        let (media, _) = self.media[..full].as_chunks::<4>();
+        let (dimmed, _) = self.dimmed[..full].as_chunks_mut::<4>();
+        let (left, _) = self.left[..full].as_chunks_mut::<4>();
+        let mut seen = [light, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO];
+        for ((media, dimmed), left) in media.iter().zip(dimmed).zip(&mut *left) {
+            let passing = light.w;
+            let pair = left[0] * left[1];
+            light.w *= pair * (left[2] * left[3]);
+            *left = [passing, passing * left[0], passing * pair, passing * (pair * left[2])];
+            for i in 0..4 {
+                seen[i] += media[i] * (left[i] * dimmed[i]);
+            }
+        }
+        for (entered, left) in entered.iter_mut().zip(left.as_flattened()) {
+            *entered = *left;
+        }
+        ((seen[0] + seen[1]) + (seen[2] + seen[3])).with_w(light.w)
+    }
+}
+
 /// Finds how light passes media of so many depths: the mean, from front to back, of the light that is dimmed so far, and what is left
 /// behind all of it.
 #[inline(always)]
-pub(crate) fn passages(depth: &[f32], dimmed: &mut [f32], left: &mut [f32]) {
+fn passages(depth: &[f32], dimmed: &mut [f32], left: &mut [f32]) {
     let mut is_thick = 0;
     for ((&depth, dimmed), left) in depth.iter().zip(&mut *dimmed).zip(&mut *left) {
         *dimmed = 1.0 - depth * (0.5 - depth * (1.0 / 6.0 - depth * (1.0 / 24.0)));

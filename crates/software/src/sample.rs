@@ -32,8 +32,6 @@ pub(crate) struct Chunk {
     pub(crate) weight: [Packet; PACKETS],
     /// The codes there.
     pub(crate) code: [Packet; PACKETS],
-    /// Which samples these are, if they are whole steps that all count.
-    pub(crate) located: Option<Located>,
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
     fraction: [[Packet; 3]; PACKETS],
@@ -52,7 +50,6 @@ impl Chunk {
     pub(crate) const EMPTY: Self = Self {
         packets: 0,
         is_cut: false,
-        located: None,
         whole_steps: 0,
         zone: 0,
         along: [[0.0; LANES]; PACKETS],
@@ -68,19 +65,8 @@ impl Chunk {
     };
 }
 
-/// Some whole steps in a brick. Bricks of several layers in one cell are sampled at the same places.
-#[derive(Clone, Copy, PartialEq)]
-pub(crate) struct Located {
-    pub(crate) origin: [f32; 3],
-    pub(crate) step: [f32; 3],
-    /// The first in steps from the origin, and one past the last.
-    pub(crate) first: i32,
-    pub(crate) end: i32,
-    /// What each weighs.
-    pub(crate) weight: f32,
-    /// Voxels along the brick's edge.
-    pub(crate) padded: usize,
-}
+/// All packets of a chunk, a bit for each.
+pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
 
 /// How a code lies in memory.
 pub(crate) trait Code {
@@ -177,39 +163,25 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 }
 
-/// A padded brick ready to be sampled.
+/// The voxels of padded bricks.
 #[derive(Clone, Copy)]
-pub(crate) struct Brick<'a> {
-    codes: &'a [u8],
+pub(crate) struct Grid {
     padded: usize,
     /// The greatest coordinate: the last cell of eight voxels, just short of its far corner.
     limit: f32,
 }
 
-impl<'a> Brick<'a> {
+impl Grid {
+    /// That of bricks with so many voxels along their edges.
     #[inline(always)]
-    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32) -> Self {
-        let n = padded as usize;
-        assert!(n >= 2 && codes.len() == n * n * n * C::BYTES, "not a padded brick");
-        Self { codes, padded: n, limit: (padded as f32 - 1.0).next_down() }
-    }
-
-    /// Voxels along its edge.
-    #[inline(always)]
-    pub(crate) fn padded(&self) -> usize {
-        self.padded
-    }
-
-    /// Its codes.
-    #[inline(always)]
-    pub(crate) fn codes(&self) -> &'a [u8] {
-        self.codes
+    pub(crate) fn new(padded: u32) -> Self {
+        assert!(padded >= 2, "not a padded brick");
+        Self { padded: padded as usize, limit: (padded as f32 - 1.0).next_down() }
     }
 
     /// Finds where the samples at the slot coordinates `origin + along * step` are.
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut Chunk) {
-        chunk.located = None;
         for p in 0..chunk.packets.min(PACKETS) {
             let mut voxel = [0i32; LANES];
             for a in [2, 1, 0] {
@@ -223,6 +195,45 @@ impl<'a> Brick<'a> {
         }
     }
 
+    /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
+    #[inline(always)]
+    fn split(&self, v: f32) -> (i32, f32) {
+        // Written so that NaN, too, ends up inside.
+        let v = if v > 0.0 { v } else { 0.0 };
+        let v = if v < self.limit { v } else { self.limit };
+        // SAFETY: 0 <= v <= limit < 2^31.
+        let whole = unsafe { v.to_int_unchecked::<i32>() };
+        (whole, v - whole as f32)
+    }
+}
+
+/// A padded brick ready to be sampled.
+#[derive(Clone, Copy)]
+pub(crate) struct Brick<'a> {
+    codes: &'a [u8],
+    grid: Grid,
+}
+
+impl<'a> Brick<'a> {
+    #[inline(always)]
+    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32) -> Self {
+        let (n, grid) = (padded as usize, Grid::new(padded));
+        assert!(codes.len() == n * n * n * C::BYTES, "not a padded brick");
+        Self { codes, grid }
+    }
+
+    /// Voxels along its edge.
+    #[inline(always)]
+    pub(crate) fn padded(&self) -> usize {
+        self.grid.padded
+    }
+
+    /// Its codes.
+    #[inline(always)]
+    pub(crate) fn codes(&self) -> &'a [u8] {
+        self.codes
+    }
+
     /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
     /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
     #[inline(always)]
@@ -232,18 +243,21 @@ impl<'a> Brick<'a> {
         step: [f32; 3],
         chunk: &mut Chunk,
     ) {
-        self.locate(origin, step, chunk);
+        self.grid.locate(origin, step, chunk);
         // SAFETY: the samples have been found in this brick.
-        unsafe { self.sample_located::<C, U, INVALID>(chunk) };
+        unsafe { self.sample_located::<C, U, INVALID>(ALL_PACKETS, chunk) };
     }
 
-    /// [`Brick::sample`] where the samples are known to be.
+    /// [`Brick::sample`] of some packets where the samples are known to be.
     ///
     /// # Safety
-    /// [`Brick::locate`] has found them in a brick as large as this one.
+    /// [`Grid::locate`] has found them in a brick as large as this one.
     #[inline(always)]
-    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(&self, chunk: &mut Chunk) {
+    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(&self, packets: u32, chunk: &mut Chunk) {
         for p in 0..chunk.packets.min(PACKETS) {
+            if packets & 1 << p == 0 {
+                continue;
+            }
             let (voxel, fraction, weight) = (&chunk.voxel[p], &chunk.fraction[p], &mut chunk.weight[p]);
             // SAFETY: by the caller's promise every coordinate's whole part is at most padded - 2.
             chunk.code[p] = unsafe { self.interpolated::<C, U, INVALID>(voxel, fraction, weight) };
@@ -261,23 +275,12 @@ impl<'a> Brick<'a> {
         for a in [2, 1, 0] {
             for i in 0..LANES {
                 let whole;
-                (whole, fraction[a][i]) = self.split(points[a][i]);
-                voxel[i] = voxel[i] * self.padded as i32 + whole;
+                (whole, fraction[a][i]) = self.grid.split(points[a][i]);
+                voxel[i] = voxel[i] * self.grid.padded as i32 + whole;
             }
         }
         // SAFETY: every coordinate's whole part is at most padded - 2.
         unsafe { self.interpolated::<C, U, INVALID>(&voxel, &fraction, weight) }
-    }
-
-    /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
-    #[inline(always)]
-    fn split(&self, v: f32) -> (i32, f32) {
-        // Written so that NaN, too, ends up inside.
-        let v = if v > 0.0 { v } else { 0.0 };
-        let v = if v < self.limit { v } else { self.limit };
-        // SAFETY: 0 <= v <= limit < 2^31.
-        let whole = unsafe { v.to_int_unchecked::<i32>() };
-        (whole, v - whole as f32)
     }
 
     /// The codes at the given voxels and fractions towards their upper neighbours.
@@ -315,7 +318,7 @@ impl<'a> Brick<'a> {
             let far = unsafe { (t[0][i] * WHOLE as f32 + 0.5).to_int_unchecked::<i32>() };
             weights[i] = (far << 16) + (WHOLE - far);
         }
-        let (row, slice) = (self.padded, self.padded * self.padded);
+        let (row, slice) = (self.grid.padded, self.grid.padded * self.grid.padded);
         let at = self.codes.as_ptr();
         // SAFETY: by the caller's promise these voxels and their neighbours along x are inside the brick, whose length was
         // checked when it was made.
@@ -346,7 +349,7 @@ impl<'a> Brick<'a> {
         t: &[Packet; 3],
         weight: &mut Packet,
     ) -> Packet {
-        let row = self.padded;
+        let row = self.grid.padded;
         let mut plane = [[0.0f32; LANES]; 2];
         let mut plane_valid = [[0.0f32; LANES]; 2];
         for z in 0..2 {

@@ -1,5 +1,6 @@
 //! A pool of slots in RAM, and what they and all that is beside them take.
 
+use crate::channels;
 use crate::frame::{Cell, Resident};
 use crate::macrocells::boxes;
 use crate::meshes;
@@ -80,7 +81,7 @@ pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> 
     // All layers have the scene's meshes.
     let room = layers[0].bricks.meshes;
     let slabs = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
-    let ways = (layers.len() * BYTES_PER_LAYER_AND_THREAD) as u64;
+    let ways = (channels::BYTES_PER_THREAD + layers.len() * BYTES_PER_LAYER_AND_THREAD) as u64;
     let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs + ways);
     let tables: u64 = layers.iter().map(table_bytes).sum();
     tiles * tile + picture + meshes::bytes(room) + of_threads + tables

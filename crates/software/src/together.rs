@@ -2,12 +2,14 @@
 //! them.
 //!
 //! Layers that share a cut are met alike by every ray: a tile's rays are taken cell by cell, as through one layer, and find their segments
-//! in a cell once for all layers. Through other layers they are taken one by one: of each layer a ray finds the runs of its segments that
-//! belong to the cells over the tile. Either way a ray then goes along the lattice in chunks of 32 segments, in which one layer after the
-//! other leaves what it shows by itself (`gather`: sampled only where macro-cells may show something), and then one segment after the
-//! other is seen through. So no layer is sampled much behind where light ends, and costs add up. Where layers have surfaces, those of a chunk are kept, and all pieces
-//! of media between them: a segment with surfaces in it is seen through piece by piece.
+//! in a cell once for all layers; plain fog they go through side by side (`channels`). Through other layers they are taken one by one: of
+//! each layer a ray finds the runs of its segments that belong to the cells over the tile. Either way a ray then goes along the lattice in
+//! chunks of 32 segments, in which one layer after the other leaves what it shows by itself (`gather`: sampled only where macro-cells may
+//! show something), and then one segment after the other is seen through. So no layer is sampled much behind where light ends, and costs
+//! add up. Where layers have surfaces, those of a chunk are kept, and all pieces of media between them: a segment with surfaces in it is
+//! seen through piece by piece.
 
+use crate::channels::{self, Channels, Walks};
 use crate::frame::{Cell, Frame};
 use crate::gather::{Gather, Way, gather_of};
 use crate::macrocells::{Coverage, Reach};
@@ -29,6 +31,8 @@ pub(crate) struct Together<'a> {
     combination: Option<&'a Combination>,
     /// The cells of all layers, front to back, where they are of one cut.
     cells: Option<Vec<Shared>>,
+    /// What is done with such layers where they are plain fog.
+    channels: Option<Channels>,
 }
 
 /// A layer's entry of a cell of the cut that all layers share.
@@ -66,7 +70,8 @@ pub(crate) const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::
 const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 
 /// What a thread keeps for a layer.
-pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = size_of::<Way>() + size_of::<[Past; PIXELS]>();
+pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
+    size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 
 /// A cell that rays enter in a chunk: its layer, its place, and the chunk's segment.
 struct Entry {
@@ -82,6 +87,7 @@ struct Work {
     entries: Vec<Entry>,
     chunk: Chunk,
     media: Media,
+    walks: Walks,
     /// What rays that go cell by cell know of surfaces, layer by layer.
     pasts: Vec<[Past; PIXELS]>,
 }
@@ -98,7 +104,15 @@ impl<'a> Together<'a> {
             cells.sort_by_key(|shared| std::cmp::Reverse(shared.rank));
             cells
         });
-        Self { gathers: frames.iter().map(gather).collect(), see: See::for_machine(), has_surfaces, combination, cells }
+        let channels = (is_one_cut && combination.is_none() && !has_surfaces).then(|| Channels::new(frames)).flatten();
+        Self {
+            gathers: frames.iter().map(gather).collect(),
+            see: See::for_machine(),
+            has_surfaces,
+            combination,
+            cells,
+            channels,
+        }
     }
 
     fn work(&self, frames: &[Frame<'_>]) -> Work {
@@ -109,6 +123,7 @@ impl<'a> Together<'a> {
             entries: Vec::new(),
             chunk: Chunk::EMPTY,
             media: Media::new(read, frames[0].is_lit, self.has_surfaces),
+            walks: Walks::new(),
             pasts: Vec::new(),
         }
     }
@@ -173,6 +188,10 @@ impl Work {
                 break;
             }
             let cell = entries[0].cell(frames);
+            let channels = together.channels.as_ref().and_then(|channels| {
+                let cells = entries.iter().map(|entry| (entry.layer as usize, entry.cell(frames)));
+                Some((channels, channels.parts(frames, cells)?))
+            });
             let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
             for y in cell.rect.y0.max(tile.y0)..cell.rect.y1.min(tile.y1) {
                 for x in x0..x1 {
@@ -183,6 +202,12 @@ impl Work {
                     }
                     let Some(run) = ray.run(&frames[0].ticks, cell, Reach::Middles) else { continue };
                     ray.cursor = run.1;
+                    if let Some((channels, parts)) = &channels {
+                        if self.walks.enter(parts, ray, i, [x, y], run) {
+                            waiting -= channels.march(parts, &mut self.walks, rays);
+                        }
+                        continue;
+                    }
                     self.enter(frames, entries, ray, i, [x, y], run);
                     ray.sum = self.march(together, frames, ray.sum);
                     for (pasts, way) in self.pasts.iter_mut().zip(&self.ways) {
@@ -193,6 +218,9 @@ impl Work {
                     }
                     waiting -= (ray.cursor >= ray.end) as usize;
                 }
+            }
+            if let Some((channels, parts)) = &channels {
+                waiting -= channels.march(parts, &mut self.walks, rays);
             }
         }
     }

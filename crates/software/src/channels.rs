@@ -1,0 +1,308 @@
+//! Fog of layers that share a cut, as the channels of an image do: all of a cell's bricks are sampled at the same places.
+//!
+//! Some rays go through a cell side by side. The next segments of each that any layer may show are located once; each layer then takes
+//! its samples there, of all these rays before the next layer's, which so are found in the first-level cache; and light goes through what
+//! all layers have.
+
+use crate::blend::Dvr;
+use crate::frame::{Cell, Frame};
+use crate::gather::{self, add_fog};
+use crate::macrocells::{Coverage, Reach};
+use crate::march::look;
+use crate::media::Media;
+use crate::packet::{CHUNK, LANES, PACKETS};
+use crate::ray::{FAINTEST, Ray};
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Brick, Chunk, Code, Code8, Code16, Grid, Portable, Unit};
+use crate::stretch::Stretch;
+use crate::tiles::PIXELS;
+use brickyard_volume::{Filter, SlotFormat};
+use glam::Vec4;
+use std::ops::Range;
+
+/// Rays that go side by side: enough for all but one to find its voxels in the cache, and so few that all that they carry stays there.
+const SIDE_BY_SIDE: usize = 4;
+
+/// What a thread keeps for them, and of each layer.
+pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
+pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
+
+/// What is done with the layers of a frame.
+pub(crate) struct Channels {
+    takes: Vec<Take>,
+    march: March,
+}
+
+/// Adds what a layer has of some packets of a chunk.
+type Take = fn(&Part<'_, '_>, u32, &mut Chunk, &mut Media);
+
+/// Takes rays to the ends of their runs through a cell.
+type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
+
+/// A layer's part of a cell.
+#[derive(Clone, Copy)]
+pub(crate) struct Part<'a, 'f> {
+    frame: &'a Frame<'f>,
+    cell: &'a Cell<'f>,
+    take: Take,
+    /// Its unit distances in one of the first layer's that has a part.
+    share: f32,
+}
+
+/// Rays that go side by side through a cell.
+pub(crate) struct Walks {
+    walks: [Walk; SIDE_BY_SIDE],
+    count: usize,
+}
+
+/// A ray's way through a cell.
+struct Walk {
+    /// The ray's place in its tile, its pixel, and one past the last tick.
+    place: usize,
+    pixel: [u32; 2],
+    last: u32,
+    /// The stretch that it has come to, the blocks of it that each layer may show, and of what any may what has not been taken.
+    stretch: Stretch,
+    shown: Vec<u64>,
+    seen: u64,
+    pending: Range<i32>,
+    /// Whether there are such segments, and the blocks that each packet of the chunk is of.
+    is_on: bool,
+    blocks: [u64; PACKETS],
+    chunk: Chunk,
+    media: Media,
+}
+
+impl Channels {
+    /// Of layers that are drawn together, share a cut and have no surfaces; none if one of them is more than fog that is sampled in the
+    /// middle of each segment and classified by its value alone.
+    pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
+        let is_fog = |frame: &Frame<'_>| gather::is_plain(frame) && frame.settings.sampling.filter == Filter::Trilinear;
+        frames.iter().all(is_fog).then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
+    }
+
+    /// The parts that layers have of a cell, if their bricks lie alike under it: those of one level do.
+    pub(crate) fn parts<'a, 'f>(
+        &self,
+        frames: &'a [Frame<'f>],
+        cells: impl Iterator<Item = (usize, &'a Cell<'f>)>,
+    ) -> Option<Vec<Part<'a, 'f>>> {
+        let part = |(layer, cell)| Part { frame: &frames[layer], cell, take: self.takes[layer], share: 1.0 };
+        let mut parts: Vec<_> = cells.map(part).collect();
+        let Part { frame: first, cell, .. } = *parts.first()?;
+        for part in &mut parts {
+            if (part.cell.offset, part.cell.scale) != (cell.offset, cell.scale)
+                || (part.frame.edge, part.frame.apron) != (first.edge, first.apron)
+            {
+                return None;
+            }
+            part.share = (part.frame.per_unit / first.per_unit) as f32;
+        }
+        Some(parts)
+    }
+
+    /// Takes the rays to the ends of their runs, and forgets them. Returns how many have come to their ends.
+    pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
+        let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
+        (self.march)(parts, walks, rays);
+        let mut ended = 0;
+        for walk in walks {
+            let ray = &mut rays[walk.place];
+            if ray.sum.w < FAINTEST {
+                ray.cursor = ray.end;
+            }
+            ended += (ray.cursor >= ray.end) as usize;
+        }
+        ended
+    }
+}
+
+impl Walks {
+    /// Those of no ray.
+    pub(crate) fn new() -> Self {
+        let walk = |_| Walk {
+            place: 0,
+            pixel: [0; 2],
+            last: 0,
+            stretch: Stretch::EMPTY,
+            shown: Vec::new(),
+            seen: 0,
+            pending: 0..0,
+            is_on: false,
+            blocks: [0; PACKETS],
+            chunk: Chunk::EMPTY,
+            media: Media::new(0, false, false),
+        };
+        Self { walks: std::array::from_fn(walk), count: 0 }
+    }
+
+    /// A pixel's ray, whose place in its tile this is, enters the cell, in which these segments are its. Returns whether there is no
+    /// room for another.
+    pub(crate) fn enter(
+        &mut self,
+        parts: &[Part<'_, '_>],
+        ray: &Ray,
+        place: usize,
+        pixel: [u32; 2],
+        (first, last): (u32, u32),
+    ) -> bool {
+        let walk = &mut self.walks[self.count];
+        (walk.place, walk.pixel, walk.last) = (place, pixel, last);
+        for part in parts.iter().filter(|part| draws(part.cell, pixel) && ray.sum.w > part.frame.entered(part.cell)) {
+            part.frame.enter(part.cell, ray.sum.w);
+        }
+        walk.begin(parts, ray, first);
+        self.count += 1;
+        self.count == SIDE_BY_SIDE
+    }
+}
+
+/// Whether a layer's entry draws the pixel.
+fn draws(cell: &Cell<'_>, [x, y]: [u32; 2]) -> bool {
+    cell.pixels.is_none_or(|pixels| pixels.hold(x, y))
+}
+
+impl Walk {
+    /// Goes on to the stretch that begins at a tick.
+    #[inline(always)]
+    fn begin(&mut self, parts: &[Part<'_, '_>], ray: &Ray, start: u32) {
+        let Part { frame, cell, .. } = parts[0];
+        self.stretch = Stretch::new(frame, cell, ray, 0, start, self.last, Reach::Middles);
+        (self.seen, self.pending) = (0, 0..0);
+        self.shown.clear();
+        for Part { frame, cell, .. } in parts {
+            self.stretch.seen = match cell.mask.coverage() {
+                _ if !draws(cell, self.pixel) => 0,
+                Coverage::None => 0,
+                Coverage::All => u64::MAX,
+                Coverage::Some => {
+                    look::<Dvr>(&mut self.stretch, (frame, cell), Vec4::ZERO, &mut [0; LANES]);
+                    self.stretch.seen
+                }
+            };
+            self.shown.push(self.stretch.seen);
+            self.seen |= self.stretch.seen;
+        }
+    }
+
+    /// Locates the samples of the next segments that any layer may show, as many as a chunk holds. Returns whether there are any.
+    #[inline(always)]
+    fn locate(&mut self, parts: &[Part<'_, '_>], ray: &Ray, grid: &Grid) -> bool {
+        while self.pending.is_empty() {
+            match self.stretch.next_seen(&mut self.seen) {
+                Some(segments) => self.pending = segments,
+                None if self.stretch.end < self.last => self.begin(parts, ray, self.stretch.end),
+                None => return false,
+            }
+        }
+        let Range { start, end } = self.pending;
+        let end = end.min(start + CHUNK as i32);
+        self.pending.start = end;
+        self.stretch.place_samples::<true>(parts[0].frame, ray, &mut self.chunk, start..end);
+        grid.locate(self.stretch.origin, self.stretch.step, &mut self.chunk);
+        for (p, blocks) in (0..).zip(&mut self.blocks).take(self.chunk.packets) {
+            let first = start + p * LANES as i32;
+            let last = (first + LANES as i32).min(end) - 1;
+            let (from, to) = (first / self.stretch.block, last / self.stretch.block);
+            *blocks = (u64::MAX >> (63 - (to - from))) << from;
+        }
+        true
+    }
+
+    /// The packets of the chunk that a layer may show.
+    #[inline(always)]
+    fn packets(&self, layer: usize) -> u32 {
+        let mut packets = 0;
+        for p in 0..self.chunk.packets.min(PACKETS) {
+            packets |= ((self.shown[layer] & self.blocks[p] != 0) as u32) << p;
+        }
+        packets
+    }
+}
+
+fn march_of() -> March {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |parts, walks, rays| unsafe { march_avx2(parts, walks, rays) };
+    }
+    march
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn march_avx2(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
+    march(parts, walks, rays);
+}
+
+#[inline(always)]
+fn march(parts: &[Part<'_, '_>], walks: &mut [Walk], rays: &mut [Ray; PIXELS]) {
+    let Some(Part { frame, .. }) = parts.first() else { return };
+    let grid = Grid::new(frame.edge + 2 * frame.apron);
+    loop {
+        let mut is_on = false;
+        for walk in &mut *walks {
+            let ray = &rays[walk.place];
+            walk.is_on = ray.sum.w >= FAINTEST && walk.locate(parts, ray, &grid);
+            is_on |= walk.is_on;
+        }
+        if !is_on {
+            return;
+        }
+        for (layer, part) in parts.iter().enumerate() {
+            for walk in walks.iter_mut().filter(|walk| walk.is_on) {
+                let packets = walk.packets(layer);
+                if packets != 0 {
+                    (part.take)(part, packets, &mut walk.chunk, &mut walk.media);
+                }
+            }
+        }
+        for walk in walks.iter_mut().filter(|walk| walk.is_on) {
+            let ray = &mut rays[walk.place];
+            ray.sum = walk.media.see(walk.chunk.packets * LANES, ray.sum);
+        }
+    }
+}
+
+fn take_of(frame: &Frame<'_>) -> Take {
+    let encoding = &frame.settings.encoding;
+    match (encoding.format, encoding.has_invalid) {
+        (SlotFormat::U8, false) => for_machine::<Code8, false>(),
+        (SlotFormat::U8, true) => for_machine::<Code8, true>(),
+        (SlotFormat::U16, false) => for_machine::<Code16, false>(),
+        (SlotFormat::U16, true) => for_machine::<Code16, true>(),
+    }
+}
+
+fn for_machine<C: Code, const INVALID: bool>() -> Take {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has AVX2.
+        return |part, packets, chunk, media| unsafe { take_avx2::<C, INVALID>(part, packets, chunk, media) };
+    }
+    take::<C, Portable, INVALID>
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn take_avx2<C: Code, const INVALID: bool>(part: &Part<'_, '_>, packets: u32, chunk: &mut Chunk, media: &mut Media) {
+    take::<C, Avx2, INVALID>(part, packets, chunk, media);
+}
+
+#[inline(always)]
+fn take<C: Code, U: Unit, const INVALID: bool>(
+    Part { frame, cell, share, .. }: &Part<'_, '_>,
+    packets: u32,
+    chunk: &mut Chunk,
+    media: &mut Media,
+) {
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+    let weight = chunk.weight;
+    // SAFETY: the samples have been located in a brick as large.
+    unsafe { brick.sample_located::<C, U, INVALID>(packets, chunk) };
+    add_fog::<U>(frame, *share, packets, chunk, &mut media.mixed, &mut media.is_any);
+    if INVALID {
+        chunk.weight = weight;
+    }
+}
