@@ -270,16 +270,21 @@ impl<'a> Path<'a> {
                 let mut differences = Vec3::ZERO;
                 if self.has_gradients {
                     for i in near - beyond..=near + 1 + beyond {
-                        let known = at(i).unwrap_or(values[i + 1 - near]);
-                        gradients[i]
-                            .get_or_insert_with(|| self.differences::<C, U, INVALID>(row.along[i], known as f32));
+                        // Not by a closure, which would not be compiled for this vector unit.
+                        if gradients[i].is_none() {
+                            let known = at(i).unwrap_or(values[i + 1 - near]) as f32;
+                            gradients[i] = Some(self.differences::<C, U, INVALID>(row.along[i], known));
+                        }
                     }
                     let gradient = |i: usize| gradients[i].unwrap_or(Vec3::ZERO);
                     differences = match beyond {
                         0 => gradient(near).lerp(gradient(near + 1), middle as f32),
                         _ => {
-                            let around = [near - 1, near, near + 1, near + 2].map(gradient);
-                            let along = |k: usize| catmull_rom(around.map(|g| g[k] as f64), middle) as f32;
+                            let [a, b] = [gradient(near - 1), gradient(near)];
+                            let [c, d] = [gradient(near + 1), gradient(near + 2)];
+                            let along = |k: usize| {
+                                catmull_rom([a[k] as f64, b[k] as f64, c[k] as f64, d[k] as f64], middle) as f32
+                            };
                             Vec3::new(along(0), along(1), along(2))
                         }
                     };

@@ -1,6 +1,7 @@
 //! The renderer itself: slots in RAM inside a byte budget, and the picture of layers' draw lists over them.
 
 use crate::frame::Frame;
+use crate::march::Work;
 use crate::meshes::MeshTree;
 use crate::options::SoftwareOptions;
 use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
@@ -161,7 +162,8 @@ impl SoftwareRenderer {
             let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
             let frames = layers.iter().map(|layer| frame(layer, slots(layer), by_itself)).collect();
             let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);
-            let drawn: Vec<TilePixels> = tiles.par_iter().map(|tile| scene.draw(tile)).collect();
+            let drawn: Vec<TilePixels> =
+                tiles.par_iter().map_init(Work::new, |work, tile| scene.draw(tile, work)).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {
                 frame.light.iter().map(|light| f32::from_bits(light.load(Ordering::Relaxed))).collect()
             };

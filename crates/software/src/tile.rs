@@ -58,15 +58,15 @@ impl<'a> Scene<'a> {
     }
 
     /// Draws a tile.
-    pub(crate) fn draw(&self, tile: &Tile) -> TilePixels {
+    pub(crate) fn draw(&self, tile: &Tile, work: &mut Work) -> TilePixels {
         let settings = self.frames[0].settings;
-        let (mut work, mut seen) = (Work::new(), [Vec4::W; PIXELS]);
+        let mut seen = [Vec4::W; PIXELS];
         let mut slabs = self.meshes.map(|tree| (tree, Layers::new(&settings.rays, tile)));
         loop {
             if let Some((tree, layers)) = &mut slabs {
                 tree.peel(settings, tile, layers);
             }
-            self.march(tile, slabs.as_ref().map(|(_, layers)| &**layers), &mut work, &mut seen);
+            self.march(tile, slabs.as_ref().map(|(_, layers)| &**layers), work, &mut seen);
             let Some((_, layers)) = &mut slabs else { break };
             let mut is_more = false;
             for i in places(tile) {
