@@ -41,6 +41,7 @@ mod status;
 mod store_source;
 #[cfg(test)]
 mod test_source;
+mod tier;
 mod visibility;
 mod workers;
 

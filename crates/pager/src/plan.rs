@@ -16,6 +16,7 @@
 
 use crate::cut::{Cut, NodeId};
 use crate::slots::VolumeBrick;
+use crate::tier::Tier;
 use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
@@ -26,31 +27,6 @@ pub(crate) enum State {
     Absent,
     Resident,
     Failed,
-}
-
-/// Why a brick is wanted; earlier tiers are served first, and evict later ones. (Next time steps would come after `Visible`.)
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Tier {
-    Cover,
-    Visible,
-    Predicted,
-    Ring,
-}
-
-impl Tier {
-    /// Of so many slots, those that bricks of this tier may hold.
-    pub(crate) fn slots(self, slots: usize) -> usize {
-        match self {
-            Self::Cover | Self::Visible => slots,
-            Self::Predicted => slots / 8,
-            Self::Ring => slots / 16,
-        }
-    }
-
-    /// Whether the view can do without.
-    pub(crate) fn is_ahead(self) -> bool {
-        self > Self::Visible
-    }
 }
 
 /// Where a brick comes in the order of reading.

@@ -10,10 +10,11 @@
 //! for theirs. At once, the cut is always the view's own, and the same views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
-use crate::plan::{self, Key, Tier};
+use crate::plan::{self, Key};
 use crate::slots::VolumeBrick;
 use crate::source::BrickSource;
 use crate::split::{self, Subject};
+use crate::tier::Tier;
 use crate::visibility::Visibility;
 use brickyard_volume::{BrickId, BrickIndex, ViewRays};
 use crossbeam_channel::{Receiver, Sender, bounded};

@@ -6,7 +6,6 @@ use crate::cut::{Cut, View, cut_capacity, roots, world_box};
 use crate::draw_list::DrawList;
 use crate::pager::Pager;
 use crate::pixels::Pixels;
-use crate::plan::Tier;
 use crate::planner::Planning;
 use crate::residency::{Arrival, Residency, Step, Upload, VolumeStep, Wants};
 use crate::retry::Failure;
@@ -15,6 +14,7 @@ use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
 use crate::split::{KEEP, Subject, cuts};
 use crate::test_source::TestSource;
+use crate::tier::Tier;
 use brickyard_volume::{
     BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Placement, Projection,
     Pyramid, Ray, VoxelBox, VoxelType,

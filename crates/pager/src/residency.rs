@@ -12,11 +12,12 @@
 use crate::cut::{Cut, NodeId};
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
-use crate::plan::{self, State, Tier};
+use crate::plan::{self, State};
 use crate::retry::Failure;
 use crate::sight::{Ranked, Sight};
 use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
+use crate::tier::Tier;
 use brickyard_volume::{BrickId, Pyramid};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;

@@ -6,7 +6,7 @@
 //! equal tables.
 
 use crate::draw_list::Slot;
-use crate::plan::Tier;
+use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 

@@ -8,10 +8,10 @@
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
-use crate::plan::Tier;
 use crate::ram_cache::RamCache;
 use crate::residency::Arrival;
 use crate::shelf::zeroed;
+use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::{HashMap, HashSet};

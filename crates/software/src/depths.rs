@@ -6,7 +6,6 @@
 //! 16-bit ones one for 15 codes: tables of several layers then fit into the second-level cache, which tables of every code do not. A frame's
 //! table is made in some microseconds, and in a third of a millisecond for 16-bit codes.
 
-use crate::entries::Entries;
 use crate::mixture::{Mixed, OPAQUE};
 use crate::packet::{LANES, Packet};
 use crate::sample::Unit;
@@ -141,10 +140,10 @@ impl DepthTable {
         }
     }
 
-    /// Computes what a unit distance of a code's medium has, where [`DepthTable::add`] is not near enough.
+    /// Computes what a unit distance of the medium of this straight colour and opacity has, where [`DepthTable::add`] is not near enough.
     #[cold]
-    pub(crate) fn computed(&self, table: &Entries<'_>, code: f32) -> Vec4 {
-        unit(self.blend, table.lookup(code))
+    pub(crate) fn computed(&self, entry: Vec4) -> Vec4 {
+        unit(self.blend, entry)
     }
 }
 

@@ -248,7 +248,7 @@ pub(crate) fn add_fog<U: Unit>(
             let entries = Entries::of(frame);
             for (i, mixed) in mixed.iter_mut().enumerate() {
                 let code = chunk.code[p][i] * frame.positions_per_code;
-                mixed.add(depths.computed(&entries, code) * (chunk.weight[p][i] * share));
+                mixed.add(depths.computed(entries.lookup(code)) * (chunk.weight[p][i] * share));
             }
         } else {
             // SAFETY: the places have been found.

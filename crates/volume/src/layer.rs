@@ -8,10 +8,6 @@ use crate::surface::Isosurface;
 use crate::transfer::{Subject, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use std::ops::RangeInclusive;
-
-/// Powers that a style may bend by: beyond them a picture has two colours.
-pub const GAMMAS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// A layer of a scene. Distances are of the volume's own world, which is what its store says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

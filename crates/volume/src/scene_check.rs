@@ -6,13 +6,14 @@
 
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
 use crate::expression::{Expression, MAX_VOLUMES};
-use crate::layer::{GAMMAS, SceneLayer};
+use crate::layer::SceneLayer;
 use crate::lighting::{Lighting, LightingModel, MAX_LIGHTS};
 use crate::mode::Mode;
 use crate::sampling::{MOST_VIRTUAL_SAMPLES, Method};
 use crate::scene::{LevelPolicy, Scene, SceneExpression};
 use crate::scene_error::{LayerError, SceneError};
 use crate::surface::{Isosurface, MAX_SURFACES};
+use crate::transfer::GAMMAS;
 use crate::transfer::{Subject, TransferChoice};
 
 /// How much of what a scene can ask for a store has.

@@ -3,13 +3,12 @@
 
 use crate::clip::ClipError;
 use crate::expression::{ExpressionError, MAX_VOLUMES};
-use crate::layer::GAMMAS;
 use crate::lighting::{LightingModel, MAX_LIGHTS};
 use crate::mesh::MeshLookError;
 use crate::mode::Mode;
 use crate::sampling::{MOST_VIRTUAL_SAMPLES, Method};
 use crate::surface::MAX_SURFACES;
-use crate::transfer::TransferError;
+use crate::transfer::{GAMMAS, TransferError};
 use glam::DVec3;
 
 /// Why a scene is impossible.

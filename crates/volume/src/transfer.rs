@@ -30,7 +30,11 @@ pub use table::TransferTable;
 use crate::integrals::depth;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+
+/// Powers that a style may bend a transfer function by: beyond them a picture has two colours.
+pub const GAMMAS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
 /// a step.
