@@ -263,6 +263,12 @@ fn channels_of_one_image_match_the_oracle() {
         let shot = shot(&members, frames(&members, &views[i % 3], &look), &transfer, cells);
         shot.agree(&mut stage, ways, allowed(&look) + HALF_VALID, &format!("{look:?}"));
     }
+    // Where all channels have bricks of one level, their samples are found once for all.
+    for view in &views {
+        let transfer = transfers(&members, &PLAIN);
+        let alike = shot(&members, frames(&members, view, &PLAIN), &transfer, (&is_coarse, &own));
+        alike.agree(&mut stage, &[CPU], HALF_VALID, "bricks of one level");
+    }
 }
 
 /// Channels that share a cut and the same with cuts of their own, in fog, by another method, with surfaces in it and alone: pictures and
@@ -274,14 +280,16 @@ fn a_shared_cut_does_not_show() {
     let view = View { camera, step: 0.4, pixel_error: 0.01, filter: Filter::Trilinear, clip: None };
     let sampling = Sampling { method: Method::Pcvs, jitter: Jitter::Blue, ..PLAIN.sampling };
     let mut stage = Stage::exact(&volumes(&members));
-    for look in [
-        PLAIN,
-        Look { sampling, ..PLAIN },
-        Look { has_surfaces: true, ..PLAIN },
-        Look { mode: Mode::Isosurface, has_surfaces: true, has_meshes: true, ..PLAIN },
+    let (mixed, alike): (Cells<'_>, Cells<'_>) = ((&is_coarse, &entries), (&is_coarse, &own));
+    for (look, cells) in [
+        (PLAIN, mixed),
+        (PLAIN, alike),
+        (Look { sampling, ..PLAIN }, mixed),
+        (Look { has_surfaces: true, ..PLAIN }, mixed),
+        (Look { mode: Mode::Isosurface, has_surfaces: true, has_meshes: true, ..PLAIN }, mixed),
     ] {
         let mut drawn = |is_apart| {
-            let shot = shot(&members, frames(&members, &view, &look), &[], (&is_coarse, &entries));
+            let shot = shot(&members, frames(&members, &view, &look), &[], cells);
             let shot = Shot { is_apart, ..shot };
             let picture = shot.render(&mut stage, CPU).expect("a processor");
             let renderer = stage.renderer(CPU, &shot.needs()).expect("a processor");

@@ -52,7 +52,7 @@ pub(crate) struct Part<'a, 'f> {
 
 /// Rays that go side by side through a cell.
 pub(crate) struct Walks {
-    walks: [Walk; SIDE_BY_SIDE],
+    walks: Vec<Walk>,
     count: usize,
 }
 
@@ -75,11 +75,12 @@ struct Walk {
 }
 
 impl Channels {
-    /// Of layers that are drawn together, share a cut and have no surfaces; none if one of them is more than fog that is sampled in the
-    /// middle of each segment and classified by its value alone.
+    /// Of several layers that are drawn together, share a cut and have no surfaces; none if one of them is more than fog that is sampled
+    /// in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog = |frame: &Frame<'_>| gather::is_plain(frame) && frame.settings.sampling.filter == Filter::Trilinear;
-        frames.iter().all(is_fog).then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
+        (frames.len() > 1 && frames.iter().all(is_fog))
+            .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
     }
 
     /// The parts that layers have of a cell, if their bricks lie alike under it: those of one level do.
@@ -119,8 +120,8 @@ impl Channels {
 }
 
 impl Walks {
-    /// Those of no ray.
-    pub(crate) fn new() -> Self {
+    /// Room for the rays of layers that are drawn so, if they are.
+    pub(crate) fn new(channels: Option<&Channels>) -> Self {
         let walk = |_| Walk {
             place: 0,
             pixel: [0; 2],
@@ -134,7 +135,7 @@ impl Walks {
             chunk: Chunk::EMPTY,
             media: Media::new(0, false, false),
         };
-        Self { walks: std::array::from_fn(walk), count: 0 }
+        Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
     }
 
     /// A pixel's ray, whose place in its tile this is, enters the cell, in which these segments are its. Returns whether there is no

@@ -81,8 +81,9 @@ pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> 
     // All layers have the scene's meshes.
     let room = layers[0].bricks.meshes;
     let slabs = if room.is_none() { 0 } else { meshes::BYTES_PER_THREAD };
-    let ways = (channels::BYTES_PER_THREAD + layers.len() * BYTES_PER_LAYER_AND_THREAD) as u64;
-    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs + ways);
+    let ways = (layers.len() * BYTES_PER_LAYER_AND_THREAD) as u64;
+    let walks = if layers.len() > 1 { channels::BYTES_PER_THREAD as u64 } else { 0 };
+    let of_threads = options.threads.max(1) as u64 * (tile::BYTES_PER_THREAD + slabs + ways + walks);
     let tables: u64 = layers.iter().map(table_bytes).sum();
     tiles * tile + picture + meshes::bytes(room) + of_threads + tables
 }

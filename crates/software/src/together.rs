@@ -123,7 +123,7 @@ impl<'a> Together<'a> {
             entries: Vec::new(),
             chunk: Chunk::EMPTY,
             media: Media::new(read, frames[0].is_lit, self.has_surfaces),
-            walks: Walks::new(),
+            walks: Walks::new(self.channels.as_ref()),
             pasts: Vec::new(),
         }
     }
