@@ -24,11 +24,11 @@ use std::ops::Range;
 /// Rays that go side by side: enough for all but one to find its voxels in the cache, and so few that all that they carry stays there.
 const SIDE_BY_SIDE: usize = 4;
 
-/// What a thread keeps for them, and of each layer.
+/// Bytes that a thread keeps for rays that go side by side, and for each layer that they go through.
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
-/// What is done with the layers of a frame.
+/// How several layers of fog that share a cut are drawn.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,
@@ -46,7 +46,7 @@ pub(crate) struct Part<'a, 'f> {
     frame: &'a Frame<'f>,
     cell: &'a Cell<'f>,
     take: Take,
-    /// Its unit distances in one of the first layer's that has a part.
+    /// How many of this layer's unit distances are one of the first part's.
     share: f32,
 }
 
@@ -75,8 +75,8 @@ struct Walk {
 }
 
 impl Channels {
-    /// Of several layers that are drawn together, share a cut and have no surfaces; none if one of them is more than fog that is sampled
-    /// in the middle of each segment and classified by its value alone.
+    /// How these layers are drawn, which share a cut and have no surfaces; none if it is one layer, or if one of them is more than fog that
+    /// is sampled in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog = |frame: &Frame<'_>| gather::is_plain(frame) && frame.settings.sampling.filter == Filter::Trilinear;
         (frames.len() > 1 && frames.iter().all(is_fog))
@@ -145,12 +145,12 @@ impl Walks {
         parts: &[Part<'_, '_>],
         ray: &Ray,
         place: usize,
-        pixel: [u32; 2],
+        [x, y]: [u32; 2],
         (first, last): (u32, u32),
     ) -> bool {
         let walk = &mut self.walks[self.count];
-        (walk.place, walk.pixel, walk.last) = (place, pixel, last);
-        for part in parts.iter().filter(|part| draws(part.cell, pixel) && ray.sum.w > part.frame.entered(part.cell)) {
+        (walk.place, walk.pixel, walk.last) = (place, [x, y], last);
+        for part in parts.iter().filter(|part| part.cell.draws(x, y) && ray.sum.w > part.frame.entered(part.cell)) {
             part.frame.enter(part.cell, ray.sum.w);
         }
         walk.begin(parts, ray, first);
@@ -159,22 +159,18 @@ impl Walks {
     }
 }
 
-/// Whether a layer's entry draws the pixel.
-fn draws(cell: &Cell<'_>, [x, y]: [u32; 2]) -> bool {
-    cell.pixels.is_none_or(|pixels| pixels.hold(x, y))
-}
-
 impl Walk {
     /// Goes on to the stretch that begins at a tick.
     #[inline(always)]
     fn begin(&mut self, parts: &[Part<'_, '_>], ray: &Ray, start: u32) {
         let Part { frame, cell, .. } = parts[0];
         self.stretch = Stretch::new(frame, cell, ray, 0, start, self.last, Reach::Middles);
+        let [x, y] = self.pixel;
         (self.seen, self.pending) = (0, 0..0);
         self.shown.clear();
         for Part { frame, cell, .. } in parts {
             self.stretch.seen = match cell.mask.coverage() {
-                _ if !draws(cell, self.pixel) => 0,
+                _ if !cell.draws(x, y) => 0,
                 Coverage::None => 0,
                 Coverage::All => u64::MAX,
                 Coverage::Some => {

@@ -96,6 +96,14 @@ pub(crate) struct Cell<'a> {
     pub(crate) pixels: Option<Pixels>,
 }
 
+impl Cell<'_> {
+    /// Whether this entry draws the pixel.
+    #[inline(always)]
+    pub(crate) fn draws(&self, x: u32, y: u32) -> bool {
+        self.pixels.is_none_or(|pixels| pixels.hold(x, y))
+    }
+}
+
 /// A brick in a slot.
 #[derive(Debug)]
 pub(crate) struct Resident {

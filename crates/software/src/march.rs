@@ -131,7 +131,7 @@ impl Work {
                 for x in x0..x1 {
                     let i = place(tile, x, y);
                     let ray = &mut rays[i];
-                    if ray.cursor >= ray.end || cell.pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+                    if ray.cursor >= ray.end || !cell.draws(x, y) {
                         continue;
                     }
                     if B::coverage(cell, ray) == Coverage::None {

@@ -154,25 +154,22 @@ impl Projections {
 /// Media that are less deep pass light as the first four terms of the series say: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
-/// Media of which it is worked out together how light passes them: those of a chunk.
-const AT_ONCE: usize = CHUNK;
-
-/// How light passes media, front to back: room to work in.
+/// How light passes the media of a chunk, front to back: room to work in.
 pub(crate) struct Passage {
-    media: [Vec4; AT_ONCE],
-    depth: [f32; AT_ONCE],
+    media: [Vec4; CHUNK],
+    depth: [f32; CHUNK],
     /// The mean, from front to back of each medium, of the light that is dimmed so far, and what is left behind all of it.
-    dimmed: [f32; AT_ONCE],
-    left: [f32; AT_ONCE],
+    dimmed: [f32; CHUNK],
+    left: [f32; CHUNK],
 }
 
 impl Passage {
     pub(crate) const EMPTY: Self = {
-        let none = [0.0; AT_ONCE];
-        Self { media: [Vec4::ZERO; AT_ONCE], depth: none, dimmed: none, left: none }
+        let none = [0.0; CHUNK];
+        Self { media: [Vec4::ZERO; CHUNK], depth: none, dimmed: none, left: none }
     };
 
-    /// Passes light through as many media as there is room for. Returns premultiplied colour and the light that is left, and says with
+    /// Passes light through the media of a chunk or of a part of one. Returns premultiplied colour and the light that is left, and says with
     /// how much light each was entered.
     #[inline(always)]
     pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, entered: &mut [f32]) -> Vec4 {
@@ -181,13 +178,13 @@ impl Passage {
             *depth = media.w;
         }
         // Four by four, so that none need wait for those before it; nothing is behind the last one.
-        let count = mixed.len().min(AT_ONCE);
+        let count = mixed.len().min(CHUNK);
         let full = count.next_multiple_of(4);
         self.media[count..full].fill(Vec4::ZERO);
         self.depth[count..full].fill(0.0);
         passages(&self.depth[..full], &mut self.dimmed[..full], &mut self.left[..full]);
         let (media, _) = self.media[..full].as_chunks::<4>();
-        let (dimmed, _) = self.dimmed[..full].as_chunks_mut::<4>();
+        let (dimmed, _) = self.dimmed[..full].as_chunks::<4>();
         let (left, _) = self.left[..full].as_chunks_mut::<4>();
         let mut seen = [light, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO];
         for ((media, dimmed), left) in media.iter().zip(dimmed).zip(&mut *left) {

@@ -20,8 +20,6 @@ use glam::Vec4;
 pub(crate) struct Chunk {
     /// Packets in use.
     pub(crate) packets: usize,
-    /// Whether one of them is the ray's first or last and not a whole step.
-    pub(crate) is_cut: bool,
     /// Samples, where all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
     /// That zone.
@@ -49,7 +47,6 @@ pub(crate) struct Chunk {
 impl Chunk {
     pub(crate) const EMPTY: Self = Self {
         packets: 0,
-        is_cut: false,
         whole_steps: 0,
         zone: 0,
         along: [[0.0; LANES]; PACKETS],
@@ -172,7 +169,7 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// That of bricks with so many voxels along their edges.
+    /// The grid of bricks with so many voxels along their edges.
     #[inline(always)]
     pub(crate) fn new(padded: u32) -> Self {
         assert!(padded >= 2, "not a padded brick");

@@ -175,8 +175,7 @@ impl Stretch {
         }
         let cut_first = self.start == ray.first && done == 0;
         let cut_last = self.end == ray.end && to == self.count && left <= CHUNK as i32;
-        chunk.is_cut = cut_first | cut_last;
-        let all_whole = !INVALID && !chunk.is_cut;
+        let all_whole = !INVALID && !cut_first && !cut_last;
         chunk.whole_steps = if all_whole { left.min(CHUNK as i32) as usize } else { 0 };
         chunk.zone = self.zone;
         for (is_cut, lane) in [(cut_first, 0), (cut_last, left - 1)] {

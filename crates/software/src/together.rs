@@ -31,7 +31,7 @@ pub(crate) struct Together<'a> {
     combination: Option<&'a Combination>,
     /// The cells of all layers, front to back, where they are of one cut.
     cells: Option<Vec<Shared>>,
-    /// What is done with such layers where they are plain fog.
+    /// How layers that share a cut are drawn if all of them are plain fog.
     channels: Option<Channels>,
 }
 
@@ -244,7 +244,7 @@ impl Work {
             }
         }
         for entry in entries {
-            if entry.cell(frames).pixels.is_some_and(|pixels| !pixels.hold(x, y)) {
+            if !entry.cell(frames).draws(x, y) {
                 continue;
             }
             self.ways[entry.layer as usize].runs = self.runs.len()..self.runs.len() + 1;
@@ -275,9 +275,9 @@ impl Work {
                     break;
                 }
                 let cell = &frame.cells[index as usize];
-                let (rect, pixels) = (&cell.rect, &cell.pixels);
+                let rect = &cell.rect;
                 let is_over = rect.x0 <= x && x < rect.x1 && rect.y0 <= y && y < rect.y1;
-                if !is_over || pixels.is_some_and(|pixels| !pixels.hold(x, y)) || is_done(frame, cell, 1.0) {
+                if !is_over || !cell.draws(x, y) || is_done(frame, cell, 1.0) {
                     continue;
                 }
                 if let Some((first, end)) = way.ray.run(&frame.ticks, cell, Reach::Middles) {
