@@ -58,8 +58,8 @@ impl<'a> Stage<'a> {
 
     /// A renderer with all bricks.
     fn open(&self, way: Way, needs: &Needs) -> Option<Box<dyn Renderer>> {
-        // An atlas of just so many slots may have no shape: a tenth more, as sessions have.
-        let room = |bricks: u32| self.volumes.len() as u32 * (bricks + bricks / 8 + 2);
+        // All volumes' bricks may lie in one pool.
+        let room = |own: u32| self.volumes.len() as u32 * own;
         let ample = |needs: VolumeNeeds| VolumeNeeds { most_slots: room(needs.most_slots), ..needs };
         let all: Vec<VolumeNeeds> = self.volumes.iter().map(|volume| ample(volume.needs(needs))).collect();
         let mut renderer = open(way, &all)?;

@@ -47,13 +47,15 @@ impl Volume {
 
     /// What a renderer has to know of it, where bricks have what these pictures need.
     pub(crate) fn needs(&self, bricks: &Needs) -> VolumeNeeds {
+        // An atlas of just so many slots may have no shape: a tenth more, as sessions have.
+        let slots = self.pyramid.brick_count() as u32;
         VolumeNeeds {
             encoding: self.encoding,
             edge: self.pyramid.edge(),
             levels: self.pyramid.levels().len() as u32,
             bricks: *bricks,
             least_slots: 1,
-            most_slots: self.pyramid.brick_count() as u32,
+            most_slots: slots + slots / 8 + 2,
         }
     }
 

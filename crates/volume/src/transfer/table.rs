@@ -20,6 +20,7 @@ pub struct TransferTable {
     pub grid: Option<Arc<TransferGrid>>,
     /// Made when they are first asked for.
     integrals: OnceLock<Integrals>,
+    adaptive_step: OnceLock<f64>,
 }
 
 impl PartialEq for TransferTable {
@@ -43,13 +44,12 @@ impl TransferTable {
         if let Some(grid) = &grid {
             entries.iter_mut().zip(grid.most(max + 1)).for_each(|(entry, most)| entry[3] = most);
         }
-        let grid = grid.map(Arc::new);
-        Self { entries, unit_distance: transfer.unit_distance as f32, grid, integrals: OnceLock::new() }
+        Self { grid: grid.map(Arc::new), ..Self::from_entries(entries, transfer.unit_distance as f32) }
     }
 
     /// One with these entries, of a function of the value alone.
     pub fn from_entries(entries: Vec<[f32; 4]>, unit_distance: f32) -> Self {
-        Self { entries, unit_distance, grid: None, integrals: OnceLock::new() }
+        Self { entries, unit_distance, grid: None, integrals: OnceLock::new(), adaptive_step: OnceLock::new() }
     }
 
     /// The function's running integrals: of a table of 65,536 entries they take 2 ms, once.
@@ -65,13 +65,15 @@ impl TransferTable {
     /// By how much of the codes' range the ends of a part of [`Method::Asm`](crate::Method::Asm) may differ: [`ADAPTIVE_SHARE`] of
     /// the codes from the first to the last at which what is seen changes.
     pub fn adaptive_step(&self) -> f64 {
-        // What colour is clear does not matter.
-        let same = |[a, b]: [&[f32; 4]; 2]| a[3] == b[3] && (a[3] == 0.0 || a == b);
-        let pairs = || self.entries.windows(2).map(|pair| same([&pair[0], &pair[1]]));
-        let (before, behind) =
-            (pairs().take_while(|&same| same).count(), pairs().rev().take_while(|&same| same).count());
-        let codes = self.entries.len() - 1;
-        ADAPTIVE_SHARE * codes.saturating_sub(before + behind).max(1) as f64 / codes as f64
+        *self.adaptive_step.get_or_init(|| {
+            // What colour is clear does not matter.
+            let same = |[a, b]: [&[f32; 4]; 2]| a[3] == b[3] && (a[3] == 0.0 || a == b);
+            let pairs = || self.entries.windows(2).map(|pair| same([&pair[0], &pair[1]]));
+            let (before, behind) =
+                (pairs().take_while(|&same| same).count(), pairs().rev().take_while(|&same| same).count());
+            let codes = self.entries.len() - 1;
+            ADAPTIVE_SHARE * codes.saturating_sub(before + behind).max(1) as f64 / codes as f64
+        })
     }
 
     /// The entry at a normalised code, interpolated.
