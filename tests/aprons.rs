@@ -89,7 +89,7 @@ fn pictures_are_the_same_and_no_brick_is_decoded_for_a_neighbour() {
     let picture = |aprons| {
         let test = store_with(aprons, |c, v| value(c, v) as u8);
         let way = (BackendChoice::Cpu, CompositorChoice::Raycast);
-        let mut session = session(&test.store, way, size).expect("the CPU is there");
+        let mut session = session(&test.store, way).expect("the CPU is there");
         let levels = test.store.pyramid().levels();
         (settled(&mut session, &scene(), size), levels[1..].iter().map(|level| level.bricks.volume()).sum::<u64>())
     };
@@ -115,13 +115,13 @@ fn a_damaged_apron_is_reported_and_drawn_around() {
     let path = test.path().join("0/.brickyard/aprons/c/0/0/0/0/0");
     damage(&path, 20);
     let way = (BackendChoice::Cpu, CompositorChoice::Raycast);
-    let mut damaged = session(&test.store, way, size).expect("the CPU is there");
+    let mut damaged = session(&test.store, way).expect("the CPU is there");
     let (picture, stats) = settled(&mut damaged, &scene(), size);
     // The brick itself is sound, so nothing that is wanted is missing, and its neighbours' voxels are the apron's.
     let bricks = stats.bricks;
     assert_eq!((stats.completeness, bricks.failed, bricks.unreadable), (1.0, 0, 1), "{stats:?}");
     let sound = store_with(1, |c, v| value(c, v) as u8);
-    let (expected, stats) = settled(&mut session(&sound.store, way, size).expect("the CPU is there"), &scene(), size);
+    let (expected, stats) = settled(&mut session(&sound.store, way).expect("the CPU is there"), &scene(), size);
     assert!(picture == expected && stats.bricks.unreadable == 0);
     let sandbox = Sandbox::default();
     let store = test.path().display().to_string();

@@ -8,7 +8,7 @@ use brickyard::volume::{
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, oracle, read_png, session,
-    session_for, settled,
+    settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -62,7 +62,7 @@ fn check(store: &Arc<Store>, scenes: &[(String, Scene)]) {
     let mode = scenes[0].1.mode;
     let expected: Vec<Picture> = scenes.iter().map(|(_, scene)| oracle(store, scene, SIZE)).collect();
     for way in WAYS {
-        let Some(mut session) = session_for(store, mode, way, SIZE) else { continue };
+        let Some(mut session) = session(store, way) else { continue };
         for ((name, scene), expected) in scenes.iter().zip(&expected) {
             let (picture, _) = settled(&mut session, scene, SIZE);
             let same = if mode == Mode::Isosurface { assert_same_surface } else { assert_same };
@@ -126,7 +126,7 @@ fn what_planes_leave_nothing_of_is_the_background() {
     ];
     for mode in Mode::ALL {
         for way in WAYS {
-            let Some(mut session) = session_for(&test.store, mode, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             for clip_planes in planes.clone() {
                 let scene = in_mode(Scene { clip_planes, ..scene.clone() }, mode, 110.0);
                 let (picture, stats) = settled(&mut session, &scene, SIZE);
@@ -174,7 +174,7 @@ fn a_constant_medium_cut_obliquely_is_beer_lambert() {
         let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
         let scene = Scene { camera: Some(camera), step, clip_planes: planes.clone(), ..Scene::of(transfer.clone()) };
         for way in WAYS {
-            let Some(mut session) = session(&test.store, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (picture, _) = settled(&mut session, &scene, SIZE);
             let mut cut = 0;
             for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
@@ -267,7 +267,7 @@ fn thin_slices_are_the_values_on_the_plane() {
     }
     let outside = [-0.6, 8191.6, 1e5].map(|x| scene(Slice::across(0, x), None));
     for way in WAYS {
-        let Some(mut session) = session_for(&test.store, Mode::Average, way, SIZE) else { continue };
+        let Some(mut session) = session(&test.store, way) else { continue };
         for scene in &scenes {
             let slice = scene.slice.expect("a slice");
             let camera = scene.camera_for(world, SIZE);
@@ -351,7 +351,7 @@ fn bricks_out_of_sight_are_not_uploaded() {
     ];
     for way in WAYS {
         for (name, scene, least, most) in &cases {
-            let Some(mut session) = session_for(&test.store, scene.mode, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (_, stats) = settled(&mut session, scene, SIZE);
             let uploaded = stats.bricks.uploaded;
             assert!((*least..=*most).contains(&uploaded), "{way:?} {name}: {uploaded} of {least} to {most}");

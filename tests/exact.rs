@@ -43,24 +43,22 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
     in_mode(scene, mode, 140.0)
 }
 
+/// Of all modes, surfaces ask most of bricks.
+fn surfaces() -> Scene {
+    scene(Mode::Isosurface, LevelPolicy::Locked(0))
+}
+
 fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     let (backend, compositor) = (BackendChoice::Auto, CompositorChoice::Auto);
-    SessionOptions {
-        backend,
-        compositor,
-        gpu_memory_bytes,
-        host_memory_bytes,
-        threads: 2,
-        bricks: Scene { mode: Mode::Isosurface, ..Scene::default() }.needs(),
-        max_size_px: SIZE,
-        leaps: true,
-        live: false,
-    }
+    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, leaps: true, live: false }
 }
 
 /// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.
 fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
-    match ExactRenderer::new(store.clone(), &options(1000, 1 << 20)).err().expect("1000 bytes hold nothing") {
+    match ExactRenderer::new(store.clone(), surfaces().needs(), SIZE, &options(1000, 1 << 20))
+        .err()
+        .expect("1000 bytes hold nothing")
+    {
         ExactPictureError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. })) => Some(least_bytes),
         ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. })) => {
             leave_out("gpu", error);
@@ -83,7 +81,9 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
     let Some(least) = least_gpu_bytes(&test.store) else { return };
     const HOST_BYTES: u64 = 2 << 20;
     for (gpu_bytes, passes) in [(least, 108..=108), (2 * least, 4..=50)] {
-        let mut exact = ExactRenderer::new(test.store.clone(), &options(gpu_bytes, HOST_BYTES)).expect("it fits");
+        let mut exact =
+            ExactRenderer::new(test.store.clone(), surfaces().needs(), SIZE, &options(gpu_bytes, HOST_BYTES))
+                .expect("it fits");
         for mode in [Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average] {
             let scene = scene(mode, LevelPolicy::Locked(0));
             let (picture, stats) = draw(&mut exact, &test.store, &scene);
@@ -125,7 +125,8 @@ fn tiles_are_exact_however_the_picture_is_drawn() {
         let open = |bytes: u64| {
             let (backend, compositor) = way;
             let options = SessionOptions { backend, compositor, ..options(bytes, HOST_BYTES) };
-            Session::new(VolumeSource::of_store(&test.store), &options)
+            let mut session = Session::new(vec![VolumeSource::of_store(&test.store)], options);
+            session.resolve(&surfaces(), SIZE).and_then(|scene| session.fit(&scene)).map(|()| session)
         };
         let least = match open(1000).err() {
             Some(SessionError::Backend(BackendError::Gpu(GpuError::Budget { least_bytes, .. }))) => least_bytes,

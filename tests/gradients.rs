@@ -1,14 +1,11 @@
 //! Transfer functions of value and gradient, end to end: what they show is what formulas say, by every method, step, spacing and
 //! level, and no less for what is leapt over.
 
-use brickyard::session::SessionOptions;
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Method, Picture, Projection,
     Region, Sampling, Scene, Shape, TransferFunction, Voxel,
 };
-use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, assert_same, open_session, options, oracle, session_for_scene, settled,
-};
+use brickyard_tests::{FunctionSource, TestStore, WAYS, assert_same, oracle, session, session_without_leaps, settled};
 use glam::DVec3;
 
 const SIZE: (u32, u32) = (33, 25);
@@ -81,7 +78,7 @@ fn an_even_slope_is_beer_lambert_by_its_gradient() {
                 ..Scene::of(transfer.clone())
             };
             for way in WAYS {
-                let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+                let Some(mut session) = session(&test.store, way) else { continue };
                 let (picture, _) = settled(&mut session, &scene, SIZE);
                 for pixel in &picture.rgb {
                     let off = (0..3).map(|k| pixel[k].abs_diff(expected[k])).max();
@@ -137,7 +134,7 @@ fn a_rim_is_shown_and_what_is_flat_is_leapt_over_or_not_alike() {
             let scene = Scene { lighting, ..scene_of(transfer.clone()) };
             let expected = oracle(&test.store, &scene, SIZE);
             for way in WAYS {
-                let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+                let Some(mut session) = session(&test.store, way) else { continue };
                 let (picture, _) = settled(&mut session, &scene, SIZE);
                 let what = format!("function {i} {way:?}");
                 let difference = picture.difference(&expected);
@@ -146,9 +143,7 @@ fn a_rim_is_shown_and_what_is_flat_is_leapt_over_or_not_alike() {
                 } else {
                     assert!(difference.psnr_db > 40.0, "{what}: {difference:?}");
                 }
-                let everything =
-                    SessionOptions { bricks: scene.needs(), leaps: false, ..options(way, SIZE, 256 << 20, 256 << 20) };
-                let Some(mut session) = open_session(&test.store, everything) else { continue };
+                let Some(mut session) = session_without_leaps(&test.store, way) else { continue };
                 let (found, _) = settled(&mut session, &scene, SIZE);
                 assert!(found.difference(&picture).max <= 1, "{what}: leaps show");
                 // The corner looks past the ball, through flat voxels with colours of their own.
@@ -169,7 +164,7 @@ fn other_modes_take_the_colours_alone() {
     for mode in [Mode::Mip, Mode::Average] {
         let [steep, plain] = [by_gradient.clone(), by_value.clone()].map(|t| Scene { mode, ..scene_of(t) });
         for way in WAYS {
-            let Some(mut session) = session_for_scene(&test.store, &scene_of(by_gradient.clone()), way, SIZE) else {
+            let Some(mut session) = session(&test.store, way) else {
                 continue;
             };
             let [found, expected] = [&steep, &plain].map(|scene| settled(&mut session, scene, SIZE).0);

@@ -2,10 +2,9 @@
 //! gradients and layouts are complete by construction (`every!` of the volume crate), so a new one that a backend, or the oracle,
 //! takes for another fails here until all know it.
 
-use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::oracle::render_reference;
-use brickyard::render::GpuError;
-use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource, resolve};
+use brickyard::session::{SessionError, VolumeSource, resolve};
 use brickyard::store::Store;
 use brickyard::volume::{
     Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel,
@@ -13,8 +12,8 @@ use brickyard::volume::{
     TransferChoice, TransferFunction,
 };
 use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, in_mode, leave_out, options, oracle,
-    session_for_scene, settled,
+    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, in_mode, open_session_of, options, oracle,
+    session, settled,
 };
 use glam::DVec3;
 
@@ -122,7 +121,7 @@ fn every_way_to_look_is_the_oracle_s_by_every_way_to_draw() {
         }
         for way in WAYS {
             for (i, (scene, expected)) in scenes.iter().zip(&expected).enumerate() {
-                let Some(mut session) = session_for_scene(&test.store, scene, way, SIZE) else { continue };
+                let Some(mut session) = session(&test.store, way) else { continue };
                 let (picture, _) = settled(&mut session, scene, SIZE);
                 let same = if has_surfaces(scene) { assert_same_surface } else { assert_same };
                 same(&picture, expected, &format!("{name}, the {i}th, {way:?}"));
@@ -209,20 +208,14 @@ fn layers_are_the_oracle_s_by_every_way_to_draw() {
                 let resolved = resolve(&volumes, &scene, size).unwrap_or_else(|error| panic!("{name} {i}: {error}"));
                 let mut expected = None;
                 for way in WAYS.into_iter().filter(|way| is_tried(count, *way, group, i)) {
-                    let options = SessionOptions { bricks: scene.needs(), ..options(way, size, 256 << 20, 256 << 20) };
-                    let mut session = match Session::of_scene(volumes.clone(), &resolved, &options) {
-                        Ok(session) => session,
-                        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-                            leave_out("gpu", error);
-                            continue;
-                        }
-                        Err(error) => {
-                            let takes_order = way.1 == CompositorChoice::Sorted && !scene.mode.is_projection();
-                            let has_no_order = takes_order && count.1 == Grids::Unlike;
-                            assert!(has_no_order && matches!(error, SessionError::NoOrder), "{}: {error}", what(way));
-                            continue;
-                        }
-                    };
+                    let options = options(way, 256 << 20, 256 << 20);
+                    let Some(mut session) = open_session_of(volumes.clone(), options) else { continue };
+                    if let Err(error) = session.resolve(&scene, size) {
+                        let takes_order = way.1 == CompositorChoice::Sorted && !scene.mode.is_projection();
+                        let has_no_order = takes_order && count.1 == Grids::Unlike;
+                        assert!(has_no_order && matches!(error, SessionError::NoOrder), "{}: {error}", what(way));
+                        continue;
+                    }
                     let (picture, _) = settled(&mut session, &scene, size);
                     let expected = expected
                         .get_or_insert_with(|| render_reference(&shown, &resolved, 1 << 30).expect("the levels"));

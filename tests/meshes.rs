@@ -7,7 +7,7 @@
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::render::GpuError;
-use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::session::SessionError;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
@@ -15,8 +15,7 @@ use brickyard::volume::{
     Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
 };
 use brickyard_tests::{
-    FunctionSource, TestStore, WAYS, in_mode, leave_out, options, oracle, resolved, session_for_scene, session_within,
-    settled,
+    FunctionSource, TestStore, WAYS, in_mode, leave_out, open_session, options, oracle, resolved, session, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -165,14 +164,10 @@ fn assert_alike(found: &Picture, expected: &Picture, frame: &FrameSettings, what
 fn check(store: &Arc<Store>, scenes: &[(String, Scene)], size_px: (u32, u32)) {
     let expected: Vec<Picture> = scenes.iter().map(|(_, scene)| oracle(store, scene, size_px)).collect();
     for way in WAYS {
-        let mut session: Option<Session> = None;
+        let Some(mut session) = session(store, way) else { continue };
         for ((name, scene), expected) in scenes.iter().zip(&expected) {
             let frame = frame_of(store, scene, size_px);
-            if session.as_ref().is_none_or(|session| session.resolve(scene, size_px).is_err()) {
-                session = session_for_scene(store, scene, way, size_px);
-            }
-            let Some(session) = &mut session else { break };
-            let (picture, _) = settled(session, scene, size_px);
+            let (picture, _) = settled(&mut session, scene, size_px);
             assert_alike(&picture, expected, &frame, &format!("{:?}, {name}, {way:?}", scene.mode));
         }
     }
@@ -233,7 +228,7 @@ fn both_eyes_see_meshes_where_they_are() {
         let [left, right] = &resolved.layers[0].frames[..] else { panic!("two eyes") };
         let expected = oracle(&test.store, &both, SIZE);
         for way in WAYS {
-            let Some(mut session) = session_for_scene(&test.store, &both, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (picture, _) = settled(&mut session, &both, SIZE);
             for (frame, first) in [(&left.settings, 0), (&right.settings, SIZE.0 / 2)] {
                 let half = |picture: &Picture| Picture {
@@ -312,7 +307,7 @@ fn layers_in_fog_are_as_deep_as_they_should_be() {
             Picture::quantise(through(0.0, far, color).as_vec3().to_array())
         };
         for way in WAYS {
-            let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (picture, _) = settled(&mut session, &scene, SIZE);
             for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
                 let (found, expected) = (picture.pixel(x, y), expected(x, y));
@@ -328,14 +323,14 @@ fn a_lost_device_gets_its_meshes_back() {
     let (test, world, scene) = volume(16);
     let scene = Scene { camera: Some(views(world)[0].1), meshes: crowd(world, [0.4, 1.0, 0.25]), ..scene };
     for way in WAYS {
-        let Some(mut session) = session_for_scene(&test.store, &scene, way, SIZE) else { continue };
+        let Some(mut session) = session(&test.store, way) else { continue };
         let (before, _) = settled(&mut session, &scene, SIZE);
-        if session.backend().name() == "cpu" {
+        if way.0 == BackendChoice::Cpu {
             continue;
         }
-        session.backend().destroy_device();
-        let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");
-        let anew = session.draw(&resolved).expect("drawn anew");
+        let frame = session.step(&scene, SIZE).expect("the scene is possible");
+        session.backend().expect("it has drawn").destroy_device();
+        let anew = session.draw(&frame).expect("drawn anew");
         // Bricks may be in other slots, where coordinates are rounded otherwise.
         assert!(anew.difference(&before).max <= 1, "{way:?}");
         // Other meshes, none, and the first again.
@@ -358,8 +353,8 @@ fn exact_pictures_have_meshes_too() {
     let meshes = crowd(world, [0.4, 1.0, 0.25]);
     let scene = Scene { camera: Some(views(world)[0].1), meshes, level: LevelPolicy::Locked(0), ..scene };
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
-    let options = SessionOptions { bricks: scene.needs(), ..options(way, SIZE, BYTES, 4 << 20) };
-    let mut exact = match ExactRenderer::new(test.store.clone(), &options) {
+    let options = options(way, BYTES, 4 << 20);
+    let mut exact = match ExactRenderer::new(test.store.clone(), scene.needs(), SIZE, &options) {
         Ok(exact) => exact,
         Err(ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
             return leave_out("gpu", error);
@@ -379,22 +374,27 @@ fn exact_pictures_have_meshes_too() {
 }
 
 #[test]
-fn budgets_pay_for_meshes_and_sessions_are_made_for_them() {
+fn budgets_pay_for_meshes_that_come_and_go() {
     let (test, world, scene) = volume(16);
     let scene = Scene { camera: Some(views(world)[0].1), meshes: crowd(world, [1.0; 3]), ..scene };
+    let bare = Scene { meshes: vec![], ..scene.clone() };
     for way in WAYS {
-        let Some(session) = session_within(&test.store, way, SIZE, 64 << 20, 64 << 20) else { continue };
-        let error = session.resolve(&scene, SIZE).expect_err("no room was made");
-        assert!(matches!(error, SessionError::Needs { .. }), "{error}");
+        let Some(mut session) = session(&test.store, way) else { continue };
+        let mut drawn = |scene: &Scene| {
+            let (picture, _) = settled(&mut session, scene, SIZE);
+            let frame = frame_of(&test.store, scene, SIZE);
+            assert_alike(&picture, &oracle(&test.store, scene, SIZE), &frame, &format!("{way:?}"));
+            let backend = session.backend().expect("it has drawn");
+            (backend.bytes(), backend.slots(0))
+        };
+        let [without, with, again] = [&bare, &scene, &bare].map(&mut drawn);
         // On a GPU there are slots for all bricks, and what meshes take comes on top; the CPU has fewer slots for it.
-        let with = session_for_scene(&test.store, &scene, way, SIZE).expect("made before");
-        let without = session_for_scene(&test.store, &Scene { meshes: vec![], ..scene.clone() }, way, SIZE);
-        let (with, without) = (with.backend(), without.as_ref().expect("made before").backend());
-        let is_paid = with.bytes() > without.bytes() + 20_000 || with.slots(0) < without.slots(0);
-        assert!(is_paid && with.bytes() <= 256 << 20, "{way:?}: {} and {}", with.bytes(), without.bytes());
+        let is_paid = with.0 > without.0 + 20_000 || with.1 < without.1;
+        assert!(is_paid && with.0 <= 256 << 20, "{way:?}: {with:?} and {without:?}");
+        assert_eq!(with, again, "the room stays");
     }
-    let room = scene.needs();
-    let small = SessionOptions { bricks: room, ..options(WAYS[2], SIZE, 1 << 30, room.meshes.bytes()) };
-    let refused = Session::new(VolumeSource::of_store(&test.store), &small).err();
+    let small = options(WAYS[3], 1 << 30, scene.needs().meshes.bytes());
+    let mut session = open_session(&test.store, small).expect("the CPU is there");
+    let refused = session.step(&scene, SIZE).err();
     assert!(matches!(refused, Some(SessionError::Pager(_))), "{refused:?}");
 }

@@ -8,7 +8,7 @@ use brickyard::volume::{
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, in_mode, oracle, read_png,
-    session, session_for, session_for_scene, session_within, session_without_leaps, settled,
+    session, session_within, session_without_leaps, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -75,7 +75,7 @@ fn of_mode(mode: Mode, scene: Scene) -> Scene {
 fn check(store: &Arc<Store>, scene: &Scene, what: &str) {
     let expected = oracle(store, scene, SIZE);
     for backend in WAYS {
-        let Some(mut session) = session_for_scene(store, scene, backend, SIZE) else { continue };
+        let Some(mut session) = session(store, backend) else { continue };
         let (picture, stats) = settled(&mut session, scene, SIZE);
         assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
         let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
@@ -183,7 +183,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             ..Scene::of(transfer(0.0, 255.0, 20.0))
         };
         for backend in WAYS {
-            let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, backend) else { continue };
             settled(&mut session, &scene, SIZE);
             let mut levels: Vec<u8> =
                 session.draw_lists().flat_map(|list| &list.cells).map(|c| c.brick.level.0).collect();
@@ -216,9 +216,9 @@ fn leaps_change_no_picture() {
         let scene = of_mode(mode, Scene { camera: Some(camera), ..Scene::of(transfer) });
         let expected = oracle(&test.store, &scene, SIZE);
         for way in WAYS {
-            let Some(mut with) = session_for(&test.store, mode, way, SIZE) else { continue };
+            let Some(mut with) = session(&test.store, way) else { continue };
             let (_, with) = settled(&mut with, &scene, SIZE);
-            let mut without = session_without_leaps(&test.store, mode, way, SIZE).expect("the same backend");
+            let mut without = session_without_leaps(&test.store, way).expect("the same backend");
             let (picture, without) = settled(&mut without, &scene, SIZE);
             assert_same(&picture, &expected, &format!("{mode:?} {way:?}"));
             // Bricks that show nothing are wanted only where nothing is leapt over. (How many are uploaded besides, to stand in for
@@ -262,7 +262,7 @@ fn a_clip_box_equals_the_oracle() {
     let scene = |clip| Scene { clip, level: LevelPolicy::Locked(0), ..Scene::default() };
     for backend in WAYS {
         let wanted = |clip| {
-            let mut session = session(&test.store, backend, SIZE)?;
+            let mut session = session(&test.store, backend)?;
             Some(settled(&mut session, &scene(clip), SIZE).1.bricks.uploaded)
         };
         let Some(whole) = wanted(None) else { continue };
@@ -323,7 +323,7 @@ fn a_constant_medium_is_beer_lambert() {
         ] {
             let scene = Scene { camera: Some(camera), step, level, ..Scene::of(transfer.clone()) };
             for backend in WAYS {
-                let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
+                let Some(mut session) = session(&test.store, backend) else { continue };
                 let (picture, _) = settled(&mut session, &scene, SIZE);
                 for pixel in &picture.rgb {
                     for k in 0..3 {
@@ -355,7 +355,7 @@ fn the_brick_size_does_not_show() {
         for backend in WAYS {
             for scene in [&scene, &surface] {
                 let picture = |test: &TestStore| {
-                    let mut session = session_for(&test.store, scene.mode, backend, SIZE)?;
+                    let mut session = session(&test.store, backend)?;
                     Some(settled(&mut session, scene, SIZE).0)
                 };
                 let Some(whole) = picture(&stores[2]) else { continue };
@@ -384,7 +384,7 @@ fn a_right_angle_turns_the_picture() {
     let centre = DVec3::new(31.5, 31.5, 23.5);
     let start = Camera { up: DVec3::Z, ..perspective(centre + DVec3::new(70.0, 33.0, 40.0), centre) };
     for backend in WAYS {
-        let Some(mut session) = session(&test.store, backend, SIZE) else { continue };
+        let Some(mut session) = session(&test.store, backend) else { continue };
         let mut picture = |angle: f64| {
             let scene = Scene { camera: Some(start.orbited(angle)), ..Scene::of(transfer(0.0, 255.0, 3.0)) };
             settled(&mut session, &scene, SIZE).0
@@ -414,7 +414,7 @@ fn a_tiny_budget_gives_a_complete_coarser_picture() {
     let expected = oracle(&test.store, &scene, SIZE);
     for backend in WAYS {
         // A slot is 18^3 codes; 3 MiB leave room for a hundred or two of the thousand bricks.
-        let Some(mut session) = session_within(&test.store, backend, SIZE, 3 << 20, 64 << 20) else { continue };
+        let Some(mut session) = session_within(&test.store, backend, 3 << 20, 64 << 20) else { continue };
         let (picture, stats) = settled(&mut session, &scene, SIZE);
         assert!(stats.memory_bound && stats.effective_pixel_error > Some(0.0), "{stats:?}");
         assert!(stats.gpu_bytes_peak <= 3 << 20 && stats.host_bytes_peak <= 64 << 20, "{stats:?}");

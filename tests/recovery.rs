@@ -30,7 +30,7 @@ fn waves() -> TestStore {
 }
 
 fn destroy_device(session: &Session) {
-    session.backend().destroy_device();
+    session.backend().expect("it has drawn").destroy_device();
 }
 
 #[test]
@@ -40,15 +40,15 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
     for compositor in COMPOSITORS {
         for mebibytes in [3, 64] {
             let way = (BackendChoice::Gpu, compositor);
-            let Some(mut session) = session_within(&store.store, way, SIZE, mebibytes << 20, 16 << 20) else { return };
+            let Some(mut session) = session_within(&store.store, way, mebibytes << 20, 16 << 20) else { return };
             let scene = Scene::default();
             let (before, _) = settled(&mut session, &scene, SIZE);
             assert!(before.rgb.iter().any(|p| *p != before.rgb[0]), "a flat picture proves nothing");
-            let resolved = session.resolve(&scene, SIZE).expect("it was resolved before");
+            let frame = session.step(&scene, SIZE).expect("it was drawn before");
 
             // Found out by drawing, by uploading what a new view wants, and by drawing in a new size.
             destroy_device(&session);
-            let anew = session.draw(&resolved).expect("drawn anew");
+            let anew = session.draw(&frame).expect("drawn anew");
             // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded otherwise.
             assert_same(&anew, &before, &format!("{way:?} within {mebibytes} MiB"));
             destroy_device(&session);
@@ -71,17 +71,17 @@ fn a_device_that_is_always_lost_is_an_error() {
     let _turn = turn();
     let store = waves();
     for compositor in COMPOSITORS {
-        let Some(mut session) =
-            session_within(&store.store, (BackendChoice::Gpu, compositor), SIZE, 64 << 20, 16 << 20)
+        let Some(mut session) = session_within(&store.store, (BackendChoice::Gpu, compositor), 64 << 20, 16 << 20)
         else {
             return;
         };
         let scene = session.resolve(&Scene::default(), SIZE).expect("the scene is possible");
         // Uploads go out in batches, so not every step finds the device gone.
+        session.fit(&scene).expect("there is memory");
         let error = (0..1000).find_map(|_| {
             destroy_device(&session);
             session.wait(Duration::from_millis(5));
-            session.step(&scene).err()
+            session.step_resolved(&scene).err()
         });
         let error = error.expect("four losses without a picture");
         assert!(matches!(error, SessionError::LostAgain { times: 4, .. }), "{error}");
@@ -129,7 +129,7 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
         let ways = if what == "halved" { &WAYS[..] } else { &[(BackendChoice::Cpu, CompositorChoice::Raycast)] };
         for &way in ways {
             let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), noise), 8);
-            let Some(mut session) = session(&test.store, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (before, _) = settled(&mut session, &scene(1), SIZE);
             let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(0, 0, 0) };
             if is_open {

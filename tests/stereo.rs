@@ -1,14 +1,14 @@
 //! Stereo pictures end to end: both eyes equal the oracle in every layout and way to draw, and share what is resident.
 
 use brickyard::offline::render_settled;
-use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource};
+use brickyard::session::{ResolvedScene, Session, SessionOptions};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{
     Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, Stereo, StereoLayout, TransferFunction,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, leave_out, options, oracle,
-    read_png, session, session_for, settled,
+    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, leave_out, open_session,
+    options, oracle, read_png, session, settled,
 };
 use glam::DVec3;
 use std::collections::HashSet;
@@ -76,7 +76,7 @@ fn both_eyes_equal_the_oracle_in_every_way() {
             let differing = eye(0).iter().zip(eye(1)).filter(|(a, b)| **a != *b).count();
             assert!(differing > 400, "{name}, {mode:?}: the eyes see the same");
             for way in WAYS {
-                let Some(mut session) = session_for(&test.store, mode, way, SIZE) else { continue };
+                let Some(mut session) = session(&test.store, way) else { continue };
                 let (picture, stats) = settled(&mut session, &scene, SIZE);
                 assert!(!stats.memory_bound && stats.bricks.failed == 0, "{stats:?}");
                 let same = if mode == Mode::Isosurface { assert_same_surface } else { assert_same };
@@ -91,7 +91,7 @@ fn eyes_in_one_place_see_what_one_eye_sees() {
     let test = store(16);
     for (name, camera, _) in cameras() {
         for way in WAYS {
-            let Some(mut session) = session(&test.store, way, SIZE) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let mono = session.resolve(&scene(camera, None), SIZE).expect("the scene is possible");
             let mut pair = ResolvedScene { stereo: Some(StereoLayout::TopBottom), ..mono.clone() };
             let layer = &mut pair.layers[0];
@@ -124,7 +124,7 @@ fn one_residency_set_serves_both_eyes() {
     let stereo = stereo(&near, StereoLayout::Anaglyph, 0.1);
     let pair = Scene { level: LevelPolicy::Locked(0), ..scene(near, Some(stereo)) };
     for way in WAYS {
-        let Some(both) = session(&test.store, way, SIZE) else { continue };
+        let Some(both) = session(&test.store, way) else { continue };
         let uploads = |mut session: Session, resolved: &ResolvedScene| {
             let stats = picture(&mut session, resolved).1;
             let own: HashSet<_> = session.draw_lists().flat_map(|list| &list.cells).map(|cell| cell.brick).collect();
@@ -139,7 +139,7 @@ fn one_residency_set_serves_both_eyes() {
             layer.frames.truncate(1);
             layer.frames[0].settings.rays = view.rays;
             layer.view = brickyard::pager::View { other_eye: None, ..view };
-            uploads(session(&test.store, way, SIZE).expect("the same backend"), &alone)
+            uploads(session(&test.store, way).expect("the same backend"), &alone)
         });
         assert_eq!(drawn, left.1.union(&right.1).copied().collect(), "{way:?}");
         assert!(left.1 != right.1, "{way:?}: each eye sees bricks that the other does not, at the picture's sides");
@@ -183,11 +183,8 @@ fn the_command_makes_every_layout() {
 fn live_pairs_settle() {
     let test = store(16);
     for way in WAYS {
-        if session(&test.store, way, SIZE).is_none() {
-            continue;
-        }
-        let options = SessionOptions { live: true, ..options(way, SIZE, 256 << 20, 256 << 20) };
-        let mut session = Session::new(VolumeSource::of_store(&test.store), &options).expect("the same backend");
+        let options = SessionOptions { live: true, ..options(way, 256 << 20, 256 << 20) };
+        let Some(mut session) = open_session(&test.store, options) else { continue };
         let (_, camera, separation) = cameras()[0];
         let scene_at = |turn_deg: f64| {
             let camera = camera.orbited(turn_deg);
@@ -196,9 +193,8 @@ fn live_pairs_settle() {
             Scene { level: LevelPolicy::Locked(0), ..scene(camera, stereo) }
         };
         for turn_deg in [0.0, 3.0, 6.0] {
-            let resolved = session.resolve(&scene_at(turn_deg), SIZE).expect("the scene is possible");
-            session.step(&resolved).expect("a step");
-            session.draw(&resolved).expect("a picture");
+            let frame = session.step(&scene_at(turn_deg), SIZE).expect("a step");
+            session.draw(&frame).expect("a picture");
         }
         let (picture, _) = settled(&mut session, &scene_at(9.0), SIZE);
         assert_same(&picture, &oracle(&test.store, &scene_at(9.0), SIZE), &format!("{way:?}"));

@@ -1,10 +1,18 @@
 //! What changes while a session is open: the transfer function, the camera, a brick that cannot be read. Every way to draw
 //! comes to the same picture, and fetches no more than it has to.
 
-use brickyard::store::Store;
-use brickyard::volume::{Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Scene, TransferFunction, Voxel};
+use brickyard::backend::BackendChoice;
+use brickyard::oracle::render_reference;
+use brickyard::pager::{BrickError, BrickSource};
+use brickyard::session::{Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::store::{Downsample, IoMode, PackOptions, Store};
+use brickyard::volume::{
+    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Lighting, LightingModel, Method, Mode, Picture, Pyramid,
+    Sampling, Scene, SceneLayer, TransferFunction, Voxel, VoxelType,
+};
 use brickyard_tests::{
-    FunctionSource, Random, TestStore, WAYS, assert_same, oracle, session, session_for_scene, session_within, settled,
+    FunctionSource, Random, TestStore, WAYS, assert_same, open_session_of, options, oracle, read_png, session,
+    session_within, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -46,7 +54,7 @@ fn scene(transfer: TransferFunction, turn_deg: f64) -> Scene {
 fn an_edit_of_the_transfer_function_uploads_nothing() {
     let test = store();
     for way in WAYS {
-        let Some(mut session) = session(&test.store, way, SIZE) else { continue };
+        let Some(mut session) = session(&test.store, way) else { continue };
         let (_, before) = settled(&mut session, &scene(transfer(0.9, 0.3), 20.0), SIZE);
         for (red, opacity) in [(0.2, 0.02), (0.7, 0.9)] {
             let edited = scene(transfer(red, opacity), 20.0);
@@ -71,7 +79,7 @@ fn an_edit_by_gradient_uploads_nothing() {
         |steepest: f64| TransferFunction { gradient_opacity: vec![[2.0, 0.0], [steepest, 1.0]], ..transfer(0.4, 0.6) };
     let first = scene(by_gradient(8.0), 20.0);
     for way in WAYS {
-        let Some(mut session) = session_for_scene(&test.store, &first, way, SIZE) else { continue };
+        let Some(mut session) = session(&test.store, way) else { continue };
         let (shown, before) = settled(&mut session, &first, SIZE);
         for transfer in [by_gradient(20.0), transfer(0.7, 0.9), by_gradient(12.0)] {
             let edited = scene(transfer, 20.0);
@@ -84,13 +92,128 @@ fn an_edit_by_gradient_uploads_nothing() {
     }
 }
 
+/// Light, splines, pre-integration, surfaces, another size, another mode and another layer: slots and tables are made anew for each, and
+/// what main memory has is not decoded again.
+#[test]
+fn scenes_that_ask_for_more_go_on_with_what_is_decoded() {
+    let test = store();
+    let volumes = || vec![VolumeSource::of_store(&test.store); 2];
+    let plain = scene(transfer(0.9, 0.3), 20.0);
+    let sampled = |method, filter| Scene { sampling: Sampling { method, filter, ..plain.sampling }, ..plain.clone() };
+    let lit = Lighting { model: LightingModel::Phong, ..Lighting::default() };
+    let [first, second] = [0, 0].map(|source| SceneLayer { source: Some(source), ..plain.layers[0].clone() });
+    let scenes = [
+        ("plain", plain.clone(), SIZE),
+        ("larger", plain.clone(), (120, 80)),
+        ("splines", sampled(Method::Udvr, Filter::Tricubic), SIZE),
+        ("lit", Scene { lighting: lit, ..plain.clone() }, SIZE),
+        ("pre-integrated", sampled(Method::Plvs, Filter::Trilinear), SIZE),
+        ("a projection", Scene { mode: Mode::Average, ..plain.clone() }, SIZE),
+        ("two layers", Scene { layers: vec![first, second], ..plain.clone() }, SIZE),
+        ("plain again", plain.clone(), SIZE),
+    ];
+    // The slots of `compute` are those of `raycast`.
+    for (way, live) in [(WAYS[0], false), (WAYS[1], true), (WAYS[3], false), (WAYS[3], true)] {
+        let options = SessionOptions { live, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open_session_of(volumes(), options) else { continue };
+        let (mut decoded, mut uploaded, mut superseded) = (0, 0, None);
+        for (what, scene, size_px) in &scenes {
+            let what = format!("{what}, {way:?}, live: {live}");
+            let (picture, stats) = settled(&mut session, scene, *size_px);
+            let resolved = session.resolve(scene, *size_px).expect("it was drawn");
+            let expected = render_reference(&[&test.store, &test.store], &resolved, 1 << 30).expect("the levels");
+            assert!(picture.difference(&expected).max <= 2, "{what}: {:?}", picture.difference(&expected));
+            assert!(stats.gpu_bytes_peak <= 64 << 20 && stats.host_bytes_peak <= 64 << 20, "{what}: {stats:?}");
+            // The second layer has a cache of its own.
+            let most = if scene.layers.len() == 2 || decoded == 0 { 2 << 20 } else { decoded };
+            assert!(stats.bytes.decoded <= most, "{what}: {} bytes after {decoded}", stats.bytes.decoded);
+            assert!(stats.bricks.uploaded >= uploaded, "{what}: counts go on");
+            (decoded, uploaded) = (stats.bytes.decoded, stats.bricks.uploaded);
+            let frame = session.step(scene, *size_px).expect("a step");
+            let error = superseded.replace(frame).and_then(|frame| session.draw(&frame).err());
+            assert!(matches!(error, None | Some(SessionError::Superseded)), "{what}: {error:?}");
+        }
+    }
+}
+
+/// A maximum projection is drawn from maxima, as the command draws it, and fog after it from means.
+#[test]
+fn modes_are_drawn_from_the_pyramids_that_suit_them() {
+    // Of eight voxels one is four times as bright.
+    let spiky = |_, _, v: [u32; 3]| if v.iter().all(|i| i % 2 == 0) { waves(v) } else { waves(v) / 4 };
+    let source = FunctionSource::new(EXTENT, Geometry::default(), spiky);
+    let downsample = "mean,max".parse().expect("two pyramids");
+    let options = PackOptions { edge: 16, downsample, ..PackOptions::new(VoxelType::U8) };
+    let test = TestStore::pack_with(&source, options);
+    let opened = SessionOptions { backend: BackendChoice::Cpu, ..SessionOptions::default() };
+    let mut session = Session::open(test.path(), opened).expect("the store opens");
+    let fog = Scene { level: LevelPolicy::Locked(1), ..scene(transfer(0.9, 0.3), 20.0) };
+    let maximum = Store::open_reduced(test.path(), Downsample::Max, IoMode::default()).expect("the other pyramid");
+    let maximum = Arc::new(maximum);
+    for (mode, store) in [(Mode::Dvr, &test.store), (Mode::Mip, &maximum), (Mode::Dvr, &test.store)] {
+        let scene = Scene { mode, ..fog.clone() };
+        let rendered = session.render(&scene, SIZE).expect("a picture");
+        assert_same(&rendered.picture, &oracle(store, &scene, SIZE), &format!("{mode:?}"));
+    }
+    let maxima = oracle(&maximum, &Scene { mode: Mode::Mip, ..fog.clone() }, SIZE);
+    let means = oracle(&test.store, &Scene { mode: Mode::Mip, ..fog }, SIZE);
+    assert!(maxima.difference(&means).max > 5, "the pyramids look alike");
+}
+
+/// Voxels that a program computes, without a file.
+struct Computed {
+    pyramid: Pyramid,
+    geometry: Geometry,
+}
+
+impl BrickSource for Computed {
+    fn pyramid(&self) -> &Pyramid {
+        &self.pyramid
+    }
+    fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+    fn voxel_type(&self) -> VoxelType {
+        VoxelType::U8
+    }
+    fn value_range(&self) -> (f64, f64) {
+        (0.0, 255.0)
+    }
+    fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        let (edge, index, factor) = (self.pyramid.edge(), id.index.to_array(), self.pyramid.level(id.level).factor);
+        for (i, voxel) in (0..).zip(out) {
+            let place = [i % edge, i / edge % edge, i / edge / edge];
+            *voxel = waves(std::array::from_fn(|axis| (index[axis] * edge + place[axis]) * factor[axis]));
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn a_program_s_own_bricks_are_drawn_as_a_store_s() {
+    let test = store();
+    let computed = Computed { pyramid: test.store.pyramid().clone(), geometry: Geometry::default() };
+    let volume = VolumeSource::new(Arc::new(computed));
+    let scene = scene(transfer(0.9, 0.3), 20.0);
+    let expected = oracle(&test.store, &scene, SIZE);
+    for way in WAYS {
+        let options = options(way, 64 << 20, 64 << 20);
+        let Some(mut session) = open_session_of(vec![volume.clone()], options) else { continue };
+        let rendered = session.render(&scene, SIZE).expect("a picture");
+        assert_same(&rendered.picture, &expected, &format!("{way:?}"));
+        let file = test.path().with_file_name("computed.png");
+        rendered.save(&file).expect("it is written");
+        assert_eq!(read_png(&file), rendered.picture);
+    }
+}
+
 /// However one came to a view, its settled picture is the one that a session finds which never saw another.
 #[test]
 fn a_view_after_a_flight_equals_the_oracle() {
     let test = store();
     let (low, high) = Geometry::default().world_box(EXTENT);
     for way in WAYS {
-        let Some(mut session) = session_within(&test.store, way, SIZE, 8 << 20, 4 << 20) else { continue };
+        let Some(mut session) = session_within(&test.store, way, 8 << 20, 4 << 20) else { continue };
         let (mut random, mut was_covered) = (Random(3), false);
         let place = |random: &mut Random, reach: f64| {
             let unit = DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
@@ -100,12 +223,11 @@ fn a_view_after_a_flight_equals_the_oracle() {
             for _ in 0..20 {
                 let (eye, target) = (place(&mut random, 3.0), place(&mut random, 0.5));
                 let camera = Camera { eye, target, ..camera(0.0) };
-                let frame = Scene { camera: Some(camera), ..Scene::of(transfer(0.5, 0.2)) };
-                let resolved = session.resolve(&frame, SIZE).expect("a possible scene");
-                let status = session.step(&resolved).expect("a frame");
-                session.draw(&resolved).expect("a picture");
-                assert!(status.covered || !was_covered, "{way:?}: a hole");
-                was_covered = status.covered;
+                let scene = Scene { camera: Some(camera), ..Scene::of(transfer(0.5, 0.2)) };
+                let frame = session.step(&scene, SIZE).expect("a frame");
+                session.draw(&frame).expect("a picture");
+                assert!(frame.status.covered || !was_covered, "{way:?}: a hole");
+                was_covered = frame.status.covered;
             }
             let eye = (low + high) * 0.5 + DVec3::new(150.0, -120.0, 90.0) * (1.0 + random.unit());
             let camera = Camera { eye, target: (low + high) * 0.5, ..camera(0.0) };
@@ -138,7 +260,7 @@ fn a_damaged_brick_shows_its_ancestor_everywhere_alike() {
         let sound = oracle(&whole.store, &scene, SIZE);
         let mut first: Option<Picture> = None;
         for way in WAYS {
-            let Some(mut session) = session(&damaged_store, way, SIZE) else { continue };
+            let Some(mut session) = session(&damaged_store, way) else { continue };
             let (picture, stats) = settled(&mut session, &scene, SIZE);
             assert_eq!(stats.bricks.failed, 1, "{way:?}: {stats:?}");
             assert!(stats.completeness < 1.0, "{way:?}: {stats:?}");

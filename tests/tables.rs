@@ -4,7 +4,7 @@
 use brickyard::volume::{
     Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, Random, Sandbox, TestStore, WAYS, read_png, session_for, settled};
+use brickyard_tests::{FunctionSource, Random, Sandbox, TestStore, WAYS, read_png, session, settled};
 use glam::DVec3;
 
 /// Voxels along a side of the square that holds one code: rays through its middle meet that code alone, so that nothing is
@@ -46,7 +46,7 @@ fn check<T: Voxel>(side: u32) {
     };
     for mode in [Mode::Mip, Mode::Dvr] {
         for way in WAYS {
-            let Some(mut session) = session_for(&test.store, mode, way, (side, side)) else { continue };
+            let Some(mut session) = session(&test.store, way) else { continue };
             let (picture, _) = settled(&mut session, &scene(mode), (side, side));
             for code in 0..codes {
                 let (column, row) = (code % side, side - 1 - code / side);

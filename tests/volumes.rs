@@ -1,10 +1,9 @@
 //! Several stores in one picture: streamed by every backend against the oracle, 32 of them under the usual budgets, and all that is
 //! refused.
 
-use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
-use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
@@ -13,7 +12,7 @@ use brickyard::volume::{
     Mode, Picture, Placement, Sampling, Scene, SceneExpression, SceneLayer, Stereo, StereoLayout, TransferChoice,
     TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, leave_out, options, read_png};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, open_session_of, options, read_png};
 use glam::DVec3;
 use std::time::{Duration, Instant};
 
@@ -80,16 +79,9 @@ fn lit(gradient: Gradient, lights: &[[f64; 3]]) -> Lighting {
     Lighting { model: LightingModel::BlinnPhong, gradient, lights: lights.iter().map(|&light| light.into()).collect() }
 }
 
-/// A session of the layers that a scene shows; `None` (said loudly) where there is no GPU.
-fn open(volumes: &[VolumeSource], resolved: &ResolvedScene, options: &SessionOptions) -> Option<Session> {
-    match Session::of_scene(volumes.to_vec(), resolved, options) {
-        Ok(session) => Some(session),
-        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            leave_out("gpu", error);
-            None
-        }
-        Err(error) => panic!("{error}"),
-    }
+/// A session; `None` (said loudly) where there is no GPU.
+fn open(volumes: &[VolumeSource], options: &SessionOptions) -> Option<Session> {
+    open_session_of(volumes.to_vec(), *options)
 }
 
 fn settle(session: &mut Session, resolved: &ResolvedScene) -> (Picture, RenderStats) {
@@ -105,7 +97,7 @@ fn draw(
     resolved: &ResolvedScene,
     options: &SessionOptions,
 ) -> Option<(Picture, RenderStats)> {
-    Some(settle(&mut open(volumes, resolved, options)?, resolved))
+    Some(settle(&mut open(volumes, options)?, resolved))
 }
 
 /// Bricks are fetched ahead, uploads are limited and fade in, and the picture is the same in the end.
@@ -119,21 +111,18 @@ fn live_sessions_of_several_volumes_settle() {
     let at = |turn_deg: f64| Scene { camera: Some(first.camera.orbited(turn_deg)), ..scene.clone() };
     let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
     for way in WAYS {
-        let options = SessionOptions { live: true, ..options(way, SIZE, 64 << 20, 64 << 20) };
-        let Some(mut session) = open(&volumes, &first, &options) else { continue };
+        let options = SessionOptions { live: true, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open(&volumes, &options) else { continue };
         for turn_deg in [0.0, 4.0, 8.0] {
-            let resolved = session.resolve(&at(turn_deg), SIZE).expect("the scene is possible");
-            let status = session.step(&resolved).expect("a step");
+            let frame = session.step(&at(turn_deg), SIZE).expect("a step");
+            let status = &frame.status;
             assert!(status.gpu_bytes <= 64 << 20 && status.host_bytes <= 64 << 20, "{status:?}");
-            session.draw(&resolved).expect("a picture");
+            session.draw(&frame).expect("a picture");
         }
         let resolved = session.resolve(&at(12.0), SIZE).expect("the scene is possible");
         let (picture, stats) = settle(&mut session, &resolved);
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         assert!(picture.difference(&expected).max <= 2 && stats.completeness == 1.0, "{way:?}: {stats:?}");
-        let again = SceneLayer { source: Some(0), ..plain() };
-        let error = session.resolve(&of(vec![plain(), askew(), again]), SIZE).expect_err("three layers");
-        assert!(matches!(error, SessionError::OtherLayers), "{error}");
     }
 }
 
@@ -159,9 +148,8 @@ fn layers_come_and_go_in_a_live_session() {
     let sorted = (BackendChoice::Gpu, CompositorChoice::Sorted);
     for (way, count) in [(WAYS[0], 4), (WAYS[1], 4), (sorted, 3)] {
         let first = resolve(&volumes, &all([true, false, false, false], count), SIZE).expect("the scene is possible");
-        let options = SessionOptions { live: true, ..options(way, SIZE, 64 << 20, 64 << 20) };
-        let options = SessionOptions { bricks: all([true; 4], count).needs(), ..options };
-        let Some(mut session) = open(&volumes, &first, &options) else { continue };
+        let options = SessionOptions { live: true, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open(&volumes, &options) else { continue };
         for visible in [[true, false, false, false], [true; 4], [false, true, true, false], [true, false, true, true]] {
             let scene = Scene { camera: Some(first.camera), ..all(visible, count) };
             let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");
@@ -205,8 +193,8 @@ fn what_another_layer_hid_comes_out() {
     ];
     for (way, scenes) in WAYS.into_iter().flat_map(|way| scenes.each_ref().map(|scenes| (way, scenes))) {
         let first = resolve(&volumes, &scenes[0], SIZE).expect("the scene is possible");
-        let options = SessionOptions { live: true, ..options(way, SIZE, 64 << 20, 64 << 20) };
-        let Some(mut session) = open(&volumes, &first, &options) else { continue };
+        let options = SessionOptions { live: true, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open(&volumes, &options) else { continue };
         let mut before = None;
         for (i, scene) in scenes.iter().enumerate() {
             // Coarse while it is hidden: what is read once stays.
@@ -235,7 +223,7 @@ fn an_expression_reads_no_brick_of_values_that_show_nothing() {
         let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         let (picture, stats) =
-            draw(&volumes, &resolved, &options(WAYS[0], SIZE, 64 << 20, 64 << 20)).expect("the CPU is there");
+            draw(&volumes, &resolved, &options(WAYS[0], 64 << 20, 64 << 20)).expect("the CPU is there");
         assert_same(&picture, &expected, text);
         stats.bricks.wanted
     };
@@ -248,22 +236,24 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
     let (stores, scene) = (two(), scene());
     let volumes = volumes(&stores);
     let resolved = resolve(&volumes, &scene, SIZE).expect("the scene is possible");
-    let options = options((BackendChoice::Gpu, CompositorChoice::Raycast), SIZE, 64 << 20, 64 << 20);
+    let options = options((BackendChoice::Gpu, CompositorChoice::Raycast), 64 << 20, 64 << 20);
     let Some((before, _)) = draw(&volumes, &resolved, &options) else { return };
-    let mut session = Session::of_scene(volumes.clone(), &resolved, &options).expect("there is a GPU");
+    let mut session = open(&volumes, &options).expect("there is a GPU");
+    session.fit(&resolved).expect("there is memory");
     // Found out by uploading, and by drawing what was settled.
-    session.backend().destroy_device();
+    session.backend().expect("it fits").destroy_device();
     let (picture, stats) = settle(&mut session, &resolved);
     assert_same(&picture, &before, "lost before it was filled");
     assert_eq!(stats.device_losses, 1);
-    session.backend().destroy_device();
-    assert_same(&session.draw(&resolved).expect("drawn anew"), &before, "lost when it was settled");
-    let mut session = Session::of_scene(volumes.clone(), &resolved, &options).expect("there is a GPU");
+    let frame = session.step_resolved(&resolved).expect("a step");
+    session.backend().expect("it has drawn").destroy_device();
+    assert_same(&session.draw(&frame).expect("drawn anew"), &before, "lost when it was settled");
+    let mut session = open(&volumes, &options).expect("there is a GPU");
     // Uploads go out in batches, so not every step finds the device gone.
     let always_lost = (0..1000).find_map(|_| {
-        session.backend().destroy_device();
+        session.backend().iter().for_each(|backend| backend.destroy_device());
         session.wait(Duration::from_millis(5));
-        session.step(&resolved).err()
+        session.step_resolved(&resolved).err()
     });
     assert!(matches!(always_lost, Some(SessionError::LostAgain { times: 4, .. })), "{always_lost:?}");
 }
@@ -318,7 +308,7 @@ fn two_stores_equal_the_oracle_on_every_backend() {
         let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
         for way in WAYS {
-            let options = SessionOptions { bricks: scene.needs(), ..options(way, SIZE, 256 << 20, 256 << 20) };
+            let options = options(way, 256 << 20, 256 << 20);
             let Some((picture, stats)) = draw(&volumes, &resolved, &options) else { continue };
             assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
             let difference = picture.difference(&expected);
@@ -378,7 +368,7 @@ fn the_channels_of_one_store_are_layers() {
         assert_eq!(render_reference(&[&both.store], &shown, 1 << 30).expect("the oracle's picture"), oracle);
         let sorted = (BackendChoice::Gpu, CompositorChoice::Sorted);
         for way in WAYS.into_iter().chain([sorted]) {
-            let options = options(way, SIZE, 64 << 20, 64 << 20);
+            let options = options(way, 64 << 20, 64 << 20);
             let Some((picture, _)) = draw(&sources[0], &shown, &options) else { continue };
             assert_same(&picture, &oracle, &format!("{mode:?} {way:?}"));
         }
@@ -398,7 +388,7 @@ fn many_volumes_live_within_the_budgets() {
     let shown: Vec<&Store> = (0..MAX_VOLUMES).map(|i| &*small[i % 2].store).collect();
     let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");
     let budget = 96 << 20;
-    let options = options(WAYS[0], SIZE, budget, budget);
+    let options = options(WAYS[0], budget, budget);
     let (picture, stats) = draw(&volumes, &resolved, &options).expect("the CPU is there");
     assert!(picture.difference(&expected).max <= 2);
     assert!(stats.gpu_bytes_peak <= budget && stats.host_bytes_peak <= budget, "{stats:?}");
@@ -415,12 +405,13 @@ fn impossible_scenes_and_budgets_are_refused() {
     }
     let resolved = resolve(&volumes, &scene(), SIZE).expect("a possible scene");
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
-    let error =
-        Session::of_scene(volumes.clone(), &resolved, &options(way, SIZE, 64 << 20, 64 << 20)).err().expect("refused");
+    let sorted = Session::new(volumes.clone(), options(way, 64 << 20, 64 << 20));
+    let error = sorted.resolve(&scene(), SIZE).expect_err("refused");
     assert!(error.to_string().contains("raycast"), "{error}");
     for (gpu, host) in [(1 << 10, 64 << 20), (64 << 20, 1 << 10)] {
-        let options = options(WAYS[0], SIZE, gpu, host);
-        let error = Session::of_scene(volumes.clone(), &resolved, &options).err().expect("a kibibyte is too little");
+        let options = options(WAYS[0], gpu, host);
+        let error =
+            Session::new(volumes.clone(), options).step_resolved(&resolved).expect_err("a kibibyte is too little");
         assert!(error.to_string().contains("least"), "{error}");
     }
 }

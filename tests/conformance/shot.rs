@@ -1,7 +1,7 @@
 //! A picture to be drawn: frames and draw lists of some volumes. The oracle draws it once, and then it is compared with what each renderer
 //! makes of it.
 
-use crate::stage::{Stage, Way, most, placed};
+use crate::stage::{Stage, Way, placed};
 use crate::volume::Volume;
 use brickyard::pager::{DrawList, Layer};
 use brickyard::reference::{ReferenceVolume, pixel};
@@ -32,7 +32,7 @@ impl<'a> Shot<'a> {
 
     /// What it needs of bricks.
     pub(crate) fn needs(&self) -> Needs {
-        self.frames.iter().map(|frame| frame.settings.needs()).reduce(most).expect("a layer")
+        self.frames.iter().map(|frame| frame.settings.needs()).reduce(Needs::union).expect("a layer")
     }
 
     /// Which cut a layer is of: that of the first with its grid and place.

@@ -5,7 +5,7 @@ use brickyard::backend::{BackendChoice, CompositorChoice, Renderer};
 use brickyard::pager::{DrawList, Slot, Upload, VolumeNeeds};
 use brickyard::render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard::software::{SoftwareOptions, SoftwareRenderer};
-use brickyard::volume::{MeshRoom, Needs};
+use brickyard::volume::Needs;
 pub(crate) use brickyard_tests::Way;
 use brickyard_tests::{WAYS, leave_out};
 
@@ -38,12 +38,12 @@ impl<'a> Stage<'a> {
 
     /// One where bricks on a GPU have what any of some frames needs.
     pub(crate) fn with_room(volumes: &[&'a Volume], frames: impl IntoIterator<Item = Needs>) -> Self {
-        Self { room: frames.into_iter().reduce(most), ..Self::exact(volumes) }
+        Self { room: frames.into_iter().reduce(Needs::union), ..Self::exact(volumes) }
     }
 
     /// The renderer of frames that need so much; `None`, said loudly, where there is no adapter at all.
     pub(crate) fn renderer(&mut self, way: Way, frame: &Needs) -> Option<&mut dyn Renderer> {
-        let needs = self.room.filter(|_| way != CPU).map_or(*frame, |room| most(room, *frame));
+        let needs = self.room.filter(|_| way != CPU).map_or(*frame, |room| room.union(*frame));
         let known = self.made.iter().position(|(made, has, _)| (*made, *has) == (way, needs));
         let i = match known {
             Some(i) => i,
@@ -112,20 +112,4 @@ pub(crate) fn placed(list: &DrawList, layer: usize, layers: usize) -> DrawList {
 
 fn in_turn(slot: Slot, layer: usize, layers: usize) -> Slot {
     Slot(slot.0 * layers as u32 + layer as u32)
-}
-
-/// What either needs.
-pub(crate) fn most(a: Needs, b: Needs) -> Needs {
-    Needs {
-        apron: a.apron.max(b.apron),
-        gradient_layers: a.gradient_layers.max(b.gradient_layers),
-        filter: if a.filter.taps() > b.filter.taps() { a.filter } else { b.filter },
-        is_pre_integrated: a.is_pre_integrated || b.is_pre_integrated,
-        has_grid: a.has_grid || b.has_grid,
-        meshes: MeshRoom {
-            meshes: a.meshes.meshes.max(b.meshes.meshes),
-            vertices: a.meshes.vertices.max(b.meshes.vertices),
-            triangles: a.meshes.triangles.max(b.meshes.triangles),
-        },
-    }
 }

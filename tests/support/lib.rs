@@ -5,21 +5,21 @@ pub mod faults;
 #[cfg(target_os = "linux")]
 pub mod power_loss;
 
-use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::import::{ImportError, Source, SourceInfo};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
-use brickyard::render::GpuError;
-use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
+use brickyard::render::adapters;
+use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
-use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Needs, Picture, Scene, Voxel, VoxelBox, VoxelType};
+use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 pub mod missing;
@@ -125,86 +125,38 @@ pub const WAYS: [Way; 4] = [
 ];
 
 /// Opens a session with ample memory; `None` (said on standard error) where there is no GPU adapter at all.
-///
-/// # Panics
-/// If the session cannot be made for another reason.
-pub fn session(store: &Arc<Store>, backend: Way, size_px: (u32, u32)) -> Option<Session> {
-    session_within(store, backend, size_px, 256 << 20, 256 << 20)
-}
-
-/// The same for scenes of a mode.
-///
-/// # Panics
-/// If the session cannot be made although there is an adapter.
-pub fn session_for(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)) -> Option<Session> {
-    open_session(store, SessionOptions { bricks: needs(mode), ..options(way, size_px, 256 << 20, 256 << 20) })
-}
-
-/// The same for a scene.
-///
-/// # Panics
-/// If the session cannot be made although there is an adapter.
-pub fn session_for_scene(store: &Arc<Store>, scene: &Scene, way: Way, size_px: (u32, u32)) -> Option<Session> {
-    open_session(store, SessionOptions { bricks: scene.needs(), ..options(way, size_px, 256 << 20, 256 << 20) })
-}
-
-fn needs(mode: Mode) -> Needs {
-    Scene { mode, ..Scene::default() }.needs()
+pub fn session(store: &Arc<Store>, way: Way) -> Option<Session> {
+    session_within(store, way, 256 << 20, 256 << 20)
 }
 
 /// The same, leaping over nothing.
-///
-/// # Panics
-/// If the session cannot be made although there is an adapter.
-pub fn session_without_leaps(store: &Arc<Store>, mode: Mode, way: Way, size_px: (u32, u32)) -> Option<Session> {
-    open_session(
-        store,
-        SessionOptions { bricks: needs(mode), leaps: false, ..options(way, size_px, 256 << 20, 256 << 20) },
-    )
+pub fn session_without_leaps(store: &Arc<Store>, way: Way) -> Option<Session> {
+    open_session(store, SessionOptions { leaps: false, ..options(way, 256 << 20, 256 << 20) })
 }
 
 /// Opens a session under budgets.
-///
-/// # Panics
-/// If the session cannot be made although there is an adapter.
-pub fn session_within(
-    store: &Arc<Store>,
-    way: Way,
-    size_px: (u32, u32),
-    gpu_memory_bytes: u64,
-    host_memory_bytes: u64,
-) -> Option<Session> {
-    open_session(store, options(way, size_px, gpu_memory_bytes, host_memory_bytes))
+pub fn session_within(store: &Arc<Store>, way: Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> Option<Session> {
+    open_session(store, options(way, gpu_memory_bytes, host_memory_bytes))
 }
 
 /// What those sessions are made with.
-pub fn options((backend, compositor): Way, max_size_px: (u32, u32), gpu_bytes: u64, host_bytes: u64) -> SessionOptions {
-    SessionOptions {
-        backend,
-        compositor,
-        gpu_memory_bytes: gpu_bytes,
-        host_memory_bytes: host_bytes,
-        bricks: needs(Mode::Dvr),
-        threads: 2,
-        max_size_px,
-        leaps: true,
-        live: false,
-    }
+pub fn options((backend, compositor): Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
+    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, ..SessionOptions::default() }
 }
 
 /// Opens a session as told; `None` (said on standard error) where there is no GPU adapter at all.
-///
-/// # Panics
-/// If the session cannot be made although there is an adapter.
 pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
-    match Session::new(VolumeSource::of_store(store), &options) {
-        Ok(session) => Some(session),
-        Err(SessionError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            leave_out("gpu", error);
-            None
-        }
-        Err(error) => panic!("{error}"),
+    open_session_of(vec![VolumeSource::of_store(store)], options)
+}
+
+/// The same of several volumes.
+pub fn open_session_of(volumes: Vec<VolumeSource>, options: SessionOptions) -> Option<Session> {
+    static HAS_ADAPTER: OnceLock<bool> = OnceLock::new();
+    if options.backend == BackendChoice::Gpu && !HAS_ADAPTER.get_or_init(|| !adapters().is_empty()) {
+        leave_out("gpu", "there is no graphics adapter");
+        return None;
     }
+    Some(Session::new(volumes, options))
 }
 
 /// The scene in a mode: of isosurfaces, with that of one value in each layer.

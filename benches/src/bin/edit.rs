@@ -64,19 +64,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             compositor,
             gpu_memory_bytes: 1 << 30,
             host_memory_bytes: 1 << 30,
-            bricks: Scene::default().needs(),
             threads: arguments.threads,
-            max_size_px: (arguments.size, arguments.size),
             leaps: true,
             live: false,
         };
-        let mut session = match Session::new(VolumeSource::of_store(&store), &options) {
-            Ok(session) => session,
-            Err(error) => {
-                eprintln!("{name} is left out: {error}");
-                continue;
-            }
-        };
+        let mut session = Session::new(vec![VolumeSource::of_store(&store)], options);
+        if let Err(error) = session.step(&scenes[0], (arguments.size, arguments.size)) {
+            eprintln!("{name} is left out: {error}");
+            continue;
+        }
         let whole = measure(&mut session, &scenes, arguments.size, arguments.edits)?;
         let tiny = measure(&mut session, &scenes, TINY, 4 * arguments.edits)?;
         let frame = median(whole.iter().map(|turn| turn.frame.cpu_s * 1e3));
@@ -140,8 +136,8 @@ fn draw(
     stats: &mut RenderStats,
 ) -> Result<(), Box<dyn Error>> {
     let resolved = session.resolve(scene, size_px)?;
-    let status = session.step(&resolved)?;
-    stats.record(&status, session.backend().bytes());
-    session.draw(&resolved)?;
+    let frame = session.step_resolved(&resolved)?;
+    stats.record(&frame.status, session.backend_bytes());
+    session.draw(&frame)?;
     Ok(())
 }

@@ -5,7 +5,7 @@ pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{Combination, Picture, SlotEncoding};
+use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 
 /// A backend that could not be made or has failed.
 #[derive(Debug, thiserror::Error)]
@@ -166,25 +166,26 @@ impl Renderer for SoftwareRenderer {
     }
 }
 
-/// A layer's needs of a renderer under these options.
-pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) -> VolumeNeeds {
+/// A layer's needs of a renderer where bricks have these.
+pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeeds {
     let pyramid = source.pyramid();
     // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
-    let bricks = pyramid.brick_count();
-    let most_slots = u32::try_from(bricks + bricks / 8 + 2).unwrap_or(u32::MAX);
+    let count = pyramid.brick_count();
+    let most_slots = u32::try_from(count + count / 8 + 2).unwrap_or(u32::MAX);
     // All of the coarsest level, and one to refine with.
     let roots = pyramid.level(pyramid.coarsest()).bricks.volume();
     VolumeNeeds {
         encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
         edge: pyramid.edge(),
         levels: pyramid.octree_levels(),
-        bricks: options.bricks,
+        bricks,
         least_slots: u32::try_from(roots + 1).unwrap_or(u32::MAX).min(most_slots),
         most_slots,
     }
 }
 
-/// Makes the chosen backend for layers, and says which in one line. With room for expressions over them or without.
+/// Makes the chosen backend for layers and pictures up to a size, and says which in one line. With room for expressions over the layers or
+/// without.
 ///
 /// # Errors
 /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and
@@ -192,13 +193,14 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, options: &SessionOptions) ->
 pub(crate) fn open(
     layers: &[VolumeNeeds],
     has_expressions: bool,
+    max_size_px: (u32, u32),
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
     let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        Ok((Box::new(software(layers, options)?), format!("cpu, {} threads{why}", options.threads)))
+        Ok((Box::new(software(layers, max_size_px, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
     let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        let (renderer, line) = open_gpu(preference, layers, has_expressions, options)?;
+        let (renderer, line) = open_gpu(preference, layers, has_expressions, max_size_px, options)?;
         Ok((Box::new(renderer), line))
     };
     match options.backend {
@@ -211,7 +213,7 @@ pub(crate) fn open(
     }
 }
 
-/// The GPU renderer of layers, with room for expressions over them or without, and which it is in one line.
+/// The GPU renderer of layers and pictures up to a size, with room for expressions over them or without, and which it is in one line.
 ///
 /// # Errors
 /// As [`open`].
@@ -219,6 +221,7 @@ pub(crate) fn open_gpu(
     preference: GpuPreference,
     layers: &[VolumeNeeds],
     expressions: bool,
+    max_size_px: (u32, u32),
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {
     let compositor = match options.compositor {
@@ -228,12 +231,16 @@ pub(crate) fn open_gpu(
         CompositorChoice::Compute => Compositor::Compute,
     };
     let gpu = GpuOptions { preference, compositor, leaps: options.leaps, expressions, ..GpuOptions::default() };
-    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, options.max_size_px)?;
+    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, max_size_px)?;
     let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
     Ok((renderer, line))
 }
 
-fn software(layers: &[VolumeNeeds], options: &SessionOptions) -> Result<SoftwareRenderer, BackendError> {
+fn software(
+    layers: &[VolumeNeeds],
+    max_size_px: (u32, u32),
+    options: &SessionOptions,
+) -> Result<SoftwareRenderer, BackendError> {
     match options.compositor {
         CompositorChoice::Auto | CompositorChoice::Raycast => {}
         CompositorChoice::Sorted => return Err(BackendError::CpuCompositor("sorted")),
@@ -241,7 +248,7 @@ fn software(layers: &[VolumeNeeds], options: &SessionOptions) -> Result<Software
     }
     let options = SoftwareOptions {
         memory_bytes: options.gpu_memory_bytes,
-        max_picture_px: options.max_size_px.into(),
+        max_picture_px: max_size_px.into(),
         threads: options.threads,
         leaps: options.leaps,
     };

@@ -7,7 +7,7 @@ use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
 use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
 use brickyard_render::{GpuError, GpuPreference, GpuRenderer};
-use brickyard_volume::{FrameSettings, Picture};
+use brickyard_volume::{FrameSettings, Needs, Picture};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -64,18 +64,23 @@ pub struct ExactRenderer {
 }
 
 impl ExactRenderer {
-    /// Joins a source and a GPU.
+    /// Joins a source and a GPU, for pictures up to a size whose bricks have what is needed.
     ///
     /// # Errors
     /// If the options ask for another way, there is no GPU, or a budget is too small.
-    pub fn new(source: Arc<dyn BrickSource>, options: &SessionOptions) -> Result<Self, ExactPictureError> {
+    pub fn new(
+        source: Arc<dyn BrickSource>,
+        bricks: Needs,
+        max_size_px: (u32, u32),
+        options: &SessionOptions,
+    ) -> Result<Self, ExactPictureError> {
         let casts_rays = matches!(options.compositor, CompositorChoice::Raycast | CompositorChoice::Compute);
         if options.backend == BackendChoice::Cpu || casts_rays {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
-        let needs = layer_needs(&*source, &options);
-        let (renderer, backend_line) = open_gpu(GpuPreference::Any, &[needs], false, &options)?;
+        let needs = layer_needs(&*source, bricks);
+        let (renderer, backend_line) = open_gpu(GpuPreference::Any, &[needs], false, max_size_px, &options)?;
         let config = PagerConfig {
             slots: renderer.slots(0),
             apron: needs.bricks.apron,

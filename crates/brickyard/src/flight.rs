@@ -1,18 +1,17 @@
 //! A measured flight: opens a store, waits for the first view, flies a scenario frame by frame as fast as frames can be
 //! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
 
+use crate::backend::Renderer;
 use crate::memory::ProcessMemory;
-use crate::projection::for_mode;
 use crate::quality::{Change, Quality, QualityControl};
 use crate::scenario::{Scenario, Setting};
-use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
+use crate::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
 use brickyard_pager::Status;
-use brickyard_store::{OpenError, Store};
+use brickyard_store::OpenError;
 use brickyard_volume::Scene;
 use serde::Serialize;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What a flight took.
@@ -104,11 +103,12 @@ const LONGEST: Duration = Duration::from_secs(600);
 /// If a store does not open, the session fails, or a view does not settle within ten minutes.
 pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) -> Result<FlightReport, FlightError> {
     let started = Instant::now();
-    let open = |store: &&Path| Ok(VolumeSource::of_store(&Arc::new(for_mode(Store::open(store)?, plan.scene.mode)?)));
-    let volumes = stores.iter().map(open).collect::<Result<Vec<_>, FlightError>>()?;
-    let mut session = Session::of_scene(volumes.clone(), &resolve(&volumes, plan.scene, plan.size_px)?, options)?;
-    let open_ms = ms(started);
+    let open = |store: &&Path| VolumeSource::open(store)?.suited(plan.scene.mode);
+    let volumes = stores.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    let mut session = Session::new(volumes.clone(), *options);
     let first = session.resolve(plan.scene, plan.size_px)?;
+    session.fit(&first)?;
+    let open_ms = ms(started);
     let voxel_size = |volume: &VolumeSource| volume.source.geometry().voxel_size(volume.extent());
     let setting = Setting {
         scene: first.shown(plan.scene),
@@ -118,31 +118,31 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
         seed: plan.seed,
     };
     let mut watch = Watch::new(options, plan.frame_goal);
-    let (mut status, first_picture_ms) = watch.first_picture(&mut session, &first, started)?;
-    status = watch.settle(&mut session, &first, status)?;
+    let (mut frame, first_picture_ms) = watch.first_picture(&mut session, &first, started)?;
+    frame = watch.settle(&mut session, frame)?;
     let settled_ms = ms(started);
-    let before = status.counters;
+    let before = frame.status.counters;
     let (mut frame_ms, mut step_ms, mut completeness, mut quality) = (Vec::new(), Vec::new(), 0.0, 0.0);
-    let mut last = first;
-    for frame in 1..=plan.frames {
-        last = session.resolve(&setting.at(plan.scenario, frame, plan.frames), plan.size_px)?;
+    for number in 1..=plan.frames {
+        let scene = session.resolve(&setting.at(plan.scenario, number, plan.frames), plan.size_px)?;
         let begun = Instant::now();
-        status = watch.step(&mut session, &last)?;
+        frame = watch.step(&mut session, &scene)?;
         step_ms.push(ms(begun));
-        quality += watch.draw(&mut session, &last)?.share() / plan.frames as f64;
+        quality += watch.draw(&mut session, &frame)?.share() / plan.frames as f64;
         frame_ms.push(ms(begun));
-        completeness += status.completeness / plan.frames as f64;
+        completeness += frame.status.completeness / plan.frames as f64;
     }
     let landed = Instant::now();
-    let counters = status.counters;
-    status = watch.settle(&mut session, &last, status)?;
+    let counters = frame.status.counters;
+    frame = watch.settle(&mut session, frame)?;
     if plan.frame_goal.is_some() {
-        session.draw(&last)?;
+        session.draw(&frame)?;
     }
+    let status = frame.status;
     Ok(FlightReport {
         scenario: plan.scenario,
         adapter: session.backend_line().into(),
-        compositor: session.backend().compositor(),
+        compositor: session.backend().map_or("", Renderer::compositor),
         slots: session.slots(),
         open_ms,
         first_picture_ms,
@@ -193,26 +193,26 @@ impl<'a> Watch<'a> {
     }
 
     /// Draws a frame of a moving camera, as well as its time goal lets it.
-    fn draw(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Quality, SessionError> {
+    fn draw(&mut self, session: &mut Session, frame: &Frame) -> Result<Quality, SessionError> {
         const MOVED: Change = Change { moved: true, refined: true };
         let quality = self.control.as_mut().and_then(|control| control.next(MOVED)).unwrap_or(Quality::EXACT);
         let begun = Instant::now();
-        session.draw(&quality.scene(scene))?;
+        session.draw(&quality.frame(frame))?;
         if let Some(control) = &mut self.control {
             control.took(begun.elapsed());
         }
         Ok(quality)
     }
 
-    fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Status, SessionError> {
-        let status = session.step(scene)?;
-        let gpu_bytes = session.backend().bytes();
+    fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Frame, SessionError> {
+        let frame = session.step_resolved(scene)?;
+        let (status, gpu_bytes) = (&frame.status, session.backend_bytes());
         self.uncovered += !status.covered as u32;
         let over = gpu_bytes > self.options.gpu_memory_bytes || status.host_bytes > self.options.host_memory_bytes;
         self.over_budget += over as u32;
         self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);
         self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
-        Ok(status)
+        Ok(frame)
     }
 
     /// Draws as soon as everything is covered. Frames before that do not count as uncovered: there is nothing yet.
@@ -221,36 +221,37 @@ impl<'a> Watch<'a> {
         session: &mut Session,
         scene: &ResolvedScene,
         started: Instant,
-    ) -> Result<(Status, f64), FlightError> {
-        let status = self.wait(session, scene, None, |status| status.covered)?;
+    ) -> Result<(Frame, f64), FlightError> {
+        let first = self.step(session, scene)?;
+        let frame = self.wait(session, first, |status| status.covered)?;
         self.uncovered = 0;
-        self.draw(session, scene)?;
-        Ok((status, ms(started)))
+        self.draw(session, &frame)?;
+        Ok((frame, ms(started)))
     }
 
-    fn settle(&mut self, session: &mut Session, scene: &ResolvedScene, status: Status) -> Result<Status, FlightError> {
-        self.wait(session, scene, Some(status), |status| status.settled)
+    fn settle(&mut self, session: &mut Session, frame: Frame) -> Result<Frame, FlightError> {
+        self.wait(session, frame, |status| status.settled)
     }
 
     fn wait(
         &mut self,
         session: &mut Session,
-        scene: &ResolvedScene,
-        status: Option<Status>,
+        mut frame: Frame,
         done: impl Fn(&Status) -> bool,
-    ) -> Result<Status, FlightError> {
+    ) -> Result<Frame, FlightError> {
         let begun = Instant::now();
-        let mut status = status;
-        loop {
-            match status {
-                Some(status) if done(&status) => return Ok(status),
-                Some(_) if begun.elapsed() > LONGEST => return Err(FlightError::NotSettled(LONGEST.as_secs_f64())),
-                Some(Status { awaits_feedback: true, .. }) => drop(session.draw(scene)?),
-                Some(_) => session.wait(Duration::from_millis(50)),
-                None => {}
+        while !done(&frame.status) {
+            if begun.elapsed() > LONGEST {
+                return Err(FlightError::NotSettled(LONGEST.as_secs_f64()));
             }
-            status = Some(self.step(session, scene)?);
+            if frame.status.awaits_feedback {
+                session.draw(&frame)?;
+            } else {
+                session.wait(Duration::from_millis(50));
+            }
+            frame = self.step(session, &frame.scene)?;
         }
+        Ok(frame)
     }
 }
 

@@ -2,11 +2,11 @@
 //! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
 //!
 //! This crate ties the parts together: [`session::Session`] joins stores, their pagers and a rendering backend;
-//! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`projection`] chooses the pyramid
-//! that a mode is drawn from, [`survey`] compares ways to sample. The parts are re-exported under their own names.
+//! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`survey`] compares ways to sample. The parts are re-exported under their own names.
 
 pub mod backend;
 pub mod exact;
+mod fit;
 pub mod flight;
 mod losses;
 pub mod memory;
@@ -14,7 +14,6 @@ pub mod offline;
 mod options;
 pub mod oracle;
 pub mod picture_file;
-pub mod projection;
 pub mod quality;
 mod resolve;
 pub mod scenario;

@@ -1,4 +1,6 @@
-//! What the process holds, as the kernel counts it.
+//! What the process holds, and what there is for it, as the kernel counts it.
+
+use std::path::Path;
 
 /// Resident memory of this process in bytes; zero where the system does not tell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,5 +20,64 @@ impl ProcessMemory {
             line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
         };
         Self { resident_peak_bytes: field("VmHWM:").unwrap_or(0), anonymous_bytes: field("RssAnon:").unwrap_or(0) }
+    }
+}
+
+/// Bytes of main memory that this process may use: the machine's, or less where a control group limits it. `None` where the system does
+/// not tell (Linux does).
+pub fn available_bytes() -> Option<u64> {
+    available_in(Path::new("/"))
+}
+
+/// The same of a machine whose files begin at `root`.
+fn available_in(root: &Path) -> Option<u64> {
+    let total = std::fs::read_to_string(root.join("proc/meminfo")).ok()?;
+    let line = total.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    let total = line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)?;
+    let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).unwrap_or_default();
+    let limits = groups.lines().filter_map(|line| {
+        let (_, rest) = line.split_once(':')?;
+        let (controllers, group) = rest.split_once(':')?;
+        // Version 2 names no controllers; version 1 has a tree for memory.
+        let (tree, file) = match controllers {
+            "" => ("sys/fs/cgroup", "memory.max"),
+            _ if controllers.split(',').any(|name| name == "memory") => {
+                ("sys/fs/cgroup/memory", "memory.limit_in_bytes")
+            }
+            _ => return None,
+        };
+        let tree = root.join(tree);
+        // Each group is limited by those that it is in, too. "max" is no number.
+        let group = tree.join(group.trim_start_matches('/'));
+        let groups = group.ancestors().take_while(|folder| folder.starts_with(&tree));
+        groups.filter_map(|folder| std::fs::read_to_string(folder.join(file)).ok()?.trim().parse::<u64>().ok()).min()
+    });
+    Some(limits.fold(total, u64::min))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tightest_control_group_limits_the_memory() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |file: &str, text: &str| {
+            let path = root.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        assert_eq!(available_in(root.path()), None);
+        write("proc/meminfo", "MemTotal:       16000 kB\nMemFree:  1 kB\n");
+        assert_eq!(available_in(root.path()), Some(16_384_000));
+        write("proc/self/cgroup", "1:name=systemd:/a\n0::/slice/task\n");
+        write("sys/fs/cgroup/slice/memory.max", "5000000\n");
+        write("sys/fs/cgroup/slice/task/memory.max", "max\n");
+        assert_eq!(available_in(root.path()), Some(5_000_000));
+        write("proc/self/cgroup", "4:cpu,memory:/docker\n");
+        write("sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712");
+        assert_eq!(available_in(root.path()), Some(16_384_000));
+        write("sys/fs/cgroup/memory/docker/memory.limit_in_bytes", "7000000");
+        assert_eq!(available_in(root.path()), Some(7_000_000));
     }
 }

@@ -1,9 +1,11 @@
 //! Pictures without a window: every one waits until the view has settled, so what is written is final.
 
+use crate::picture_file::{PictureError, write_shown};
 use crate::session::{ResolvedScene, Session, SessionError};
-use crate::stats::{RenderStats, ms};
+use crate::stats::{Percentiles, RenderStats, ms};
 use brickyard_pager::Status;
-use brickyard_volume::Picture;
+use brickyard_volume::{Picture, Scene};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// A settled picture could not be made.
@@ -39,6 +41,46 @@ pub enum OfflineError {
     },
 }
 
+/// A settled picture.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    /// The picture.
+    pub picture: Picture,
+    /// Its scene, with what was left open: the camera and the transfer functions in use.
+    pub shown: Scene,
+    /// What it took, and whether it is as fine as the scene wants: see [`RenderStats::memory_bound`] and [`RenderStats::completeness`].
+    pub stats: RenderStats,
+}
+
+impl Rendered {
+    /// Writes the picture as a PNG file, with the scene that it is of.
+    ///
+    /// # Errors
+    /// If the file cannot be written; what was there before stays then.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), PictureError> {
+        write_shown(path.as_ref(), &self.picture, &self.shown, &self.stats)
+    }
+}
+
+/// How long a picture may take to settle.
+const LONGEST: Duration = Duration::from_secs(600);
+
+impl Session {
+    /// A picture of a scene of which nothing is missing but what memory has no room for and what cannot be read; [`Rendered::stats`] tells.
+    ///
+    /// # Errors
+    /// If a step fails, or the view has not settled after ten minutes.
+    pub fn render(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<Rendered, OfflineError> {
+        let (started, mut stats, mut frame_ms) = (Instant::now(), RenderStats::default(), Vec::new());
+        self.suit(scene)?;
+        let resolved = self.resolve(scene, size_px)?;
+        let picture = render_settled(self, &resolved, LONGEST, started, &mut stats, &mut frame_ms)?;
+        stats.describe(self);
+        stats.frame_ms = Percentiles::of(&frame_ms);
+        Ok(Rendered { picture, shown: resolved.shown(scene), stats })
+    }
+}
+
 /// How long to wait for a brick before looking again whether time is up.
 pub(crate) const POLL: Duration = Duration::from_millis(50);
 
@@ -55,32 +97,33 @@ pub fn render_settled(
     frame_ms: &mut Vec<f64>,
 ) -> Result<Picture, OfflineError> {
     let begun = Instant::now();
-    let status = loop {
-        let status = session.step(scene)?;
-        stats.record(&status, session.backend().bytes());
+    let frame = loop {
+        let frame = session.step_resolved(scene)?;
+        let status = &frame.status;
+        stats.record(status, session.backend_bytes());
         if stats.first_image_ms == 0.0 && status.covered {
-            session.draw(scene)?;
+            session.draw(&frame)?;
             stats.first_image_ms = ms(started);
         }
         if status.settled {
-            break status;
+            break frame;
         }
-        give_up_after(begun, max_wait, &status)?;
+        give_up_after(begun, max_wait, status)?;
         if status.awaits_feedback {
-            session.draw(scene)?;
+            session.draw(&frame)?;
         } else {
             session.wait(POLL);
         }
     };
     let drawing = Instant::now();
-    let picture = session.draw(scene)?;
+    let picture = session.draw(&frame)?;
     frame_ms.push(ms(drawing));
     if stats.frames == 0 {
         stats.settled_ms = ms(started);
     }
     stats.frames += 1;
     stats.device_losses = session.device_losses();
-    stats.record(&status, session.backend().bytes());
+    stats.record(&frame.status, session.backend_bytes());
     Ok(picture)
 }
 

@@ -1,6 +1,6 @@
 //! What a session may use.
 
-use brickyard_volume::Needs;
+use crate::memory::available_bytes;
 
 /// Which backend to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,7 +28,15 @@ pub enum CompositorChoice {
     Compute,
 }
 
-/// What a session may use.
+/// What a session may use. The default suits the machine: all of its processors, and a quarter of its memory, or of what the process's
+/// control group may use.
+///
+/// ```
+/// use brickyard::session::SessionOptions;
+///
+/// let options = SessionOptions { host_memory_bytes: 256 << 20, live: true, ..SessionOptions::default() };
+/// assert!(options.threads >= 1 && options.gpu_memory_bytes <= 1 << 30);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
     /// Which backend.
@@ -39,16 +47,32 @@ pub struct SessionOptions {
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
-    /// What the scenes to come need of bricks: [`Scene::needs`](brickyard_volume::Scene::needs) says it. Scenes with no greater
-    /// needs may be shown.
-    pub bricks: Needs,
     /// Decode workers, and threads of the CPU backend.
     pub threads: usize,
-    /// The largest picture to be rendered, pixels.
-    pub max_size_px: (u32, u32),
     /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
     pub leaps: bool,
     /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
     /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
     pub live: bool,
+}
+
+/// The backend's memory, unless the machine has less to give: GPUs do not tell how much they have.
+const GPU_MEMORY_BYTES: u64 = 1 << 30;
+
+/// What decoded bricks may take where the system does not tell how much memory there is.
+const HOST_MEMORY_BYTES: u64 = 2 << 30;
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        let share_bytes = available_bytes().map_or(HOST_MEMORY_BYTES, |bytes| bytes / 4);
+        Self {
+            backend: BackendChoice::Auto,
+            compositor: CompositorChoice::Auto,
+            gpu_memory_bytes: share_bytes.min(GPU_MEMORY_BYTES),
+            host_memory_bytes: share_bytes,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            leaps: true,
+            live: false,
+        }
+    }
 }

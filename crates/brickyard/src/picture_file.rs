@@ -1,6 +1,7 @@
 //! PNG files: written whole under a temporary name, then renamed; what made the picture is kept in text chunks.
 
-use brickyard_volume::Picture;
+use crate::stats::RenderStats;
+use brickyard_volume::{Picture, Scene};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,21 @@ pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Re
         let _ = std::fs::remove_file(&temporary);
         fail(error.to_string())
     })
+}
+
+/// Writes a picture as a PNG file, and into it the scene that it is of and how many of its bricks were there.
+///
+/// # Errors
+/// If the file cannot be written; nothing new is left under its name then.
+pub fn write_shown(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), PictureError> {
+    let fail = |error: serde_json::Error| PictureError { path: path.to_path_buf(), reason: error.to_string() };
+    let bricks = &stats.bricks;
+    let notes = [
+        ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
+        ("Scene", serde_json::to_string(shown).map_err(fail)?),
+        ("Bricks", format!("{} of {} wanted, {} failed", bricks.resident, bricks.wanted, bricks.failed)),
+    ];
+    write_png(path, picture, &notes)
 }
 
 fn encode(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), png::EncodingError> {

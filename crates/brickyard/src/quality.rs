@@ -7,7 +7,7 @@
 //! frame is exact: once more for everything that still arrives, and then none until something changes. The first picture is
 //! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
-use crate::session::ResolvedScene;
+use crate::session::Frame;
 use brickyard_volume::FrameSettings;
 use std::time::Duration;
 
@@ -37,7 +37,7 @@ impl Quality {
 
     /// The frame drawn so: of the same view, with fewer pixels (to be stretched over the window) and longer steps. What is
     /// streamed stays what the exact frame wants.
-    pub fn frame(self, exact: &FrameSettings) -> FrameSettings {
+    pub fn settings(self, exact: &FrameSettings) -> FrameSettings {
         let mut frame = exact.clone();
         let pixels = |exact: u32| ((exact as f64 * self.scale).round() as u32).max(1);
         (frame.rays.width, frame.rays.height) = (pixels(exact.rays.width), pixels(exact.rays.height));
@@ -45,13 +45,13 @@ impl Quality {
         frame
     }
 
-    /// The scene drawn so.
-    pub fn scene(self, exact: &ResolvedScene) -> ResolvedScene {
-        let mut scene = exact.clone();
-        for frame in scene.layers.iter_mut().flat_map(|layer| &mut layer.frames) {
-            frame.settings = self.frame(&frame.settings);
+    /// The frame of a session, drawn so.
+    pub fn frame(self, exact: &Frame) -> Frame {
+        let mut drawn = exact.clone();
+        for frame in drawn.scene.layers.iter_mut().flat_map(|layer| &mut layer.frames) {
+            frame.settings = self.settings(&frame.settings);
         }
-        scene
+        drawn
     }
 }
 
@@ -198,11 +198,11 @@ mod tests {
             clip: None,
             meshes: Vec::new(),
         };
-        let coarse = Quality { scale: 0.5, step: 3.0 }.frame(&exact);
+        let coarse = Quality { scale: 0.5, step: 3.0 }.settings(&exact);
         assert_eq!((coarse.rays.width, coarse.rays.height), (100, 51));
         assert_eq!((coarse.rays.right, coarse.rays.up), (exact.rays.right, exact.rays.up));
         assert_eq!(coarse.lattice.step, exact.lattice.step * 3.0);
-        assert_eq!(Quality::EXACT.frame(&exact).lattice, exact.lattice);
+        assert_eq!(Quality::EXACT.settings(&exact).lattice, exact.lattice);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Occupancy, Picture, Region, Scene,
+    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Needs, Occupancy, Picture, Region, Scene,
     SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Subject, Surface, TransferFunction,
     TransferTable, ViewRays, VolumeFrame,
 };
@@ -27,6 +27,8 @@ pub struct ResolvedScene {
     pub camera: Camera,
     /// The box around all layers where they stand, world.
     pub world_box: (DVec3, DVec3),
+    /// What the picture requires of bricks and of the tables beside them.
+    pub needs: Needs,
     /// The expression over the layers whose values are shown, and how they look; `None` shows the layers themselves.
     pub combination: Option<Combination>,
 }
@@ -156,7 +158,7 @@ pub(crate) fn resolve_with(
         let appearance = joint_appearance(&layers, combination.as_ref());
         layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
     }
-    Ok(ResolvedScene { layers, hidden, stereo: eyes.layout, camera, world_box, combination })
+    Ok(ResolvedScene { layers, hidden, stereo: eyes.layout, camera, world_box, needs: scene.needs(), combination })
 }
 
 /// The layers that are shown. What an expression takes the place of is left as it is.

@@ -2,8 +2,9 @@
 
 use crate::backend::BackendError;
 use brickyard_pager::{BrickError, PagerError};
+use brickyard_store::OpenError;
 use brickyard_volume::camera::CameraError;
-use brickyard_volume::{Needs, SceneError, StereoError};
+use brickyard_volume::{SceneError, StereoError};
 
 /// Why a session cannot open or go on.
 #[derive(Debug, thiserror::Error)]
@@ -34,19 +35,12 @@ pub enum SessionError {
     /// The scene is impossible.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The session's bricks lack what the scene needs.
-    #[error(
-        "the session's bricks have {have:?}, and the scene needs {needed:?}: make it with SessionOptions::bricks set to that"
-    )]
-    Needs {
-        /// What bricks have.
-        have: Box<Needs>,
-        /// What they would have to have.
-        needed: Box<Needs>,
-    },
-    /// The session shows other layers than the scene.
-    #[error("the session was made for other layers: make another one with Session::of_scene")]
-    OtherLayers,
+    /// The store does not open.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The frame is not the last step's: its bricks may have given their slots to others.
+    #[error("the frame was superseded by a later step: draw what the last step returned")]
+    Superseded,
     /// Cells of layers that differ in grid, place or voxel size are in no one order from back to front.
     #[error(
         "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; use --compositor raycast or \

@@ -1,6 +1,7 @@
 //! What `--stats` writes: how a rendering went, in numbers.
 
 use crate::memory::ProcessMemory;
+use crate::session::Session;
 use brickyard_pager::Status;
 use serde::Serialize;
 use std::time::Instant;
@@ -113,6 +114,15 @@ pub struct ByteCounts {
 }
 
 impl RenderStats {
+    /// Takes over what draws in a session.
+    pub fn describe(&mut self, session: &Session) {
+        self.adapter = session.backend_line().into();
+        if let Some(backend) = session.backend() {
+            (self.backend, self.compositor) = (backend.name(), backend.compositor());
+            self.gpu_bytes_asked = backend.asked_bytes();
+        }
+    }
+
     /// Takes over what the pager reports and what the kernel counts.
     pub fn record(&mut self, status: &Status, gpu_bytes: u64) {
         let memory = ProcessMemory::now();

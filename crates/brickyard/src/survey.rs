@@ -12,7 +12,7 @@ pub mod noise;
 pub mod plot;
 
 use crate::offline::{OfflineError, render_settled};
-use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
+use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use crate::stats::{Percentiles, RenderStats, ms};
 use brickyard_volume::sampling::VIRTUAL_SAMPLES;
 use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
@@ -180,22 +180,20 @@ impl<'a> Stage<'a> {
         if lighting == LightingModel::None {
             scene.lighting.lights.clear();
         }
-        let options = SessionOptions { bricks: scene.needs(), max_size_px: plan.size_px, ..*options };
-        let volumes = vec![volume.clone()];
-        let shown = resolve(&volumes, &scene, plan.size_px)?;
-        Ok(Self { plan, session: Session::of_scene(volumes, &shown, &options)?, scene })
+        Ok(Self { plan, session: Session::new(vec![volume.clone()], *options), scene })
     }
 
     fn shoot(&mut self, rate: f64) -> Result<Shots, SurveyError> {
         self.scene.step = 1.0 / rate;
-        let mut resolved = self.session.resolve(&self.scene, self.plan.size_px)?;
+        let resolved = self.session.resolve(&self.scene, self.plan.size_px)?;
         self.settle(&resolved)?;
+        let mut frame = self.session.step_resolved(&resolved)?;
         let (mut pictures, mut frame_ms, mut cpu_ms) = (Vec::new(), Vec::new(), Vec::new());
         for seed in 0..self.plan.frames {
-            let frames = resolved.layers.iter_mut().flat_map(|layer| &mut layer.frames);
-            frames.for_each(|frame| frame.settings.sampling.jitter = Jitter::White(seed));
+            let drawn = frame.scene.layers.iter_mut().flat_map(|layer| &mut layer.frames);
+            drawn.for_each(|drawn| drawn.settings.sampling.jitter = Jitter::White(seed));
             let (begun, cpu_begun) = (Instant::now(), processor_ms());
-            pictures.push(self.session.draw(&resolved)?);
+            pictures.push(self.session.draw(&frame)?);
             frame_ms.push(ms(begun));
             cpu_ms.push(processor_ms() - cpu_begun);
         }

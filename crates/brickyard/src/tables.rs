@@ -18,14 +18,14 @@ struct Made {
 struct Kept {
     used: Vec<Made>,
     ahead: Option<Made>,
+    /// How many are in use at once, and whether running integrals will be wanted of them.
+    layers: usize,
+    has_integrals: bool,
 }
 
 /// The tables of the layers of one volume.
 pub(crate) struct Tables {
     encoding: SlotEncoding,
-    layers: usize,
-    /// Whether running integrals will be wanted of them.
-    has_integrals: bool,
     kept: Arc<Mutex<Kept>>,
     /// To the thread that makes them ahead, from when one is first asked for; it ends when this is gone.
     wanted: OnceLock<Sender<TransferFunction>>,
@@ -36,8 +36,14 @@ fn lock(kept: &Mutex<Kept>) -> MutexGuard<'_, Kept> {
 }
 
 impl Tables {
-    pub(crate) fn new(encoding: SlotEncoding, has_integrals: bool, layers: usize) -> Self {
-        Self { encoding, layers, has_integrals, kept: Default::default(), wanted: OnceLock::new() }
+    pub(crate) fn new(encoding: SlotEncoding) -> Self {
+        Self { encoding, kept: Default::default(), wanted: OnceLock::new() }
+    }
+
+    /// Says in how many layers a scene shows the volume, and whether by running integrals.
+    pub(crate) fn expect(&self, layers: usize, has_integrals: bool) {
+        let mut kept = lock(&self.kept);
+        (kept.layers, kept.has_integrals) = (layers, has_integrals);
     }
 
     /// A function's table: one that was used for the last picture or made ahead, or a new one.
@@ -48,10 +54,10 @@ impl Tables {
             kept.used.iter().chain(&kept.ahead).find(is_it).cloned()
         };
         let made = found.unwrap_or_else(|| make(transfer.clone(), &self.encoding, false));
-        let (table, used) = (made.table.clone(), &mut lock(&self.kept).used);
-        used.retain(|other| other.transfer != made.transfer);
-        used.insert(0, made);
-        used.truncate(self.layers);
+        let (table, kept) = (made.table.clone(), &mut *lock(&self.kept));
+        kept.used.retain(|other| other.transfer != made.transfer);
+        kept.used.insert(0, made);
+        kept.used.truncate(kept.layers.max(1));
         table
     }
 
@@ -73,8 +79,8 @@ impl Tables {
 
     fn start(&self) -> Sender<TransferFunction> {
         let (send, receive) = unbounded();
-        let (encoding, has_integrals, kept) = (self.encoding, self.has_integrals, self.kept.clone());
-        let run = move || make_ahead(&receive, &encoding, has_integrals, &kept);
+        let (encoding, kept) = (self.encoding, self.kept.clone());
+        let run = move || make_ahead(&receive, &encoding, &kept);
         if let Err(error) = std::thread::Builder::new().name("tables".into()).spawn(run) {
             tracing::warn!("no thread for transfer tables: {error}");
         }
@@ -90,9 +96,10 @@ fn make(transfer: TransferFunction, encoding: &SlotEncoding, has_integrals: bool
     Made { transfer, table: Arc::new(table) }
 }
 
-fn make_ahead(wanted: &Receiver<TransferFunction>, encoding: &SlotEncoding, has_integrals: bool, kept: &Mutex<Kept>) {
+fn make_ahead(wanted: &Receiver<TransferFunction>, encoding: &SlotEncoding, kept: &Mutex<Kept>) {
     while let Ok(first) = wanted.recv() {
         let newest = wanted.try_iter().last().unwrap_or(first);
+        let has_integrals = lock(kept).has_integrals;
         let made = make(newest, encoding, has_integrals);
         lock(kept).ahead = Some(made);
     }
@@ -119,7 +126,8 @@ mod tests {
     #[test]
     fn tables_made_ahead_are_those_made_at_once_and_are_made_once() {
         let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
-        let tables = Tables::new(encoding, true, 2);
+        let tables = Tables::new(encoding);
+        tables.expect(2, true);
         let [now, next] = [0.3, 0.6].map(function);
         let other = tables.table(&function(0.1));
         let first = tables.table(&now);
@@ -137,7 +145,7 @@ mod tests {
 
     #[test]
     fn of_many_edits_the_newest_is_made() {
-        let tables = Tables::new(SlotEncoding::new(VoxelType::U16, (0.0, 300.0), false), true, 1);
+        let tables = Tables::new(SlotEncoding::new(VoxelType::U16, (0.0, 300.0), false));
         let edits: Vec<_> = (1..200).map(|i| function(i as f64 / 400.0)).collect();
         edits.iter().for_each(|edit| tables.prepare(edit));
         wait(&tables, &edits[198]);

@@ -6,9 +6,8 @@
 //! stay in their slots from one to the next, as far as there is room: tiles are neighbours in the order of a Z-curve.
 
 use crate::offline::{OfflineError, POLL, give_up_after};
-use crate::session::{ResolvedScene, Session};
+use crate::session::{Frame, ResolvedScene, Session};
 use crate::stats::{RenderStats, ms};
-use brickyard_pager::Status;
 use brickyard_volume::{Picture, PixelRect};
 use std::time::{Duration, Instant};
 
@@ -55,9 +54,10 @@ impl Exact<'_> {
         let mut tiles = vec![whole];
         while let Some(tile) = tiles.pop() {
             scene.layers.iter_mut().for_each(|layer| layer.view.window = Some(tile));
-            let status = self.settle(&scene)?;
+            let frame = self.settle(&scene)?;
+            let status = &frame.status;
             if !status.memory_bound {
-                copy(tile, &self.session.draw(&scene)?, &mut picture);
+                copy(tile, &self.session.draw(&frame)?, &mut picture);
                 self.tiles += 1;
                 self.completeness = self.completeness.min(status.completeness);
                 self.failed = self.failed.max(status.failed as u64);
@@ -73,14 +73,14 @@ impl Exact<'_> {
     }
 
     /// Streams until all is there that the scene wants, or it is clear that it does not fit.
-    fn settle(&mut self, scene: &ResolvedScene) -> Result<Status, OfflineError> {
+    fn settle(&mut self, scene: &ResolvedScene) -> Result<Frame, OfflineError> {
         loop {
-            let status = self.session.step(scene)?;
-            self.stats.record(&status, self.session.backend().bytes());
-            if status.settled || status.memory_bound {
-                return Ok(status);
+            let frame = self.session.step_resolved(scene)?;
+            self.stats.record(&frame.status, self.session.backend_bytes());
+            if frame.status.settled || frame.status.memory_bound {
+                return Ok(frame);
             }
-            give_up_after(self.begun, self.max_wait, &status)?;
+            give_up_after(self.begun, self.max_wait, &frame.status)?;
             self.session.wait(POLL);
         }
     }

@@ -55,7 +55,7 @@ pub use pager::{Frame, Pager, VolumeDraw};
 pub use passes::{ExactError, ExactPasses, Next};
 pub use pixels::Pixels;
 pub use planner::Planning;
-pub use ram_cache::{DecodeCounters, RamCache};
+pub use ram_cache::{DecodeCounters, KeptCores, RamCache};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};
 pub use status::{Counters, Status};

@@ -6,7 +6,7 @@ use crate::draw_list::DrawList;
 use crate::layout::Layout;
 use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
-use crate::ram_cache::{RamCache, encoding_of, scratch_bytes};
+use crate::ram_cache::{KeptCores, RamCache, encoding_of, scratch_bytes};
 use crate::residency::{Residency, Wants};
 use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
@@ -55,7 +55,7 @@ pub(crate) struct Seen {
 }
 
 impl PagedVolume {
-    /// Starts the workers, within a share of the host budget that `meter` is charged with.
+    /// Starts the workers, within a share of the host budget that `meter` is charged with, with cores that have been read before.
     ///
     /// # Errors
     /// If the share cannot feed one worker, or no thread can be started.
@@ -63,13 +63,14 @@ impl PagedVolume {
         source: &Arc<dyn BrickSource>,
         layout: Layout,
         host_bytes: u64,
-        config: &PagerConfig,
-        meter: &Arc<Meter>,
+        (config, meter): (&PagerConfig, &Arc<Meter>),
+        kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
         let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
         let occupancy = match config.planning {
@@ -89,6 +90,13 @@ impl PagedVolume {
             roots: Vec::new(),
             handed_out: Vec::new(),
         })
+    }
+
+    /// The cores that it has decoded. Ends the workers.
+    pub(crate) fn into_cores(self) -> KeptCores {
+        let Self { cache, workers, .. } = self;
+        drop(workers);
+        cache.kept_cores()
     }
 
     /// What cuts are made from: the source, or what is known of it without waiting.
@@ -211,9 +219,11 @@ impl PagedVolume {
         }
     }
 
-    /// Whether a complete frame has confirmed what has been told of this view.
+    /// Whether a complete frame has confirmed what has been told of this view. What was told of other contents says nothing of it, and there may
+    /// be nothing to tell, as of projections.
     pub(crate) fn is_confirmed(&self) -> bool {
-        self.visibility.as_ref().is_none_or(|(number, _)| *number == self.confirmed)
+        let is_told = |visibility: &Visibility| self.view.as_ref().is_some_and(|view| visibility.is_of_content(view));
+        self.visibility.as_ref().is_none_or(|(number, told)| *number == self.confirmed || !is_told(told))
     }
 
     /// Whether something is on its way.

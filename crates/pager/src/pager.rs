@@ -13,7 +13,7 @@ use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::paged_volume::{PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
-use crate::ram_cache::layout_of;
+use crate::ram_cache::{KeptCores, layout_of};
 use crate::residency::{Residency, Step, Upload, VolumeStep};
 use crate::sight::Sight;
 use crate::source::BrickSource;
@@ -90,6 +90,19 @@ impl Pager {
     /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
     /// not fit, or no thread can be started.
     pub fn new(sources: &[Arc<dyn BrickSource>], config: PagerConfig) -> Result<Self, PagerError> {
+        Self::with_cores(sources, config, &mut Vec::new())
+    }
+
+    /// Starts the workers with cores that [another pager](Self::into_cores) has decoded: those of these sources are taken, as many as the
+    /// host budget has room for.
+    ///
+    /// # Errors
+    /// As [`Pager::new`].
+    pub fn with_cores(
+        sources: &[Arc<dyn BrickSource>],
+        config: PagerConfig,
+        kept: &mut Vec<KeptCores>,
+    ) -> Result<Self, PagerError> {
         let layouts = sources.iter().map(|source| layout_of(&**source, config.apron, config.gradient_layers));
         let layouts = layouts.collect::<Result<Vec<Layout>, _>>()?;
         let slot_bytes = layouts[0].padded_bytes() as u64;
@@ -108,7 +121,8 @@ impl Pager {
         };
         meter.charge(tables.min(given));
         let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
-            let started = PagedVolume::start(source, layout, host_bytes, &config, &meter);
+            let own = kept.iter().position(|cores| cores.is_of(source)).map(|i| kept.swap_remove(i));
+            let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter), own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
                 other => other,
@@ -244,6 +258,11 @@ impl Pager {
         self.planner = planner(&self.volumes, &self.config)?;
         self.last = None;
         Ok(())
+    }
+
+    /// Ends the workers. What they have decoded may serve [another pager](Self::with_cores), of other slots or wider aprons.
+    pub fn into_cores(self) -> Vec<KeptCores> {
+        self.volumes.into_iter().map(PagedVolume::into_cores).collect()
     }
 
     /// The configuration given.

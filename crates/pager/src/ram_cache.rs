@@ -49,6 +49,15 @@ struct Inner {
     counters: DecodeCounters,
 }
 
+/// Decoded cores of one source that outlive the cache that read them: see [`Pager::into_cores`](crate::Pager::into_cores).
+pub struct KeptCores {
+    source: Arc<dyn BrickSource>,
+    /// Voxels on each side in the aprons behind the cores; 0 if there are none.
+    stored_apron: usize,
+    /// The most recently used first.
+    cores: Vec<(BrickId, Arc<[u8]>)>,
+}
+
 /// What a thread makes of a brick, in buffers that nobody else sees yet.
 struct Making {
     core: Arc<[u8]>,
@@ -103,6 +112,27 @@ impl RamCache {
         };
         let encoding = encoding_of(&*source);
         Self { source, encoding, layout, inner: Mutex::new(inner), made: Condvar::new() }
+    }
+
+    /// The cores, with their stored aprons where there are such: of those that could be read. To be called once nobody reads through the
+    /// cache any more.
+    pub(crate) fn kept_cores(&self) -> KeptCores {
+        let inner = self.lock();
+        let is_whole = |(id, _): &(BrickId, &Arc<[u8]>)| !inner.failed_aprons.contains(id);
+        let cores = inner.cores.entries().filter(is_whole).map(|(id, codes)| (id, codes.clone())).collect();
+        KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
+    }
+
+    /// Takes cores over that another cache of the source has decoded, those last used rather than others. What cannot be used is dropped.
+    pub(crate) fn adopt(&self, kept: KeptCores) {
+        if !kept.is_of(&self.source) || kept.stored_apron != self.layout.stored {
+            return;
+        }
+        let mut inner = self.lock();
+        let count = inner.cores.room().min(kept.cores.len());
+        for (id, codes) in kept.cores.into_iter().take(count).rev() {
+            inner.cores.adopt(id, codes, Part::OWN.bit());
+        }
     }
 
     /// Where the cores come from.
@@ -266,6 +296,13 @@ impl RamCache {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         // Nothing that can panic runs under the lock but allocation; the state is whole at every step.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl KeptCores {
+    /// Whether they are a source's.
+    pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
+        Arc::ptr_eq(&self.source, source)
     }
 }
 

@@ -58,6 +58,25 @@ impl Shelf {
         }
     }
 
+    /// How many more buffers there may be.
+    pub(crate) fn room(&self) -> usize {
+        self.capacity - self.allocated
+    }
+
+    /// Takes in an entry of another shelf with buffers of this size, of which these parts will be taken, while there is
+    /// [room](Self::room).
+    pub(crate) fn adopt(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
+        debug_assert!(codes.len() == self.buffer_bytes && self.room() > 0);
+        self.allocated += 1;
+        self.meter.charge(self.buffer_bytes as u64);
+        self.put(id, codes, parts);
+    }
+
+    /// All entries, the most recently used first.
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (BrickId, &Arc<[u8]>)> {
+        self.entries.iter().map(|(&id, entry)| (id, &entry.codes))
+    }
+
     /// A buffer that nobody else holds: a new one within the capacity, or that of the entry that goes first. `None` if all
     /// are in use.
     pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {

@@ -1,4 +1,5 @@
-//! What the pager asks of a store: geometry, what bricks can show, and decoded bricks.
+//! What the pager asks of a volume: geometry, what bricks can show, and decoded bricks. A store answers from its files; a program may
+//! answer from its own arrays, or compute.
 
 use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
@@ -15,7 +16,46 @@ pub struct BrickError {
     pub is_passing: bool,
 }
 
-/// A paged volume. Calls come from many worker threads.
+/// A paged volume: a pyramid of bricks that can be read one by one. Calls come from many worker threads at once, but those about a volume as
+/// a whole, which are quick and always answer the same.
+///
+/// The methods without a body are enough for a volume of one channel and one time step:
+///
+/// ```
+/// use brickyard_pager::{BrickError, BrickSource};
+/// use brickyard_volume::{BrickId, Extent, Geometry, Pyramid, VoxelType};
+///
+/// /// A sphere, computed brick by brick.
+/// struct Sphere { pyramid: Pyramid, geometry: Geometry }
+///
+/// impl BrickSource for Sphere {
+///     fn pyramid(&self) -> &Pyramid { &self.pyramid }
+///     fn geometry(&self) -> &Geometry { &self.geometry }
+///     fn voxel_type(&self) -> VoxelType { VoxelType::U8 }
+///     fn value_range(&self) -> (f64, f64) { (0.0, 255.0) }
+///     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+///         let (edge, first) = (self.pyramid.edge(), id.index.to_array().map(|i| i * self.pyramid.edge()));
+///         // A voxel of a coarser level stands for several of level 0.
+///         let factor = self.pyramid.level(id.level).factor;
+///         for (i, voxel) in (0..).zip(out) {
+///             let place = [first[0] + i % edge, first[1] + i / edge % edge, first[2] + i / edge / edge];
+///             let from_centre: [f64; 3] =
+///                 std::array::from_fn(|axis| (f64::from(place[axis]) + 0.5) * f64::from(factor[axis]) - 100.0);
+///             let radius = from_centre.iter().map(|d| d * d).sum::<f64>().sqrt();
+///             *voxel = (255.0 - 2.0 * radius).max(0.0) as u8;
+///         }
+///         Ok(())
+///     }
+/// }
+///
+/// let (extent, geometry) = (Extent::new(200, 200, 200), Geometry::default());
+/// let sphere = Sphere { pyramid: Pyramid::new(extent, geometry.spacing.to_array(), 64), geometry };
+/// # let whole = BrickId { time: 0, channel: 0, level: sphere.pyramid.coarsest(), index: Default::default() };
+/// # let mut voxels = vec![0; 64 * 64 * 64];
+/// # sphere.read_core(whole, &mut voxels)?;
+/// # assert_eq!(voxels[25 + 64 * (25 + 64 * 25)], 251);
+/// # Ok::<(), BrickError>(())
+/// ```
 pub trait BrickSource: Send + Sync {
     /// Levels and brick grids.
     fn pyramid(&self) -> &Pyramid;
@@ -23,19 +63,30 @@ pub trait BrickSource: Send + Sync {
     fn geometry(&self) -> &Geometry;
     /// Type of a voxel.
     fn voxel_type(&self) -> VoxelType;
-    /// Least and greatest valid value over the whole store (all channels, all steps).
+    /// Least and greatest valid value of the volume, all channels, time steps and levels. Values beyond are shown as these.
     fn value_range(&self) -> (f64, f64);
-    /// Whether some voxel is NaN or infinite.
-    fn has_non_finite(&self) -> bool;
-    /// Number of time steps.
-    fn times(&self) -> u32;
-    /// Number of channels.
-    fn channels(&self) -> u32;
+    /// Whether some voxel is NaN or infinite: such voxels have no value.
+    fn has_non_finite(&self) -> bool {
+        self.voxel_type().is_float()
+    }
+    /// Number of time steps, at least one.
+    fn times(&self) -> u32 {
+        1
+    }
+    /// Number of channels, at least one.
+    fn channels(&self) -> u32 {
+        1
+    }
     /// How occupancy masks bin a channel's values.
-    fn occupancy_bins(&self, channel: u32) -> OccupancyBins;
+    fn occupancy_bins(&self, _channel: u32) -> OccupancyBins {
+        let (low, high) = self.value_range();
+        OccupancyBins::over(low, high)
+    }
     /// What the brick and its descendants can show, one voxel around them included; [`Occupancy::ALL`] where it is not known. May
-    /// wait for a disk.
-    fn occupancy(&self, id: BrickId) -> Occupancy;
+    /// wait for a disk. Bricks that can show nothing under a transfer function are not read.
+    fn occupancy(&self, _id: BrickId) -> Occupancy {
+        Occupancy::ALL
+    }
     /// The same of all bricks of a page, each at its [place](Pyramid::page_of).
     ///
     /// # Errors
@@ -47,24 +98,30 @@ pub trait BrickSource: Send + Sync {
         }
         Ok(occupancy)
     }
-    /// Tells the kernel that these bricks, and their aprons where they are stored, are about to be read.
-    fn advise(&self, ids: &[BrickId]);
+    /// Says that these bricks, and their aprons where they are stored, are about to be read: a file is told to its kernel.
+    fn advise(&self, _ids: &[BrickId]) {}
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent
     /// are unspecified.
     ///
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
-    /// Width of the aprons that are stored; 0 where there are none.
-    fn stored_apron(&self) -> u32;
+    /// Width of the aprons that are stored; 0 where there are none, and aprons are copied from neighbouring bricks.
+    fn stored_apron(&self) -> u32 {
+        0
+    }
     /// Decodes the brick's stored apron, little-endian voxels in the order of [`brickyard_volume::Apron`], into `out`. Only
     /// asked for where aprons are stored.
     ///
     /// # Errors
     /// As [`BrickSource::read_core`], of the apron.
-    fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
+    fn read_apron(&self, id: BrickId, _out: &mut [u8]) -> Result<(), BrickError> {
+        Err(BrickError { id, reason: "no aprons are stored".into(), is_passing: false })
+    }
     /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for whomever.
-    fn bytes_read(&self) -> u64;
+    fn bytes_read(&self) -> u64 {
+        0
+    }
     /// The most memory that the source itself takes while it is read, whatever its size.
     fn cache_bytes(&self) -> u64 {
         0

@@ -41,7 +41,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// Adds another pager's status, of the same picture.
+    /// Combines this status with that of another pager, of the same picture.
     pub fn and(&self, other: &Self) -> Self {
         let (a, b) = (self.wanted as f64, other.wanted as f64);
         let completeness = (self.completeness * a + other.completeness * b) / (a + b);
@@ -90,7 +90,7 @@ pub struct Counters {
 
 impl Counters {
     /// Adds another pager's counts.
-    pub(crate) fn and(&self, other: &Self) -> Self {
+    pub fn and(&self, other: &Self) -> Self {
         Self {
             decoded: self.decoded + other.decoded,
             bytes_read: self.bytes_read + other.bytes_read,

@@ -48,6 +48,13 @@ impl Visibility {
         self.view == *view
     }
 
+    /// Whether it was told of what this view shows, seen from wherever.
+    pub(crate) fn is_of_content(&self, view: &View) -> bool {
+        let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
+        let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
+        content(&self.view) == content(view) && is_same_place
+    }
+
     /// Takes in what a later frame of the same view told. Returns whether anything has changed.
     pub(crate) fn add(&mut self, later: Self) -> bool {
         let mut has_changed = false;
@@ -63,9 +70,7 @@ impl Visibility {
 
     /// What a view may expect of a node: what was told of it, if that still holds.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
-        let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
-        let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
-        let same_content = content(&self.view) == content(view) && is_same_place;
+        let same_content = self.is_of_content(view);
         let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
         let holds = same_content
             && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, &view.placement, node) <= allowed));

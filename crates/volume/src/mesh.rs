@@ -336,6 +336,15 @@ impl MeshRoom {
         self.triangles == 0
     }
 
+    /// Room for the meshes of either of two pictures.
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            meshes: self.meshes.max(other.meshes),
+            vertices: self.vertices.max(other.vertices),
+            triangles: self.triangles.max(other.triangles),
+        }
+    }
+
     /// Whether meshes that take the other fit in this.
     pub fn holds(&self, other: &Self) -> bool {
         self.meshes >= other.meshes && self.vertices >= other.vertices && self.triangles >= other.triangles

@@ -240,7 +240,19 @@ impl Needs {
         GradientNodes { edge, layers: self.gradient_layers }
     }
 
-    /// Whether bricks made for these will do for those.
+    /// What suffices for the pictures of both.
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            apron: self.apron.max(other.apron),
+            gradient_layers: self.gradient_layers.max(other.gradient_layers),
+            filter: if self.filter.taps() > other.filter.taps() { self.filter } else { other.filter },
+            is_pre_integrated: self.is_pre_integrated || other.is_pre_integrated,
+            has_grid: self.has_grid || other.has_grid,
+            meshes: self.meshes.union(other.meshes),
+        }
+    }
+
+    /// Whether bricks and tables prepared for `self` also satisfy `other`.
     pub fn satisfy(&self, other: &Self) -> bool {
         let has_tables = (self.is_pre_integrated || !other.is_pre_integrated) && (self.has_grid || !other.has_grid);
         self.apron >= other.apron

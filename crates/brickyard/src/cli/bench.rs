@@ -148,9 +148,7 @@ fn flight(
         },
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
-        bricks: scene.needs(),
         threads: threads(arguments.threads),
-        max_size_px: arguments.size,
         leaps: !arguments.no_leaps,
         live: true,
     };

@@ -5,6 +5,7 @@ use super::session_args::processors;
 use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::import::{SynthKind, SynthSource};
+use brickyard::memory::available_bytes;
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
@@ -66,7 +67,7 @@ pub(crate) fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION"),
         processors: processors(),
         avx2: has_avx2(),
-        memory_bytes: memory_bytes(),
+        memory_bytes: available_bytes(),
         adapters: adapters().into_iter().map(adapter).collect(),
         trials: trials()?,
     };
@@ -123,17 +124,12 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
-        bricks: scene.needs(),
         threads: processors(),
-        max_size_px: SIZE,
         leaps: true,
         live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };
-    let mut session = match Session::new(VolumeSource::of_store(store), &options) {
-        Ok(session) => session,
-        Err(error) => return failed(error.to_string()),
-    };
+    let mut session = Session::new(vec![VolumeSource::of_store(store)], options);
     let resolved = match session.resolve(scene, SIZE) {
         Ok(resolved) => resolved,
         Err(error) => return failed(error.to_string()),
@@ -188,10 +184,4 @@ fn has_avx2() -> bool {
     return std::arch::is_x86_feature_detected!("avx2");
     #[cfg(not(target_arch = "x86_64"))]
     return false;
-}
-
-fn memory_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
-    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
 }

@@ -1,11 +1,10 @@
 //! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
-use brickyard::picture_file::write_png;
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
+use brickyard::volume::counted;
 use brickyard::volume::transfer::shown_window;
-use brickyard::volume::{Picture, Scene, counted};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -58,19 +57,6 @@ pub(crate) fn report(stats: &RenderStats) {
             "{unreadable} beside what is shown, or aprons, could not be read; run `brickyard verify` for the names"
         );
     }
-}
-
-/// Writes a picture, and into it the scene it is of.
-pub(crate) fn write(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), Failure> {
-    let notes = [
-        ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
-        ("Scene", serde_json::to_string(shown).map_err(Failure::failed)?),
-        (
-            "Bricks",
-            format!("{} of {} wanted, {} failed", stats.bricks.resident, stats.bricks.wanted, stats.bricks.failed),
-        ),
-    ];
-    write_png(path, picture, &notes).map_err(Failure::failed)
 }
 
 #[cfg(test)]

@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     let plan = arguments.plan(&scene);
     make_folder(&arguments.output, arguments.overwrite)?;
     let mut rows = Vec::new();
-    let options = arguments.session_options(&scene);
+    let options = arguments.session_options();
     survey(&volume, &plan, &options, |row, series| {
         print_row(rows.is_empty(), &row)?;
         write_map(&arguments.output, &row, series)?;
@@ -169,15 +169,13 @@ impl QualityArguments {
         }
     }
 
-    fn session_options(&self, scene: &Scene) -> SessionOptions {
+    fn session_options(&self) -> SessionOptions {
         SessionOptions {
             backend: BackendChoice::Cpu,
             compositor: CompositorChoice::Auto,
             gpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
-            bricks: scene.needs(),
             threads: threads(self.threads),
-            max_size_px: self.size,
             leaps: true,
             live: false,
         }

@@ -1,7 +1,7 @@
 //! `brickyard render`: settled pictures of stores, as PNG, under fixed budgets.
 
 use super::failure::Failure;
-use super::output::{note_window, report, write};
+use super::output::{note_window, report};
 use super::render_args::RenderArguments;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use super::store_errors;
@@ -11,7 +11,7 @@ use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::pager::ExactError;
-use brickyard::projection::for_mode;
+use brickyard::picture_file::write_shown;
 use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::{Percentiles, RenderStats, ms};
@@ -31,10 +31,10 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let stores = arguments.stores.iter().map(|path| store_errors::open(path));
     let stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
     let scene = arguments.sampling.of(arguments.scene.scene(&stores, arguments.size)?);
-    let of_mode = stores.into_iter().map(|store| for_mode(store, scene.mode).map(Arc::new));
-    let of_mode = of_mode.collect::<Result<Vec<Arc<Store>>, _>>();
-    let stores = of_mode.map_err(|error| store_errors::open_failure(&error))?;
-    let volumes: Vec<VolumeSource> = stores.iter().map(VolumeSource::of_store).collect();
+    let volumes = stores.into_iter().map(|store| VolumeSource::of_store(&Arc::new(store)).suited(scene.mode));
+    let volumes = volumes.collect::<Result<Vec<VolumeSource>, _>>();
+    let volumes = volumes.map_err(|error| store_errors::open_failure(&error))?;
+    let stores: Vec<Arc<Store>> = volumes.iter().filter_map(VolumeSource::store).cloned().collect();
     let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
     let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
     windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
@@ -75,7 +75,7 @@ impl Pictures<'_> {
         let (mut stats, mut frame_ms) = (std::mem::take(&mut self.stats), Vec::new());
         for (scene, output) in self.views.iter() {
             let (resolved, picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
-            write(&output, &picture, &resolved.shown(&scene), &stats)?;
+            write_shown(&output, &picture, &resolved.shown(&scene), &stats).map_err(Failure::failed)?;
         }
         stats.frame_ms = Percentiles::of(&frame_ms);
         report(&stats);
@@ -84,8 +84,7 @@ impl Pictures<'_> {
     }
 
     fn stream(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
-        let options = self.arguments.session_options(compositor, self.views.first().needs());
-        let mut session = self.session(&options)?;
+        let mut session = self.session(self.arguments.session_options(compositor))?;
         self.draw(|run, scene, stats, frame_ms| {
             let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;
             let max_wait = run.arguments.max_wait();
@@ -97,12 +96,12 @@ impl Pictures<'_> {
     }
 
     /// A session for the first view, and what draws it said.
-    fn session(&mut self, options: &SessionOptions) -> Result<Session, Failure> {
-        let first = self.resolve(&self.views.first())?;
-        let session = Session::of_scene(self.volumes.clone(), &first, options).map_err(session_failure)?;
-        let (backend, stats) = (session.backend(), &mut self.stats);
-        (stats.adapter, stats.backend) = (session.backend_line().into(), backend.name());
-        (stats.compositor, stats.gpu_bytes_asked) = (backend.compositor(), backend.asked_bytes());
+    fn session(&mut self, options: SessionOptions) -> Result<Session, Failure> {
+        let mut session = Session::new(self.volumes.clone(), options);
+        let first = session.resolve(&self.views.first(), self.arguments.size).map_err(session_failure)?;
+        session.fit(&first).map_err(session_failure)?;
+        let stats = &mut self.stats;
+        stats.describe(&session);
         let layers = match first.layers.len() {
             1 => String::new(),
             count => format!(" {count} layers,"),
@@ -114,25 +113,25 @@ impl Pictures<'_> {
     /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
         let first = self.views.first();
-        let options = self.arguments.session_options(compositor, first.needs());
+        let options = self.arguments.session_options(compositor);
         let first = self.resolve(&first)?;
         let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);
         if !first.is_alone() || options.backend == BackendChoice::Cpu || !takes_passes {
-            return self.in_tiles(&options);
+            return self.in_tiles(options);
         }
         let source = self.volumes[first.layers[0].volume].source.clone();
-        match ExactRenderer::new(source, &options) {
+        match ExactRenderer::new(source, first.needs, self.arguments.size, &options) {
             Ok(exact) => self.in_passes(exact),
             Err(ExactPictureError::Backend(BackendError::Gpu(GpuError::NoAdapter { .. })))
                 if options.backend == BackendChoice::Auto && compositor == CompositorChoice::Auto =>
             {
-                self.in_tiles(&options)
+                self.in_tiles(options)
             }
             Err(error) => Err(exact_failure(error)),
         }
     }
 
-    fn in_tiles(&mut self, options: &SessionOptions) -> Result<(), Failure> {
+    fn in_tiles(&mut self, options: SessionOptions) -> Result<(), Failure> {
         let mut session = self.session(options)?;
         self.draw(|run, scene, stats, frame_ms| {
             let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;

@@ -8,7 +8,6 @@ use super::values;
 use brickyard::backend::CompositorChoice;
 use brickyard::session::SessionOptions;
 use brickyard::stats::RenderStats;
-use brickyard::volume::Needs;
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -88,15 +87,13 @@ impl RenderArguments {
         }
     }
 
-    pub(super) fn session_options(&self, compositor: CompositorChoice, bricks: Needs) -> SessionOptions {
+    pub(super) fn session_options(&self, compositor: CompositorChoice) -> SessionOptions {
         SessionOptions {
             backend: self.backend.into(),
             compositor,
             gpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
-            bricks,
             threads: threads(self.threads),
-            max_size_px: self.size,
             leaps: true,
             live: false,
         }

@@ -27,12 +27,10 @@ pub(crate) fn oracle_failure(error: OracleError) -> Failure {
 
 pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
-        SessionError::Camera(_)
-        | SessionError::Stereo(_)
-        | SessionError::Scene(_)
-        | SessionError::Needs { .. }
-        | SessionError::OtherLayers
-        | SessionError::NoOrder => Failure::usage(error),
+        SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) | SessionError::NoOrder => {
+            Failure::usage(error)
+        }
+        SessionError::Open(error) => store_errors::open_failure(&error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
@@ -46,6 +44,9 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
             | BackendError::Cpu(SoftwareError::Budget { .. })
             | BackendError::CpuCompositor(_),
         ) => Failure::usage(error),
-        SessionError::Pager(_) | SessionError::Backend(_) | SessionError::LostAgain { .. } => Failure::failed(error),
+        SessionError::Pager(_)
+        | SessionError::Backend(_)
+        | SessionError::LostAgain { .. }
+        | SessionError::Superseded => Failure::failed(error),
     }
 }

@@ -416,3 +416,39 @@ fn volumes_that_come_to_share_a_grid_share_its_cut_at_once() {
         }
     }
 }
+
+#[test]
+fn another_pager_goes_on_with_the_cores_of_one_before() {
+    for stored_apron in [0, 2] {
+        let source = Arc::new(TestSource::cube(64).with_aprons(stored_apron));
+        let view =
+            View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 200.0 }) };
+        let view = [view];
+        let bytes = 8 << 20;
+        let mut first = pager_of(&source, config(600, bytes));
+        settle(&mut first, &view, &mut HashMap::new());
+        let decoded = first.frame(&view, Duration::ZERO).status.counters.decoded;
+        let mut kept = first.into_cores();
+        // Wider aprons, and other slots.
+        let config = PagerConfig { apron: 2, slots: 700, ..config(600, bytes) };
+        let shared: Arc<dyn BrickSource> = source.clone();
+        let mut second = Pager::with_cores(from_ref(&shared), config.clone(), &mut kept).unwrap();
+        // Which slots they get depends on which come first.
+        let bricks = |pager: &mut Pager| {
+            let mut atlas = HashMap::new();
+            let frame = settle(pager, &view, &mut atlas);
+            let codes = frame.volumes[0].draw.cells.iter().map(|cell| (cell.brick, atlas[&cell.slot.0].clone()));
+            (frame.status.counters.decoded, codes.collect::<HashMap<_, _>>())
+        };
+        let (again, codes) = bricks(&mut second);
+        assert!(decoded > 500 && again == 0, "{decoded}, then {again} of a source with aprons of {stored_apron}");
+        assert!(codes.len() == 512 && codes == bricks(&mut pager_of(&source, config)).1, "bricks differ");
+        // Another source's cores are not taken, and no more than there is room for.
+        let other: Arc<dyn BrickSource> = Arc::new(TestSource::cube(64));
+        let mut kept = second.into_cores();
+        let mut third = Pager::with_cores(from_ref(&other), self::config(600, bytes), &mut kept).unwrap();
+        assert!(kept.len() == 1 && settle(&mut third, &view, &mut HashMap::new()).status.counters.decoded > 500);
+        let small = Pager::with_cores(from_ref(&shared), self::config(600, 800 << 10), &mut kept).unwrap();
+        assert!(small.meter.used() <= 800 << 10 && kept.is_empty());
+    }
+}

@@ -1,0 +1,306 @@
+//! What a session has made for the scenes that it shows: a backend with slots, and the pagers that fill them. A scene that asks for more (wider
+//! aprons, other tables, a larger picture, other layers) gets another fit, which goes on with the cores that the last one had decoded.
+//!
+//! Layers whose bricks fit each other's slots share a pool of them, and a pager, which splits the worst cell of any of them first. Budgets
+//! are shared out among pools once, by what each could use ([`share`]).
+//!
+//! Making one costs what opening a device and compiling shaders does, some 100 ms; all slots are filled anew from main memory.
+
+use crate::backend::{self, BackendError, Renderer, layer_needs};
+use crate::options::SessionOptions;
+use crate::resolve::{ResolvedLayer, ResolvedScene};
+use crate::session_error::SessionError;
+use crate::volume_source::VolumeSource;
+use brickyard_pager::{
+    BrickSource, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
+    VolumeNeeds, Wish, pools, share,
+};
+use brickyard_volume::{Needs, Picture};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What a live step may upload: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
+const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duration::from_millis(4) };
+
+/// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
+const LIVE_FADE: Duration = Duration::from_millis(200);
+
+/// Pictures of live sessions may grow up to the next multiple of so many pixels: a window that is being resized asks for another fit now and
+/// then, and not in every frame.
+const LIVE_SIZE_PX: u32 = 256;
+
+/// What a scene asks of slots, tables and targets.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Demand {
+    /// Each layer's place in scenes, and its volume's among the session's.
+    layers: Vec<(usize, usize)>,
+    /// What bricks have.
+    pub(crate) bricks: Needs,
+    /// Whether there is room for expressions.
+    has_expressions: bool,
+    /// The largest picture, pixels.
+    pub(crate) size_px: (u32, u32),
+}
+
+impl Demand {
+    /// The demand of a scene. In a live session it is of the layers that the scene hides, too: they keep their coarsest bricks.
+    pub(crate) fn of(scene: &ResolvedScene, is_live: bool) -> Self {
+        let hidden = scene.hidden.iter().filter(|_| is_live).map(|layer| (layer.place, layer.volume));
+        let mut layers: Vec<_> = scene.layers.iter().map(|layer| (layer.place, layer.volume)).chain(hidden).collect();
+        layers.sort_unstable();
+        let whole = scene.layers[0].view.rays.whole();
+        let room = |px: u32| if is_live { px.div_ceil(LIVE_SIZE_PX) * LIVE_SIZE_PX } else { px };
+        Self {
+            layers,
+            bricks: scene.needs,
+            has_expressions: !scene.is_alone(),
+            size_px: (room(whole.x1), room(whole.y1)),
+        }
+    }
+
+    /// The demand of this scene and of those that `before` suffices for, of this one's layers.
+    pub(crate) fn grown(&self, before: &Self) -> Self {
+        Self {
+            layers: self.layers.clone(),
+            bricks: self.bricks.union(before.bricks),
+            has_expressions: self.has_expressions || before.has_expressions,
+            size_px: (self.size_px.0.max(before.size_px.0), self.size_px.1.max(before.size_px.1)),
+        }
+    }
+}
+
+/// A layer, and what of it is drawn now.
+struct FitLayer {
+    /// Its place in scenes, and its volume's among the session's.
+    place: usize,
+    volume: usize,
+    source: Arc<dyn BrickSource>,
+    /// A list for each eye of the last step's view.
+    draws: Vec<DrawList>,
+    /// Which cut they are drawn from: the number of the first layer that shares it.
+    cut: u32,
+}
+
+/// Layers that share slots, by their numbers, and their pager.
+struct Pool {
+    layers: Vec<usize>,
+    pager: Pager,
+    is_settled: bool,
+}
+
+/// A backend, and the pagers of its pools of slots.
+pub(crate) struct Fit {
+    pub(crate) demand: Demand,
+    layers: Vec<FitLayer>,
+    pools: Vec<Pool>,
+    pub(crate) backend: Box<dyn Renderer>,
+    pub(crate) backend_line: String,
+}
+
+impl Fit {
+    /// Makes a backend and pagers. Of `kept` the cores of these volumes are taken.
+    ///
+    /// # Errors
+    /// If no backend can be made, it has no compositor for several layers, or a budget is too small; the message says the least that
+    /// works.
+    pub(crate) fn make(
+        volumes: &[VolumeSource],
+        demand: Demand,
+        options: &SessionOptions,
+        kept: &mut Vec<KeptCores>,
+    ) -> Result<Self, SessionError> {
+        let sources: Vec<_> = demand.layers.iter().map(|&(_, volume)| volumes[volume].source.clone()).collect();
+        let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, demand.bricks)).collect();
+        let (backend, backend_line) = backend::open(&needs, demand.has_expressions, demand.size_px, options)?;
+        let pools = pools_of(&needs, &sources, &*backend, options, kept)?;
+        let layer = |(&(place, volume), source)| FitLayer { place, volume, source, draws: Vec::new(), cut: 0 };
+        let layers = demand.layers.iter().zip(sources).map(layer).collect();
+        Ok(Self { demand, layers, pools, backend, backend_line })
+    }
+
+    /// Whether a scene can be shown with it.
+    pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
+        let Demand { bricks, has_expressions, size_px, .. } = self.demand;
+        let is_of_volume = |own: &FitLayer, (place, volume)| (own.place, own.volume) == (place, volume);
+        let shown = scene.layers.iter().map(|layer| (layer.place, layer.volume));
+        let hidden = scene.hidden.iter().map(|layer| (layer.place, layer.volume));
+        let of_scene: Vec<_> = shown.chain(hidden).collect();
+        asked.layers.iter().all(|&layer| self.layers.iter().any(|own| is_of_volume(own, layer)))
+            && self.layers.iter().all(|own| of_scene.iter().any(|&layer| is_of_volume(own, layer)))
+            && bricks.satisfy(&asked.bricks)
+            && (has_expressions || scene.combination.is_none())
+            && size_px.0 >= asked.size_px.0
+            && size_px.1 >= asked.size_px.1
+    }
+
+    /// Ends it: what has been decoded may serve another one.
+    pub(crate) fn into_cores(self) -> Vec<KeptCores> {
+        self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
+    }
+
+    /// A scene's view of each layer.
+    pub(crate) fn views(&self, scene: &ResolvedScene) -> Vec<View> {
+        let view = |own: &FitLayer| {
+            let shown = scene.layers.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
+            let hidden = || scene.hidden.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
+            shown.or_else(hidden).cloned()
+        };
+        // A scene that it suffices for has them all.
+        self.layers.iter().filter_map(view).collect()
+    }
+
+    /// How far all layers are together, after their uploads; `None` of no layers.
+    pub(crate) fn step(&mut self, views: &[View], at: Duration) -> Result<Option<Status>, BackendError> {
+        let mut whole: Option<Status> = None;
+        for pool in &mut self.pools {
+            let of_pool: Vec<View> = pool.layers.iter().map(|&layer| views[layer].clone()).collect();
+            let frame = pool.pager.frame(&of_pool, at);
+            let begun = Instant::now();
+            let mut uploads = frame.uploads.iter();
+            uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
+            pool.pager.uploads_took(begun.elapsed());
+            for (&layer, drawn) in pool.layers.iter().zip(frame.volumes) {
+                let layer = &mut self.layers[layer];
+                layer.draws = std::iter::once(drawn.draw).chain(drawn.draw_other_eye).collect();
+                layer.cut = pool.layers[drawn.cut] as u32;
+            }
+            pool.is_settled = frame.status.settled;
+            whole = Some(match whole {
+                None => frame.status,
+                Some(before) => before.and(&frame.status),
+            });
+        }
+        Ok(whole)
+    }
+
+    /// Waits until a brick has arrived, at most this long.
+    pub(crate) fn wait(&mut self, timeout: Duration) {
+        if let [pool] = &mut self.pools[..] {
+            pool.pager.wait(timeout);
+            return;
+        }
+        // One after the other: what comes for another one meanwhile is taken in soon.
+        let patience = (timeout / 16).max(Duration::from_millis(1));
+        for pool in self.pools.iter_mut().filter(|pool| !pool.is_settled) {
+            if pool.pager.wait(patience) {
+                return;
+            }
+        }
+    }
+
+    /// Renders a scene with what is in the slots. Where `tells`, pagers are told what was seen.
+    pub(crate) fn draw(&mut self, scene: &ResolvedScene, tells: bool) -> Result<Picture, BackendError> {
+        let Self { layers: own, pools, backend, .. } = self;
+        let eyes = 1 + scene.stereo.is_some() as usize;
+        let is_told = tells && own.iter().all(|layer| layer.draws.len() == eyes);
+        let mut seen: Vec<Option<Vec<f32>>> = vec![is_told.then(Vec::new); own.len()];
+        let picture = scene.picture(|eye| {
+            let layers = drawn(own, scene, eye);
+            let picture = backend.render(&layers, scene.combination.as_ref())?;
+            for (i, seen) in seen.iter_mut().enumerate() {
+                *seen = match (seen.take(), backend.visibility(i)) {
+                    (Some(seen), Some(by_eye)) => Some([&seen, by_eye].concat()),
+                    _ => None,
+                };
+            }
+            Ok::<_, BackendError>(picture)
+        })?;
+        for Pool { layers, pager, .. } in pools {
+            for (volume, &layer) in layers.iter().enumerate() {
+                // A scene that hides what the last step showed tells nothing of it.
+                let cells: usize = own[layer].draws.iter().map(|list| list.cells.len()).sum();
+                let told = seen[layer].iter().filter(|seen| seen.len() == cells);
+                told.for_each(|seen| pager.feedback(volume, seen));
+            }
+        }
+        Ok(picture)
+    }
+
+    /// Has a thread make what drawing a scene would have to make first.
+    pub(crate) fn prepare(&mut self, scene: &ResolvedScene) {
+        self.backend.prepare(&drawn(&self.layers, scene, 0), scene.combination.as_ref());
+    }
+
+    /// Whether drawing a scene has nothing to make first.
+    pub(crate) fn is_prepared(&self, scene: &ResolvedScene) -> bool {
+        self.backend.is_prepared(&drawn(&self.layers, scene, 0), scene.combination.as_ref())
+    }
+
+    /// Starts a lost device anew; its slots are empty.
+    pub(crate) fn renew(&mut self) -> Result<(), SessionError> {
+        self.backend.renew()?;
+        for Pool { layers, pager, .. } in &mut self.pools {
+            pager.forget_slots(self.backend.slots(layers[0]))?;
+        }
+        self.layers.iter_mut().for_each(|layer| layer.draws.clear());
+        Ok(())
+    }
+
+    /// Bricks of all layers that fit at once.
+    pub(crate) fn slots(&self) -> u64 {
+        self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
+    }
+
+    /// What is drawn now of each layer, for the one eye or the left one.
+    pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
+        self.layers.iter().filter_map(|layer| layer.draws.first())
+    }
+}
+
+/// A scene's layers with their draw lists of now, for one eye. Layers that the scene hides are left out.
+fn drawn<'a>(layers: &'a [FitLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
+    let layer = |(volume, own): (usize, &'a FitLayer)| {
+        let shown: &ResolvedLayer = scene.layers.iter().find(|layer| layer.place == own.place)?;
+        let draw = own.draws.get(eye).or(own.draws.first()).unwrap_or(&NOTHING);
+        Some(Layer { volume, frame: &shown.frames[eye], pyramid: own.source.pyramid(), draw, cut: own.cut })
+    };
+    layers.iter().enumerate().filter_map(layer).collect()
+}
+
+/// The draw list of a layer before its first step.
+static NOTHING: DrawList = DrawList { cells: Vec::new() };
+
+/// The pools of layers with these needs, all within the host budget.
+fn pools_of(
+    needs: &[VolumeNeeds],
+    sources: &[Arc<dyn BrickSource>],
+    backend: &dyn Renderer,
+    options: &SessionOptions,
+    kept: &mut Vec<KeptCores>,
+) -> Result<Vec<Pool>, SessionError> {
+    let pool_of = pools(needs);
+    let count = pool_of.iter().max().map_or(0, |last| last + 1);
+    let members: Vec<Vec<usize>> =
+        (0..count).map(|pool| (0..needs.len()).filter(|&layer| pool_of[layer] == pool).collect()).collect();
+    let bricks = needs[0].bricks;
+    let uploads = UploadLimits { bytes: LIVE_UPLOADS.bytes / count as u64, time: LIVE_UPLOADS.time / count as u32 };
+    let config = |layers: &Vec<usize>| PagerConfig {
+        slots: backend.slots(layers[0]),
+        apron: bricks.apron,
+        gradient_layers: bricks.gradient_layers,
+        host_bytes: 0,
+        // Twice as many as there are threads, in all: some wait while others read.
+        workers: (2 * options.threads).div_ceil(needs.len()).min(options.threads).max(1) as u32,
+        planning: if options.live { Planning::Thread } else { Planning::Inline },
+        prefetch: options.live,
+        uploads: options.live.then_some(uploads),
+        fade: options.live.then_some(LIVE_FADE),
+    };
+    let configs: Vec<PagerConfig> = members.iter().map(config).collect();
+    let of_pool = |layers: &Vec<usize>| layers.iter().map(|&layer| sources[layer].clone()).collect::<Vec<_>>();
+    let given = options.host_memory_bytes.saturating_sub(bricks.meshes.bytes());
+    let shares = match count {
+        1 => vec![given],
+        _ => {
+            let wishes =
+                members.iter().zip(&configs).map(|(layers, config)| Pager::host_wish(&of_pool(layers), config));
+            let wishes = wishes.collect::<Result<Vec<Wish>, _>>()?;
+            share(given, &wishes).map_err(|least| PagerError::HostMemory { given, least })?
+        }
+    };
+    let pool = |((layers, config), host_bytes): ((Vec<usize>, PagerConfig), u64)| {
+        let pager = Pager::with_cores(&of_pool(&layers), PagerConfig { host_bytes, ..config }, kept)?;
+        Ok(Pool { layers, pager, is_settled: false })
+    };
+    members.into_iter().zip(configs).zip(shares).map(pool).collect()
+}
