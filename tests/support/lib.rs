@@ -226,9 +226,17 @@ pub fn assert_same_surface(found: &Picture, expected: &Picture, what: &str) {
 /// # Panics
 /// If it is not there.
 pub fn command() -> Command {
+    program("brickyard")
+}
+
+/// A program of this build, `examples/NAME` for an example.
+///
+/// # Panics
+/// If it is not there.
+pub fn program(name: &str) -> Command {
     let test = std::env::current_exe().expect("this program has a path");
-    let path = test.ancestors().nth(2).expect("target/PROFILE/deps/test").join("brickyard");
-    assert!(path.is_file(), "{} is not built: run `cargo build` (tools/test does)", path.display());
+    let path = test.ancestors().nth(2).expect("target/PROFILE/deps/test").join(name);
+    assert!(path.is_file(), "{} is not built: run `cargo build --all-targets` (tools/test does)", path.display());
     Command::new(path)
 }
 

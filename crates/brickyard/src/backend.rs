@@ -1,9 +1,12 @@
 //! Renderers behind one face: bricks go into the slots of layers, and frames come out.
 
+#[cfg(feature = "gpu")]
+use crate::gpu_backend;
 use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
-use brickyard_render::{Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
+#[cfg(feature = "gpu")]
+use brickyard_render::{GpuError, GpuPreference};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 
@@ -11,8 +14,13 @@ use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// The GPU backend's error.
+    #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// The library was built without the GPU backend.
+    #[cfg(not(feature = "gpu"))]
+    #[error("a GPU was asked for, and this build has no GPU backend (the feature `gpu`)")]
+    NoGpu,
     /// The CPU backend's error.
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
@@ -24,7 +32,10 @@ pub enum BackendError {
 impl BackendError {
     /// Whether the device is gone, so that [`Renderer::renew`] may help.
     pub fn is_loss(&self) -> bool {
-        matches!(self, Self::Gpu(GpuError::DeviceLost(_)))
+        #[cfg(feature = "gpu")]
+        return matches!(self, Self::Gpu(GpuError::DeviceLost(_)));
+        #[cfg(not(feature = "gpu"))]
+        return false;
     }
 }
 
@@ -35,7 +46,7 @@ pub trait Renderer: Send {
 
     /// `sorted`, `raycast` or `compute`.
     fn compositor(&self) -> &'static str {
-        Compositor::Raycast.name()
+        "raycast"
     }
 
     /// How many bricks of a layer fit.
@@ -87,56 +98,6 @@ pub trait Renderer: Send {
     /// Loses the device as a driver does: for tests.
     #[doc(hidden)]
     fn destroy_device(&self) {}
-}
-
-impl Renderer for GpuRenderer {
-    fn name(&self) -> &'static str {
-        "gpu"
-    }
-
-    fn compositor(&self) -> &'static str {
-        self.compositor().name()
-    }
-
-    fn slots(&self, layer: usize) -> u32 {
-        self.slots(layer)
-    }
-
-    fn bytes(&self) -> u64 {
-        self.gpu_bytes()
-    }
-
-    fn asked_bytes(&self) -> u64 {
-        self.asked_bytes()
-    }
-
-    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
-        Ok(self.upload(layer, upload.slot, &upload.codes)?)
-    }
-
-    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
-        Ok(self.render(layers, combination)?)
-    }
-
-    fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
-        self.prepare(layers, combination);
-    }
-
-    fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
-        self.is_prepared(layers, combination)
-    }
-
-    fn visibility(&self, layer: usize) -> Option<&[f32]> {
-        self.visibility(layer)
-    }
-
-    fn renew(&mut self) -> Result<(), BackendError> {
-        Ok(self.renew()?)
-    }
-
-    fn destroy_device(&self) {
-        self.destroy_device();
-    }
 }
 
 impl Renderer for SoftwareRenderer {
@@ -199,41 +160,24 @@ pub(crate) fn open(
     let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
         Ok((Box::new(software(layers, max_size_px, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
-    let gpu = |preference| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        let (renderer, line) = open_gpu(preference, layers, has_expressions, max_size_px, options)?;
-        Ok((Box::new(renderer), line))
-    };
+    #[cfg(not(feature = "gpu"))]
+    let _ = has_expressions;
     match options.backend {
         BackendChoice::Cpu => cpu(""),
-        BackendChoice::Gpu => gpu(GpuPreference::Any),
-        BackendChoice::Auto => match gpu(GpuPreference::Hardware) {
-            Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
-            other => other,
-        },
+        #[cfg(feature = "gpu")]
+        BackendChoice::Gpu => gpu_backend::open(GpuPreference::Any, layers, has_expressions, max_size_px, options),
+        #[cfg(feature = "gpu")]
+        BackendChoice::Auto => {
+            match gpu_backend::open(GpuPreference::Hardware, layers, has_expressions, max_size_px, options) {
+                Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
+                other => other,
+            }
+        }
+        #[cfg(not(feature = "gpu"))]
+        BackendChoice::Gpu => Err(BackendError::NoGpu),
+        #[cfg(not(feature = "gpu"))]
+        BackendChoice::Auto => cpu(" (built without a GPU backend)"),
     }
-}
-
-/// The GPU renderer of layers and pictures up to a size, with room for expressions over them or without, and which it is in one line.
-///
-/// # Errors
-/// As [`open`].
-pub(crate) fn open_gpu(
-    preference: GpuPreference,
-    layers: &[VolumeNeeds],
-    expressions: bool,
-    max_size_px: (u32, u32),
-    options: &SessionOptions,
-) -> Result<(GpuRenderer, String), BackendError> {
-    let compositor = match options.compositor {
-        CompositorChoice::Auto => Compositor::default(),
-        CompositorChoice::Sorted => Compositor::Sorted,
-        CompositorChoice::Raycast => Compositor::Raycast,
-        CompositorChoice::Compute => Compositor::Compute,
-    };
-    let gpu = GpuOptions { preference, compositor, leaps: options.leaps, expressions, ..GpuOptions::default() };
-    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, max_size_px)?;
-    let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
-    Ok((renderer, line))
 }
 
 fn software(
@@ -253,14 +197,4 @@ fn software(
         leaps: options.leaps,
     };
     Ok(SoftwareRenderer::new(layers, &options)?)
-}
-
-/// What is to be said where the device gave less than it was asked for.
-fn refusal(renderer: &GpuRenderer) -> String {
-    let (asked, got) = (renderer.asked_bytes(), renderer.gpu_bytes());
-    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    match asked > got {
-        true => format!(", which refused {:.1} MiB: {:.1} MiB are used", mib(asked), mib(got)),
-        false => String::new(),
-    }
 }

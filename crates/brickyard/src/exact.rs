@@ -1,7 +1,8 @@
 //! Exact pictures in passes: every brick that a view wants at its own level, however few slots there are, in passes from back to front
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
-use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs, open_gpu};
+use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs};
+use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};

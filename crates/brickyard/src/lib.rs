@@ -1,17 +1,75 @@
 //! brickyard shows volumes that fit neither a 3D texture, nor GPU memory, nor RAM: it packs them into brick stores and
 //! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
 //!
-//! This crate ties the parts together: [`session::Session`] joins stores, their pagers and a rendering backend;
-//! [`offline`] renders settled pictures with it, [`flight`] measures it along scripted paths, [`survey`] compares ways to sample. The parts are re-exported under their own names.
+//! # A picture
+//!
+//! ```no_run
+//! use brickyard::{Scene, Session, SessionOptions};
+//!
+//! Session::open("head-ct.zarr", SessionOptions::default())?.render(&Scene::default(), (640, 480))?.save("out.png")?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # A camera that moves
+//!
+//! ```no_run
+//! use brickyard::{Scene, Session, SessionOptions};
+//!
+//! let mut session = Session::open("head-ct.zarr", SessionOptions { live: true, ..SessionOptions::default() })?;
+//! let mut scene = Scene::default();
+//! for turn in 0..100 {
+//!     let frame = session.step(&scene, (640, 480))?;
+//!     let picture = session.draw(&frame)?;
+//!     println!("{} pixels, {:.0} % of the bricks are there", picture.rgb.len(), 100.0 * frame.status.completeness);
+//!     scene.camera = Some(frame.scene.camera.orbited(f64::from(turn)));
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What lives how long, and what it costs
+//!
+//! | | lives | making it costs |
+//! | --- | --- | --- |
+//! | [`VolumeSource`] | as long as somebody looks at the volume; copies are handles | a store's metadata: milliseconds |
+//! | [`Session`] | as long as the pictures have their budgets; one thread uses it | nothing before its first step |
+//! | its backend, slots and workers | until a scene asks for more: wider aprons, another table, a larger picture, other layers | some 100 ms, and filling the slots from main memory |
+//! | [`Scene`] | a value: as many as one likes | nothing; a transfer function of 16-bit values 2 ms when it is first shown |
+//! | [`Frame`] | until the next [`Session::step`] | a step: taking in what has come, cuts and plans, uploads; about a millisecond, and it never waits for a disk |
+//! | [`Picture`](volume::Picture) | a value | [`Session::draw`] |
+//!
+//! # Cargo features
+//!
+//! All are on by default. A program that shows stores needs `gpu` alone (`default-features = false, features = ["gpu"]`), or none to draw on
+//! the CPU.
+//!
+//! | feature | for |
+//! | --- | --- |
+//! | `gpu` | the wgpu backend and exact pictures in passes |
+//! | `dicom`, `tiff` | reading such files, to pack them |
+//! | `mesh` | reading STL, PLY, OBJ and glTF files |
+//! | `reference` | the oracle, which draws whole levels in 64-bit floats |
+//! | `survey` | comparing ways to sample, with plots |
+//! | `cli` | the command, and all of the above |
+//!
+//! # Where to find more
+//!
+//! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it, [`flight`] measures it along
+//! scripted paths, `survey` compares ways to sample. [`volume`] has the words: scenes, layers, cameras, transfer functions.
+//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack`].
+//! The parts are re-exported under their own names. `examples` has whole programs.
 
 pub mod backend;
+#[cfg(feature = "gpu")]
 pub mod exact;
 mod fit;
 pub mod flight;
+#[cfg(feature = "gpu")]
+mod gpu_backend;
 mod losses;
 pub mod memory;
 pub mod offline;
 mod options;
+#[cfg(feature = "reference")]
 pub mod oracle;
 pub mod picture_file;
 pub mod quality;
@@ -20,6 +78,7 @@ pub mod scenario;
 pub mod session;
 mod session_error;
 pub mod stats;
+#[cfg(feature = "survey")]
 pub mod survey;
 mod tables;
 pub mod tiles;
@@ -27,8 +86,15 @@ mod volume_source;
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;
+#[cfg(feature = "reference")]
 pub use brickyard_reference as reference;
+#[cfg(feature = "gpu")]
 pub use brickyard_render as render;
 pub use brickyard_software as software;
 pub use brickyard_store as store;
 pub use brickyard_volume as volume;
+
+pub use offline::Rendered;
+pub use pager::{BrickError, BrickSource};
+pub use session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+pub use volume::{Camera, Scene, SceneLayer};

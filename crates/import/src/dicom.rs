@@ -18,9 +18,9 @@ mod stack;
 mod tests;
 
 use crate::axes::Sizes;
+use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
-use crate::files::{first_bytes, is_file};
 use crate::options::OpenOptions;
 use crate::placement;
 use crate::raw::identity;
@@ -30,7 +30,6 @@ use dicom_dictionary_std::tags;
 use frames::Frames;
 use glam::DVec3;
 use header::Header;
-pub(crate) use header::{MAGIC_BYTES, is_dicom};
 use pixels::Meaning;
 use stack::{Names, Slice, kinds};
 use std::path::{Path, PathBuf};
@@ -105,20 +104,6 @@ pub(crate) fn open_series(
         return Err(ImportError::options(place, problem));
     }
     DicomSeries::new(headers, options, notes).map(|s| Box::new(s) as _)
-}
-
-/// The DICOM files of a folder, hidden ones aside, by name.
-pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let mut paths = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
-        let path = entry.map_err(ImportError::io(folder))?.path();
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if !hidden && is_file(&path)? && is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {
-            paths.push(path);
-        }
-    }
-    paths.sort();
-    Ok(paths)
 }
 
 fn is_image(header: &Header) -> bool {

@@ -4,10 +4,19 @@
 //! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
 //! space; TIFF and DICOM decode the planes they are asked for. [`SynthSource`] makes volumes that no file holds.
 //!
-//! [`read_mesh`] reads the triangle meshes that are shown with a volume.
+//! `read_mesh` reads the triangle meshes that are shown with a volume.
 
+#![cfg_attr(
+    not(all(feature = "dicom", feature = "tiff")),
+    allow(dead_code, reason = "some of what readers share is shared by these")
+)]
+
+#[cfg(not(all(feature = "dicom", feature = "tiff")))]
+mod absent;
 mod axes;
+#[cfg(feature = "dicom")]
 mod dicom;
+mod dicom_files;
 mod element;
 mod error;
 mod file_order;
@@ -15,6 +24,7 @@ mod files;
 mod foreign;
 mod losses;
 mod mapped;
+#[cfg(feature = "mesh")]
 mod mesh;
 mod nifti;
 mod npy;
@@ -29,12 +39,18 @@ mod stamp;
 mod synth;
 #[cfg(test)]
 mod testing;
+#[cfg(feature = "tiff")]
 mod tiff_stack;
 mod write_raw;
 
+#[cfg(not(feature = "dicom"))]
+use absent::dicom;
+#[cfg(not(feature = "tiff"))]
+use absent::tiff_stack;
 pub use axes::AxisOrder;
 pub use element::Endian;
 pub use error::ImportError;
+#[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use open::open;
 pub use options::{FileOrder, OpenOptions};

@@ -1,6 +1,7 @@
 //! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
 //! what the user knows better than the file.
 
+use crate::dicom_files::{self, MAGIC_BYTES, is_dicom};
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::{first_bytes, is_file};
@@ -126,8 +127,8 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
     // The file must exist before its name means anything.
-    let start = first_bytes(path, dicom::MAGIC_BYTES)?;
-    if dicom::is_dicom(&start) {
+    let start = first_bytes(path, MAGIC_BYTES)?;
+    if is_dicom(&start) {
         return Ok(Format::Dicom);
     }
     if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
@@ -154,7 +155,7 @@ fn is_tiff_name(path: &Path) -> bool {
 
 /// The TIFF files of a folder, or its DICOM files.
 fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let dicom = dicom::files_in(folder)?;
+    let dicom = dicom_files::files_in(folder)?;
     let mut planes = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
@@ -263,7 +264,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("nowhere", folder.path().join("p_2.tif")).unwrap();
         assert!(refusal(folder.path(), &OpenOptions::default()).contains("p_2.tif: No such file"));
-        assert!(dicom::files_in(folder.path()).unwrap_err().to_string().contains("p_2.tif: No such file"));
+        assert!(dicom_files::files_in(folder.path()).unwrap_err().to_string().contains("p_2.tif: No such file"));
     }
 
     #[test]

@@ -53,7 +53,7 @@ pub struct BrickError {
 /// # let whole = BrickId { time: 0, channel: 0, level: sphere.pyramid.coarsest(), index: Default::default() };
 /// # let mut voxels = vec![0; 64 * 64 * 64];
 /// # sphere.read_core(whole, &mut voxels)?;
-/// # assert_eq!(voxels[25 + 64 * (25 + 64 * 25)], 251);
+/// # assert_eq!(voxels[25 + 64 * (25 + 64 * 25)], 248);
 /// # Ok::<(), BrickError>(())
 /// ```
 pub trait BrickSource: Send + Sync {

@@ -4,6 +4,7 @@
 //! Values are read as they are met; all others are skipped over, so that a header costs what it says, not what the file
 //! weighs. Lengths are checked against the file before anything is read by them.
 
+use crate::dicom_files::{BODY_AT, is_dicom};
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
 use crate::stamp::Stamp;
@@ -22,12 +23,6 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-
-/// Where the magic letters stand, and they.
-const MAGIC_AT: usize = 128;
-const MAGIC: &[u8] = b"DICM";
-/// Where the elements begin.
-const BODY_AT: usize = MAGIC_AT + MAGIC.len();
 
 /// Of a deflated data set so much is inflated to find its header, then ever more, until there is no more sense in it.
 const FIRST_INFLATED: u64 = 1 << 20;
@@ -76,14 +71,6 @@ const MACROS: &[Tag] = &[
     tags::PIXEL_MEASURES_SEQUENCE,
     tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
 ];
-
-/// Whether a file, of which these are the first bytes, is DICOM.
-pub(crate) fn is_dicom(start: &[u8]) -> bool {
-    start.get(MAGIC_AT..BODY_AT) == Some(MAGIC)
-}
-
-/// Bytes that [`is_dicom`] needs to see.
-pub(crate) const MAGIC_BYTES: usize = BODY_AT;
 
 type Values = BTreeMap<Tag, PrimitiveValue>;
 

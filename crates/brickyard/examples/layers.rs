@@ -1,0 +1,18 @@
+//! Shows two stores in one picture, the second one glowing in the first: `cargo run --release -p brickyard --example layers -- FIRST.zarr
+//! SECOND.zarr OUT.png`.
+
+use brickyard::volume::{Blend, TransferChoice};
+use brickyard::{Scene, SceneLayer, Session, SessionOptions, VolumeSource};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let [first, second, output] = &std::env::args().skip(1).collect::<Vec<_>>()[..] else {
+        return Err("expected FIRST.zarr SECOND.zarr OUT.png".into());
+    };
+    let volumes = vec![VolumeSource::open(first)?, VolumeSource::open(second)?];
+    // Layer by layer the scene's first store, its second one, and so on: `SceneLayer::source` says another, `channel` which channel of it.
+    let solid = SceneLayer { transfer: Some(TransferChoice::preset("gray")), ..SceneLayer::default() };
+    let glowing = SceneLayer { color: Some([0.2, 0.9, 0.3]), blend: Blend::Add, opacity: 0.5, ..SceneLayer::default() };
+    let scene = Scene { layers: vec![solid, glowing], ..Scene::default() };
+    Session::new(volumes, SessionOptions::default()).render(&scene, (640, 480))?.save(output)?;
+    Ok(())
+}

@@ -1,0 +1,11 @@
+//! Renders a store to a PNG file: `cargo run --release -p brickyard --example render -- STORE.zarr OUT.png`.
+
+use brickyard::{Scene, Session, SessionOptions};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let [store, output] = &std::env::args().skip(1).collect::<Vec<_>>()[..] else {
+        return Err("expected STORE.zarr OUT.png".into());
+    };
+    Session::open(store, SessionOptions::default())?.render(&Scene::default(), (640, 480))?.save(output)?;
+    Ok(())
+}

@@ -1,0 +1,105 @@
+//! The GPU renderer as a backend.
+
+use crate::backend::{BackendError, Renderer};
+use crate::options::{CompositorChoice, SessionOptions};
+use brickyard_pager::{Layer, Upload, VolumeNeeds};
+use brickyard_render::{Compositor, GpuOptions, GpuPreference, GpuRenderer};
+use brickyard_volume::{Combination, Picture};
+
+/// The GPU backend of layers, and which it is in one line.
+///
+/// # Errors
+/// If there is no such adapter, or the memory cannot hold a picture and the least bricks.
+pub(crate) fn open(
+    preference: GpuPreference,
+    layers: &[VolumeNeeds],
+    has_expressions: bool,
+    max_size_px: (u32, u32),
+    options: &SessionOptions,
+) -> Result<(Box<dyn Renderer>, String), BackendError> {
+    let (renderer, line) = open_gpu(preference, layers, has_expressions, max_size_px, options)?;
+    Ok((Box::new(renderer), line))
+}
+
+/// The GPU renderer of layers and pictures up to a size, with room for expressions over them or without, and which it is in one line.
+///
+/// # Errors
+/// As [`open`].
+pub(crate) fn open_gpu(
+    preference: GpuPreference,
+    layers: &[VolumeNeeds],
+    expressions: bool,
+    max_size_px: (u32, u32),
+    options: &SessionOptions,
+) -> Result<(GpuRenderer, String), BackendError> {
+    let compositor = match options.compositor {
+        CompositorChoice::Auto => Compositor::default(),
+        CompositorChoice::Sorted => Compositor::Sorted,
+        CompositorChoice::Raycast => Compositor::Raycast,
+        CompositorChoice::Compute => Compositor::Compute,
+    };
+    let gpu = GpuOptions { preference, compositor, leaps: options.leaps, expressions, ..GpuOptions::default() };
+    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, max_size_px)?;
+    let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
+    Ok((renderer, line))
+}
+
+/// What is to be said where the device gave less than it was asked for.
+fn refusal(renderer: &GpuRenderer) -> String {
+    let (asked, got) = (renderer.asked_bytes(), renderer.gpu_bytes());
+    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+    match asked > got {
+        true => format!(", which refused {:.1} MiB: {:.1} MiB are used", mib(asked), mib(got)),
+        false => String::new(),
+    }
+}
+
+impl Renderer for GpuRenderer {
+    fn name(&self) -> &'static str {
+        "gpu"
+    }
+
+    fn compositor(&self) -> &'static str {
+        self.compositor().name()
+    }
+
+    fn slots(&self, layer: usize) -> u32 {
+        self.slots(layer)
+    }
+
+    fn bytes(&self) -> u64 {
+        self.gpu_bytes()
+    }
+
+    fn asked_bytes(&self) -> u64 {
+        self.asked_bytes()
+    }
+
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
+        Ok(self.upload(layer, upload.slot, &upload.codes)?)
+    }
+
+    fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
+        Ok(self.render(layers, combination)?)
+    }
+
+    fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
+        self.prepare(layers, combination);
+    }
+
+    fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
+        self.is_prepared(layers, combination)
+    }
+
+    fn visibility(&self, layer: usize) -> Option<&[f32]> {
+        self.visibility(layer)
+    }
+
+    fn renew(&mut self) -> Result<(), BackendError> {
+        Ok(self.renew()?)
+    }
+
+    fn destroy_device(&self) {
+        self.destroy_device();
+    }
+}

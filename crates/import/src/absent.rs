@@ -1,0 +1,45 @@
+//! What stands in for readers that were left out of this build: their files are known, and refused.
+
+#[cfg(not(feature = "dicom"))]
+pub(crate) mod dicom {
+    use crate::error::ImportError;
+    use crate::options::OpenOptions;
+    use crate::source::Source;
+    use std::path::{Path, PathBuf};
+
+    fn refuse(path: &Path) -> ImportError {
+        ImportError::unsupported_but(path, "DICOM", "this program was built without the feature `dicom`")
+    }
+
+    pub(crate) fn open_file(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+        Err(refuse(path))
+    }
+
+    pub(crate) fn open_series(paths: &[PathBuf], _: bool, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+        Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
+    }
+}
+
+#[cfg(not(feature = "tiff"))]
+pub(crate) mod tiff_stack {
+    use crate::error::ImportError;
+    use crate::options::OpenOptions;
+    use crate::source::Source;
+    use std::path::{Path, PathBuf};
+
+    fn refuse(path: &Path) -> ImportError {
+        ImportError::unsupported_but(path, "TIFF", "this program was built without the feature `tiff`")
+    }
+
+    pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
+        Err(refuse(path))
+    }
+
+    pub(crate) fn open_file(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+        Err(refuse(path))
+    }
+
+    pub(crate) fn open_planes(paths: &[PathBuf], _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+        Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
+    }
+}
