@@ -662,7 +662,7 @@ fn meshes_that_cannot_be_shown() {
             (&render("--scene words.json"), BAD_INPUT, &["words.json", "colour", "opacity"]),
             (&mesh("good.obj,opacity=1.5"), USAGE, &["opacity=1.5", "0..1"]),
             (&mesh("good.obj,color=1:2:3"), USAGE, &["color=1:2:3", "R:G:B"]),
-            (&mesh("good.obj,opacity=0.5 --mode mip"), USAGE, &["good.obj", "opacity 0.5", "--mode dvr or isosurface"]),
+            (&mesh("good.obj,opacity=0.5 --mode mip"), USAGE, &["good.obj", "opacity 0.5", "dvr or isosurface"]),
             (&mesh("good.obj,opacity=0.5 --slice z=5"), USAGE, &["good.obj", "projection"]),
         ],
     );

@@ -52,3 +52,33 @@ fn arrows_point_one_way() {
         }
     }
 }
+
+/// The crates that draw, and the facade beside the command, name no flag of the command in what they say: others embed them. What the
+/// readers and the store say still does.
+#[test]
+fn what_draws_knows_of_no_command_line() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut folders: Vec<_> = ["volume", "pager", "render", "software", "reference", "brickyard"]
+        .map(|name| root.join("crates").join(name).join("src"))
+        .into();
+    let mut seen = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.extend((!path.ends_with("cli")).then_some(path));
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).expect("source");
+            let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+            let is_flag =
+                |word: &str| word.strip_prefix("--").is_some_and(|name| name.starts_with(char::is_alphabetic));
+            for line in code {
+                let words = line.split(|c: char| c.is_whitespace() || "\"'`(".contains(c));
+                assert!(!words.into_iter().any(is_flag), "{}: {line}", path.display());
+            }
+            seen += 1;
+        }
+    }
+    assert!(seen > 150, "{seen} files");
+}

@@ -85,7 +85,7 @@ fn a_device_that_is_always_lost_is_an_error() {
         });
         let error = error.expect("four losses without a picture");
         assert!(matches!(error, SessionError::LostAgain { times: 4, .. }), "{error}");
-        assert!(error.to_string().contains("lost") && error.to_string().contains("--backend cpu"), "{error}");
+        assert!(error.to_string().contains("lost"), "{error}");
     }
 }
 

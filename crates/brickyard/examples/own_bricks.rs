@@ -3,7 +3,7 @@
 //!
 //! The volume is a gyroid, 64 GiB if it were written down. A picture takes just the bricks that it shows, at the levels that it shows.
 
-use brickyard::volume::{BrickId, Extent, Geometry, Pyramid, TransferFunction, VoxelType};
+use brickyard::volume::{BrickId, Extent, Geometry, Lighting, LightingModel, Pyramid, TransferFunction, VoxelType};
 use brickyard::{BrickError, BrickSource, Scene, Session, SessionOptions, VolumeSource};
 use std::sync::Arc;
 
@@ -73,7 +73,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ..TransferFunction::default()
     };
     let mut session = Session::new(vec![VolumeSource::new(Arc::new(Gyroid::new()))], SessionOptions::default());
-    let rendered = session.render(&Scene::of(transfer), (480, 480))?;
+    let lighting = Lighting { model: LightingModel::Phong, ..Lighting::default() };
+    let rendered = session.render(&Scene { lighting, ..Scene::of(transfer) }, (480, 480))?;
     let bytes = rendered.stats.bytes.decoded;
     println!("computed {} MiB of {} GiB", bytes >> 20, u64::from(EDGE).pow(3) >> 30);
     rendered.save(output)?;

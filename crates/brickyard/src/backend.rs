@@ -25,7 +25,7 @@ pub enum BackendError {
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
     /// The CPU backend knows one compositor.
-    #[error("the CPU backend has no `{0}` compositor, only `raycast`: use --compositor raycast, or --backend gpu")]
+    #[error("the CPU backend has no `{0}` compositor, only `raycast`")]
     CpuCompositor(&'static str),
 }
 

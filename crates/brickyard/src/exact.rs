@@ -17,12 +17,11 @@ use std::time::{Duration, Instant};
 pub enum ExactPictureError {
     /// The CPU backend keeps nothing of a picture between passes, nor does `raycast`, which goes from front to back.
     #[error(
-        "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor: use --backend \
-         gpu or auto, --compositor sorted or auto"
+        "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor"
     )]
     Way,
     /// Passes are of one layer in its own world.
-    #[error("--exact draws one volume in its own world: leave it out, or give one store")]
+    #[error("passes draw one volume in its own world")]
     Mixed,
     /// No backend, too little memory for it, or a lost device.
     #[error(transparent)]
@@ -31,9 +30,7 @@ pub enum ExactPictureError {
     #[error(transparent)]
     Passes(#[from] ExactError),
     /// The time allowed was not enough.
-    #[error(
-        "the picture is not finished after {waited_s:.1} s: {drawn} of {cells} bricks are drawn; give it more time with --max-wait"
-    )]
+    #[error("the picture is not finished after {waited_s:.1} s: {drawn} of {cells} bricks are drawn")]
     TooLong {
         /// Seconds waited.
         waited_s: f64,

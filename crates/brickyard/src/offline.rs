@@ -15,10 +15,7 @@ pub enum OfflineError {
     #[error(transparent)]
     Session(#[from] SessionError),
     /// Not even the bricks behind one pixel fit at once.
-    #[error(
-        "the bricks that the pixel in column {x} of row {y} wants do not fit at once, {slots} in all: allow more --gpu-memory, or draw \
-         one volume in passes: --backend gpu --compositor sorted"
-    )]
+    #[error("the bricks that the pixel in column {x} of row {y} wants do not fit at once: there are {slots} slots")]
     Pixel {
         /// Its column.
         x: u32,
@@ -28,9 +25,7 @@ pub enum OfflineError {
         slots: u64,
     },
     /// The time allowed was not enough.
-    #[error(
-        "the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there; give it more time with --max-wait"
-    )]
+    #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there")]
     NotSettled {
         /// Seconds waited.
         waited_s: f64,

@@ -13,7 +13,7 @@ use std::collections::HashSet;
 pub enum OracleError {
     /// Whole levels do not fit.
     #[error(
-        "the reference compositor holds whole levels in memory: it needs {needed} bytes and --host-memory allows {allowed}; lock a coarser --level or allow more"
+        "the reference compositor holds whole levels in memory: it needs {needed} bytes, and {allowed} are allowed"
     )]
     TooLarge {
         /// Bytes needed.

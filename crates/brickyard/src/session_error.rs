@@ -19,7 +19,7 @@ pub enum SessionError {
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
     /// The device goes as often as it is made anew.
-    #[error("no picture came through before the GPU was lost {times} times: {last}; try --backend cpu")]
+    #[error("no picture came through before the GPU was lost {times} times: {last}")]
     LostAgain {
         /// How many times in a row.
         times: u32,
@@ -43,8 +43,7 @@ pub enum SessionError {
     Superseded,
     /// Cells of layers that differ in grid, place or voxel size are in no one order from back to front.
     #[error(
-        "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; use --compositor raycast or \
-         compute"
+        "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"
     )]
     NoOrder,
 }

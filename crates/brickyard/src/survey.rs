@@ -92,9 +92,7 @@ pub enum SurveyError {
     #[error(transparent)]
     Picture(#[from] OfflineError),
     /// Pictures of coarser bricks would be measured.
-    #[error(
-        "{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0: raise --gpu-memory, or show less with --clip"
-    )]
+    #[error("{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0")]
     Coarse {
         /// Bricks there.
         resident: u64,

@@ -38,7 +38,7 @@ pub struct PagerConfig {
 #[derive(Debug, thiserror::Error)]
 pub enum PagerError {
     /// The host budget cannot hold one brick on its way.
-    #[error("--host-memory is {given} bytes: at least {least} are needed to decode one brick")]
+    #[error("{given} bytes of host memory are too few: at least {least} are needed to decode one brick")]
     HostMemory {
         /// The budget.
         given: u64,
@@ -46,7 +46,7 @@ pub enum PagerError {
         least: u64,
     },
     /// There are fewer slots than bricks that must always be resident.
-    #[error("--gpu-memory holds {given} bricks here: at least {least} ({least_bytes} bytes) are needed")]
+    #[error("there are slots for {given} bricks: at least {least} ({least_bytes} bytes) are needed")]
     Slots {
         /// Slots given.
         given: u32,

@@ -36,8 +36,7 @@ pub enum ExactError {
     Budget(#[from] PagerError),
     /// The list of what is to be drawn does not fit.
     #[error(
-        "an exact picture of this view takes more than {cells} bricks, as many as --host-memory of {host_bytes} bytes can list: \
-         raise it, or --pixel-error"
+        "an exact picture of this view takes more than {cells} bricks, as many as {host_bytes} bytes of host memory can list"
     )]
     TooManyCells {
         /// Cells that would fit.

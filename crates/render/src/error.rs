@@ -4,9 +4,7 @@
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum GpuError {
     /// No adapter of the kind asked for: use the CPU backend.
-    #[error(
-        "no {wanted} found{seen}: install a Vulkan driver (mesa-vulkan-drivers for a software one) or use --backend cpu"
-    )]
+    #[error("no {wanted} found{seen}: install a Vulkan driver (mesa-vulkan-drivers for a software one)")]
     NoAdapter {
         /// The kind asked for.
         wanted: &'static str,
@@ -23,8 +21,8 @@ pub enum GpuError {
     },
     /// The budget cannot hold the picture and a few bricks.
     #[error(
-        "--gpu-memory is {given_bytes} bytes: pictures of {width_px}x{height_px} pixels with bricks of {slot_edge}^3 texels \
-         need at least {least_bytes}; raise it, or make the picture smaller"
+        "{given_bytes} bytes of GPU memory are too few: pictures of {width_px}x{height_px} pixels with bricks of {slot_edge}^3 texels \
+         need at least {least_bytes}"
     )]
     Budget {
         /// What was given.
@@ -40,7 +38,7 @@ pub enum GpuError {
     },
     /// The meshes are larger than what a shader can see.
     #[error(
-        "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or use --backend cpu"
+        "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or draw on the CPU"
     )]
     Meshes {
         /// What their vertices or triangles take.
@@ -50,7 +48,7 @@ pub enum GpuError {
     },
     /// Shaders see fewer textures than there are volumes.
     #[error(
-        "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or use --backend cpu"
+        "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or draw on the CPU"
     )]
     Textures {
         /// Volumes asked for.
@@ -73,7 +71,7 @@ pub enum GpuError {
         limit_height_px: u32,
     },
     /// The driver ran out of memory below the budget: lower the budget.
-    #[error("the GPU has no room for {label} ({requested_bytes} bytes): lower --gpu-memory")]
+    #[error("the GPU has no room for {label} ({requested_bytes} bytes)")]
     OutOfMemory {
         /// What was being made.
         label: String,

@@ -18,7 +18,7 @@ use std::sync::atomic::Ordering;
 pub enum SoftwareError {
     /// Not one slot fits, or not the least that layers need.
     #[error(
-        "{given_bytes} bytes of --gpu-memory hold no brick: the CPU renderer needs at least {least_bytes} bytes here"
+        "{given_bytes} bytes for the renderer hold no brick: the one on the CPU needs at least {least_bytes} bytes here"
     )]
     Budget {
         /// What was given.

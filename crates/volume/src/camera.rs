@@ -95,10 +95,14 @@ impl Camera {
             }
             Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
             Projection::Perspective { fov_y_deg } => {
-                return Err(CameraError::Projection(format!("--fov is {fov_y_deg}: expected degrees in (0, 180)")));
+                return Err(CameraError::Projection(format!(
+                    "a field of view of {fov_y_deg}: expected degrees in (0, 180)"
+                )));
             }
             Projection::Orthographic { height } => {
-                return Err(CameraError::Projection(format!("--ortho is {height}: expected a positive height")));
+                return Err(CameraError::Projection(format!(
+                    "an orthographic height of {height}: expected a positive one"
+                )));
             }
         };
         let half_width = half_height * width as f64 / height as f64;

@@ -211,7 +211,7 @@ pub enum MeshLookError {
     /// Projections have no order in which something translucent could be anywhere.
     #[error(
         "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, not what is in front of what: \
-         make the mesh opaque, or use --mode dvr or isosurface", path.display()
+         make the mesh opaque, or choose the mode dvr or isosurface", path.display()
     )]
     Projection {
         /// The mesh's file.

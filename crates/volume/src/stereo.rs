@@ -64,7 +64,7 @@ pub enum StereoError {
         value: f64,
     },
     /// A size that cannot be halved.
-    #[error("a {layout} picture is two {side}s in one, so its {side} must be even, and --size is {width}x{height}")]
+    #[error("a {layout} picture is two {side}s in one, so its {side} must be even: {width}x{height} pixels are not")]
     OddSize {
         /// Which layout.
         layout: &'static str,

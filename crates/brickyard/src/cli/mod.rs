@@ -1,5 +1,6 @@
 //! The command line: `brickyard COMMAND`, the same flags everywhere.
 
+mod advice;
 mod bench;
 mod doctor;
 mod export;

@@ -1,5 +1,6 @@
 //! `brickyard quality`: how good and how fast the ways to sample are, measured on a store.
 
+use super::advice::advised;
 use super::failure::Failure;
 use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
 use super::scene_args::SceneArguments;
@@ -266,8 +267,8 @@ impl From<SurveyError> for Failure {
     fn from(error: SurveyError) -> Self {
         match error {
             SurveyError::Picture(OfflineError::Session(error)) => session_failure(error),
-            SurveyError::Picture(error) => Self::failed(error),
-            SurveyError::Coarse { .. } => Self::usage(error),
+            SurveyError::Picture(_) => Self::failed(advised(&error)),
+            SurveyError::Coarse { .. } => Self::usage(advised(&error)),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `brickyard render`: settled pictures of stores, as PNG, under fixed budgets.
 
+use super::advice::advised;
 use super::failure::Failure;
 use super::output::{note_window, report};
 use super::render_args::RenderArguments;
@@ -200,8 +201,8 @@ fn exact_failure(error: ExactPictureError) -> Failure {
         ExactPictureError::Passes(ExactError::Budget(error)) => session_failure(error.into()),
         ExactPictureError::Way
         | ExactPictureError::Mixed
-        | ExactPictureError::Passes(ExactError::TooManyCells { .. }) => Failure::usage(error),
+        | ExactPictureError::Passes(ExactError::TooManyCells { .. }) => Failure::usage(advised(&error)),
         ExactPictureError::Passes(ExactError::Unreadable(_)) => Failure::bad_input(error),
-        ExactPictureError::TooLong { .. } => Failure::failed(error),
+        ExactPictureError::TooLong { .. } => Failure::failed(advised(&error)),
     }
 }

@@ -1,5 +1,6 @@
 //! What the errors of sessions and pictures are on the command line.
 
+use super::advice::advised;
 use super::failure::Failure;
 use super::store_errors;
 use brickyard::backend::BackendError;
@@ -13,14 +14,14 @@ use brickyard::software::SoftwareError;
 pub(crate) fn offline_failure(error: OfflineError) -> Failure {
     match error {
         OfflineError::Session(error) => session_failure(error),
-        OfflineError::Pixel { .. } => Failure::usage(error),
-        other => Failure::failed(other),
+        OfflineError::Pixel { .. } => Failure::usage(advised(&error)),
+        other => Failure::failed(advised(&other)),
     }
 }
 
 pub(crate) fn oracle_failure(error: OracleError) -> Failure {
     match error {
-        OracleError::TooLarge { .. } => Failure::usage(error),
+        OracleError::TooLarge { .. } => Failure::usage(advised(&error)),
         OracleError::Read(error) => store_errors::read_failure(&error),
     }
 }
@@ -28,7 +29,7 @@ pub(crate) fn oracle_failure(error: OracleError) -> Failure {
 pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
         SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) | SessionError::NoOrder => {
-            Failure::usage(error)
+            Failure::usage(advised(&error))
         }
         SessionError::Open(error) => store_errors::open_failure(&error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
@@ -43,10 +44,10 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
             )
             | BackendError::Cpu(SoftwareError::Budget { .. })
             | BackendError::CpuCompositor(_),
-        ) => Failure::usage(error),
+        ) => Failure::usage(advised(&error)),
         SessionError::Pager(_)
         | SessionError::Backend(_)
         | SessionError::LostAgain { .. }
-        | SessionError::Superseded => Failure::failed(error),
+        | SessionError::Superseded => Failure::failed(advised(&error)),
     }
 }

@@ -1,0 +1,119 @@
+//! Which flag helps against an error of a session or a picture. The library does not know of flags, and its messages name none.
+
+use brickyard::backend::BackendError;
+use brickyard::exact::ExactPictureError;
+use brickyard::offline::OfflineError;
+use brickyard::oracle::OracleError;
+use brickyard::pager::{ExactError, PagerError};
+use brickyard::render::GpuError;
+use brickyard::session::SessionError;
+use brickyard::software::SoftwareError;
+use brickyard::survey::SurveyError;
+use std::error::Error;
+
+/// The error's message, and what to do about it where a flag helps.
+pub(super) fn advised<E: Advice>(error: &E) -> String {
+    match error.advice() {
+        Some(advice) => format!("{error}; {advice}"),
+        None => error.to_string(),
+    }
+}
+
+const MORE_GPU_MEMORY: &str = "raise --gpu-memory, or make the picture smaller";
+const MORE_HOST_MEMORY: &str = "raise --host-memory";
+const MORE_TIME: &str = "give it more time with --max-wait";
+
+/// An error against which flags may help.
+pub(super) trait Advice: Error {
+    /// What to do, in terms of the command.
+    fn advice(&self) -> Option<&'static str>;
+}
+
+impl Advice for GpuError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::NoAdapter { .. } => Some("or use --backend cpu"),
+            Self::Budget { .. } => Some(MORE_GPU_MEMORY),
+            Self::Meshes { .. } | Self::Textures { .. } => Some("that is --backend cpu"),
+            Self::OutOfMemory { .. } => Some("lower --gpu-memory"),
+            _ => None,
+        }
+    }
+}
+
+impl Advice for BackendError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::Gpu(error) => error.advice(),
+            Self::Cpu(SoftwareError::Budget { .. }) => Some("raise --gpu-memory, which is its limit too"),
+            Self::Cpu(_) => None,
+            Self::CpuCompositor(_) => Some("use --compositor raycast, or --backend gpu"),
+        }
+    }
+}
+
+impl Advice for PagerError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::HostMemory { .. } => Some(MORE_HOST_MEMORY),
+            Self::Slots { .. } => Some(MORE_GPU_MEMORY),
+            _ => None,
+        }
+    }
+}
+
+impl Advice for SessionError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::Backend(error) => error.advice(),
+            Self::Pager(error) => error.advice(),
+            Self::LostAgain { .. } => Some("try --backend cpu"),
+            Self::NoOrder => Some("use --compositor raycast or compute"),
+            _ => None,
+        }
+    }
+}
+
+impl Advice for OfflineError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::Session(error) => error.advice(),
+            Self::Pixel { .. } => {
+                Some("raise --gpu-memory, or draw one volume in passes: --backend gpu --compositor sorted")
+            }
+            Self::NotSettled { .. } => Some(MORE_TIME),
+        }
+    }
+}
+
+impl Advice for ExactPictureError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::Way => Some("use --backend gpu or auto, --compositor sorted or auto"),
+            Self::Mixed => Some("leave --exact out, or give one store"),
+            Self::Backend(error) => error.advice(),
+            Self::Passes(ExactError::Budget(error)) => error.advice(),
+            Self::Passes(ExactError::TooManyCells { .. }) => Some("raise --host-memory, or --pixel-error"),
+            Self::Passes(ExactError::Unreadable(_)) => None,
+            Self::TooLong { .. } => Some(MORE_TIME),
+        }
+    }
+}
+
+impl Advice for OracleError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::TooLarge { .. } => Some("lock a coarser --level, or raise --host-memory"),
+            Self::Read(_) => None,
+        }
+    }
+}
+
+impl Advice for SurveyError {
+    fn advice(&self) -> Option<&'static str> {
+        match self {
+            Self::Picture(error) => error.advice(),
+            Self::Coarse { .. } => Some("raise --gpu-memory, or show less with --clip"),
+        }
+    }
+}
