@@ -12,7 +12,7 @@
 use brickyard_benches::{markdown, median, time};
 use brickyard_pager::{BrickError, BrickSource, Cut, View, cut_capacity};
 use brickyard_volume::{
-    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, Placement, Pyramid, VoxelType,
+    BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, Placement, Pyramid, VoxelType,
 };
 use clap::Parser;
 use serde_json::json;
@@ -53,33 +53,8 @@ impl BrickSource for Shape {
     fn value_range(&self) -> (f64, f64) {
         (0.0, 255.0)
     }
-    fn has_non_finite(&self) -> bool {
-        false
-    }
-    fn times(&self) -> u32 {
-        1
-    }
-    fn channels(&self) -> u32 {
-        1
-    }
-    fn occupancy_bins(&self, _: u32) -> OccupancyBins {
-        OccupancyBins::over(0.0, 255.0)
-    }
-    fn occupancy(&self, _: BrickId) -> Occupancy {
-        Occupancy::ALL
-    }
-    fn advise(&self, _: &[BrickId]) {}
     fn read_core(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
         Err(BrickError { id, reason: "there are no voxels".into(), is_passing: false })
-    }
-    fn stored_apron(&self) -> u32 {
-        0
-    }
-    fn read_apron(&self, id: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
-        Err(BrickError { id, reason: "there are no voxels".into(), is_passing: false })
-    }
-    fn bytes_read(&self) -> u64 {
-        0
     }
 }
 

@@ -142,26 +142,20 @@ impl Session {
     /// If no backend can be made, it does not have the compositor, or a budget is too small; the message says the least that works.
     pub fn fit(&mut self, scene: &ResolvedScene) -> Result<(), SessionError> {
         let asked = Demand::of(scene, self.options.live);
-        let mut kept = Vec::new();
-        let mut demands = vec![asked.clone()];
-        if let Some(fit) = &self.fit {
-            if fit.suffices(scene, &asked) {
-                return Ok(());
-            }
-            // A scene before may come back. Where there is too little memory for both, this one alone counts.
-            demands.insert(0, asked.grown(&fit.demand));
+        if self.fit.as_ref().is_some_and(|fit| fit.suffices(scene, &asked)) {
+            return Ok(());
         }
-        if let Some(fit) = self.take_fit() {
-            kept = fit.into_cores();
-        }
-        demands.dedup();
-        let mut made = Err(SessionError::Scene(SceneError::NothingVisible));
-        for demand in demands {
-            made = Fit::make(&self.volumes, demand, &self.options, &mut kept);
-            if made.is_ok() {
-                break;
-            }
-        }
+        let (before, mut kept) = match self.take_fit() {
+            Some(fit) => (Some(fit.demand.clone()), fit.into_cores()),
+            None => (None, Vec::new()),
+        };
+        let mut make = |demand| Fit::make(&self.volumes, demand, &self.options, &mut kept);
+        // A scene before may come back. Where there is too little memory for both, this one alone counts.
+        let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
+        let made = match grown {
+            Some(grown) => make(grown).or_else(|_| make(asked)),
+            None => make(asked),
+        };
         self.fit = Some(made?);
         Ok(())
     }
