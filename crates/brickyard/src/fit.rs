@@ -1,4 +1,4 @@
-//! What a session has made for the scenes that it shows: a backend with slots, and the pagers that fill them. A scene that asks for more (wider
+//! A session's fit: a backend with slots, and the pagers that fill them, made for the scenes that the session shows. A scene that asks for more (wider
 //! aprons, other tables, a larger picture, other layers) gets another fit, which goes on with the cores that the last one had decoded.
 //!
 //! Layers whose bricks fit each other's slots share a pool of them, and a pager, which splits the worst cell of any of them first. Budgets
@@ -19,7 +19,7 @@ use brickyard_volume::{Needs, Picture};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What a live step may upload: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
+/// The limits of a live step's uploads: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
 const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duration::from_millis(4) };
 
 /// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
@@ -29,7 +29,7 @@ const LIVE_FADE: Duration = Duration::from_millis(200);
 /// then, and not in every frame.
 const LIVE_SIZE_PX: u32 = 256;
 
-/// What a scene asks of slots, tables and targets.
+/// A scene's demand on slots, tables and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demand {
     /// Each layer's place in scenes, and its volume's among the session's.
@@ -241,7 +241,7 @@ impl Fit {
         self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
     }
 
-    /// What is drawn now of each layer, for the one eye or the left one.
+    /// The present draw list of each layer, for the one eye or the left one.
     pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.layers.iter().filter_map(|layer| layer.draws.first())
     }

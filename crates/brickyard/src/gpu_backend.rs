@@ -44,7 +44,7 @@ pub(crate) fn open_gpu(
     Ok((renderer, line))
 }
 
-/// What is to be said where the device gave less than it was asked for.
+/// The words about a device that gave less than it was asked for; empty where it gave all.
 fn refusal(renderer: &GpuRenderer) -> String {
     let (asked, got) = (renderer.asked_bytes(), renderer.gpu_bytes());
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;

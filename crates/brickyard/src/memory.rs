@@ -29,7 +29,7 @@ pub fn available_bytes() -> Option<u64> {
     available_in(Path::new("/"))
 }
 
-/// The same of a machine whose files begin at `root`.
+/// Bytes of main memory that a process may use on a machine whose files begin at `root`.
 fn available_in(root: &Path) -> Option<u64> {
     let total = std::fs::read_to_string(root.join("proc/meminfo")).ok()?;
     let line = total.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;

@@ -28,7 +28,7 @@ pub enum CompositorChoice {
     Compute,
 }
 
-/// What a session may use. The default suits the machine: all of its processors, and a quarter of its memory, or of what the process's
+/// The choices and limits of a session. The default suits the machine: all of its processors, and a quarter of its memory, or of what the process's
 /// control group may use.
 ///
 /// ```

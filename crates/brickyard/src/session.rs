@@ -20,7 +20,7 @@ use brickyard_volume::{FrameSettings, Picture, Scene, SceneError, SlotEncoding, 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a step left to be drawn. The slots of its bricks are theirs until the next step.
+/// A step's result, which can be drawn. The slots of its bricks are theirs until the next step.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// The scene, resolved. What takes no other bricks may be changed before it is drawn: jitter, the length of steps, the resolution
@@ -323,7 +323,7 @@ impl Session {
         self.fit.as_ref().map_or(0, Fit::slots)
     }
 
-    /// What is drawn now of each layer, for the one eye or the left one.
+    /// The present draw list of each layer, for the one eye or the left one.
     pub fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.fit.iter().flat_map(Fit::draw_lists)
     }
