@@ -225,7 +225,10 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
         let names = ["zarr.json", JOURNAL_NAME].map(|name| old.join(name));
         let is_begun = is_there(&old)? && !is_there(&names[0])? && !is_there(&names[1])?;
         if is_store(&old, replaced)? || is_begun {
+            // Somebody may have locked the old store under its former name, which no longer leads them to the lock's file.
+            let lock = DirLock::take(disk, &old)?;
             ours::remove(disk, &old)?;
+            drop(lock);
             disk.remove_dir(&old)?;
             // Before the journal goes, without which nobody would take it away again.
             disk.sync_dir(parent(store))?;

@@ -228,6 +228,29 @@ fn what_was_seen_before_the_lock_is_looked_at_again() {
     assert_whole(&store, &[ours], "gone");
 }
 
+/// Who has the lock of the old store while the names are exchanged gives it back, but no longer finds its file; a pack that was
+/// killed as its last step leaves one too.
+#[test]
+fn the_old_store_goes_with_a_lock_file_that_nobody_holds() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    for cannot_exchange in [false, true] {
+        for is_held in [false, true] {
+            pack(&source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
+            let disk = Disk { cannot_exchange, ..Disk::default() };
+            if is_held {
+                let held = lock::DirLock::take(&Disk::default(), &store).unwrap();
+                disk.meanwhile.lock().unwrap().push(("the names are exchanged", Box::new(move || drop(held))));
+            } else {
+                std::fs::write(store.join(crate::layout::LOCK_NAME), "999999999 elsewhere\n").unwrap();
+            }
+            let last = variant(1, Exists::Overwrite);
+            pack_on(&disk, &source(), &store, &last, &()).unwrap();
+            assert_whole(&store, &[fingerprint(&settings(&source(), &last))], &format!("{cannot_exchange} {is_held}"));
+        }
+    }
+}
+
 /// Overwrites a store up to where it has its name and what it replaces is still beside it. What is returned lets the pack go on, and
 /// waits for its end.
 fn overwritten_but_for_the_old(store: &Path, settings: usize) -> impl FnOnce() + Send + use<> {
