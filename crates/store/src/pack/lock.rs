@@ -67,7 +67,7 @@ fn host() -> String {
 pub(crate) struct DirLock {
     dir: PathBuf,
     file: File,
-    /// The directory was made for the lock, and goes with it while it is empty.
+    /// The directory was made for a lock, and goes with it while it is empty.
     made_dir: bool,
 }
 
@@ -137,6 +137,12 @@ impl DirLock {
             Ok(()) => disk.sync(&path, &self.file),
             Err(error) => Err(DiskError { path, error }),
         }
+    }
+
+    /// The directory has a name of ours: nobody but packs makes it. Of several packs that come together one makes it, and another one may be the
+    /// last to leave.
+    pub(crate) fn takes_dir_along(&mut self) {
+        self.made_dir = true;
     }
 
     /// The directory has another name now.

@@ -87,7 +87,10 @@ impl Output {
                 return Ok(None);
             };
             disk.meanwhile("it is decided");
-            let lock = DirLock::take(disk, &dir)?;
+            let mut lock = DirLock::take(disk, &dir)?;
+            if dir != store {
+                lock.takes_dir_along();
+            }
             if decide(disk, &store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
@@ -229,7 +232,11 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
             let lock = DirLock::take(disk, &old)?;
             ours::remove(disk, &old)?;
             drop(lock);
-            disk.remove_dir(&old)?;
+            // Those who look in on the way take it along when they are the last to leave.
+            match disk.remove_dir(&old) {
+                Err(gone) if gone.error.kind() == io::ErrorKind::NotFound => {}
+                other => other?,
+            }
             // Before the journal goes, without which nobody would take it away again.
             disk.sync_dir(parent(store))?;
         }

@@ -190,6 +190,24 @@ fn the_lock_of_a_file_without_its_name_is_none() {
     assert_eq!(names(dir.path()), [""; 0]);
 }
 
+/// Of packs that lock the place beside a store one after another, the first has made it and the last leaves it.
+#[test]
+fn the_place_beside_a_store_goes_with_the_last_lock() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    pack(&source(), &store, &variant(0, Exists::Refuse), &()).unwrap();
+    let beside = dir.path().join("s.zarr.packing");
+    let disk = Disk::default();
+    let replaced = store.clone();
+    let others = move || {
+        std::fs::create_dir(&beside).unwrap();
+        std::fs::remove_dir_all(replaced).unwrap();
+    };
+    disk.meanwhile.lock().unwrap().push(("it is decided", Box::new(others)));
+    pack_on(&disk, &source(), &store, &variant(1, Exists::Overwrite), &()).unwrap();
+    assert_eq!(names(dir.path()), ["s.zarr"]);
+}
+
 /// Between a look at the output and its lock, another pack comes and goes.
 #[test]
 fn what_was_seen_before_the_lock_is_looked_at_again() {
