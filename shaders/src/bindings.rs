@@ -58,4 +58,10 @@ bindings! {
     LAYER_COLOR = 4;
     /// Group 2: what compute shaders write.
     TEXELS = 0;
+    /// Group 0 of the pass to an application's texture: the picture of the one eye, or of the left one.
+    LEFT_PICTURE = 0;
+    /// Group 0 of that pass: the picture of the right eye.
+    RIGHT_PICTURE = 1;
+    /// Group 0 of that pass: how pictures are stretched.
+    PICTURE_SAMPLER = 2;
 }

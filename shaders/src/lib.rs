@@ -345,6 +345,46 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
     Parts::new().text("context", context(false, false)).file("seen", seen).compose(&[resolve])
 }
 
+/// How the pictures of eyes share one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Eyes {
+    /// There is one eye.
+    One,
+    /// The left eye's in the left half, the right eye's in the right.
+    SideBySide,
+    /// The left eye's in the top half, the right eye's below.
+    TopBottom,
+    /// For red-cyan glasses.
+    Anaglyph,
+    /// In rows, in turns.
+    Interlaced,
+}
+
+impl Eyes {
+    /// All five.
+    pub const ALL: [Self; 5] = [Self::One, Self::SideBySide, Self::TopBottom, Self::Anaglyph, Self::Interlaced];
+
+    fn file(self) -> &'static str {
+        match self {
+            Self::One => "eyes_one",
+            Self::SideBySide => "eyes_side_by_side",
+            Self::TopBottom => "eyes_top_bottom",
+            Self::Anaglyph => "eyes_anaglyph",
+            Self::Interlaced => "eyes_interlaced",
+        }
+    }
+}
+
+/// The pass that puts a finished picture on an application's texture, which stores colours or, with `encodes`, the codes of light: entry
+/// points `stretched` and `blit`.
+pub fn blit(eyes: Eyes, encodes: bool) -> String {
+    blit_parts(eyes, encodes).compose(&["blit"])
+}
+
+fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
+    Parts::new().file("eyes", eyes.file()).file("written", if encodes { "written_light" } else { "written_codes" })
+}
+
 /// The pass that finds the next layer of meshes: entry points `corner` and `peel`.
 pub fn peel() -> String {
     Parts::new().text("context", context(false, false)).compose(&["peel"])
@@ -494,7 +534,7 @@ mod tests {
             (of(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
             (of(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
-        let mut companies: Vec<Parts> = Vec::new();
+        let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
         for (variant, sees, cast) in single {
             let parts = variant.parts().file("sees", sees).file("cast", cast).file("feedback", "mark");
             companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));

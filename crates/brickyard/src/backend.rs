@@ -1,12 +1,13 @@
 //! Renderers behind one face: bricks go into the slots of layers, and frames come out.
 
+use crate::device::Device;
 #[cfg(feature = "gpu")]
 use crate::gpu_backend;
 use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
 #[cfg(feature = "gpu")]
-use brickyard_render::{GpuError, GpuPreference};
+use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 
@@ -66,6 +67,19 @@ pub trait Renderer: Send {
     /// If the device is lost.
     fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError>;
 
+    /// Bytes that can be uploaded for a layer without waiting for the device; `None` if uploads may wait.
+    fn upload_room_bytes(&mut self, _layer: usize) -> Option<u64> {
+        None
+    }
+
+    /// Sends what has been uploaded on its way: what is drawn from now on shows it.
+    ///
+    /// # Errors
+    /// If the device is lost.
+    fn submit_uploads(&mut self) -> Result<(), BackendError> {
+        Ok(())
+    }
+
     /// Renders one frame of the layers, which come in the order that the renderer was made for; or an expression over them.
     ///
     /// # Errors
@@ -93,6 +107,18 @@ pub trait Renderer: Send {
     /// If there is no GPU any more, or it gives too little.
     fn renew(&mut self) -> Result<(), BackendError> {
         Ok(())
+    }
+
+    /// The GPU renderer, if it is that.
+    #[cfg(feature = "gpu")]
+    fn as_gpu(&mut self) -> Option<&mut GpuRenderer> {
+        None
+    }
+
+    /// Ends it: its device, and what has been compiled for it. `None` without a device.
+    #[cfg(feature = "gpu")]
+    fn into_compiled(self: Box<Self>) -> Option<Result<Compiled, GpuError>> {
+        None
     }
 
     /// Loses the device as a driver does: for tests.
@@ -145,34 +171,47 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeed
     }
 }
 
-/// Makes the chosen backend for layers and pictures up to a size, and says which in one line. With room for expressions over the layers or
-/// without.
+/// What pictures a backend is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pictures {
+    /// The largest, pixels.
+    pub(crate) size_px: (u32, u32),
+    /// Whether there may be expressions over the layers.
+    pub(crate) has_expressions: bool,
+    /// Whether there may be two eyes.
+    pub(crate) has_two_eyes: bool,
+}
+
+/// Makes the chosen backend for layers and pictures, and says which in one line. A device that is lent is used whatever is chosen.
 ///
 /// # Errors
 /// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and
 /// the least bricks.
 pub(crate) fn open(
+    device: &mut Device,
     layers: &[VolumeNeeds],
-    has_expressions: bool,
-    max_size_px: (u32, u32),
+    pictures: &Pictures,
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
     let cpu = |why: &str| -> Result<(Box<dyn Renderer>, String), BackendError> {
-        Ok((Box::new(software(layers, max_size_px, options)?), format!("cpu, {} threads{why}", options.threads)))
+        Ok((Box::new(software(layers, pictures.size_px, options)?), format!("cpu, {} threads{why}", options.threads)))
     };
+    #[cfg(feature = "gpu")]
+    let (is_lent, mut gpu) =
+        (device.is_lent(), |preference| gpu_backend::open(preference, device, layers, pictures, options));
     #[cfg(not(feature = "gpu"))]
-    let _ = has_expressions;
+    let _ = (device, pictures.has_expressions, pictures.has_two_eyes);
     match options.backend {
+        #[cfg(feature = "gpu")]
+        _ if is_lent => gpu(GpuPreference::Any),
         BackendChoice::Cpu => cpu(""),
         #[cfg(feature = "gpu")]
-        BackendChoice::Gpu => gpu_backend::open(GpuPreference::Any, layers, has_expressions, max_size_px, options),
+        BackendChoice::Gpu => gpu(GpuPreference::Any),
         #[cfg(feature = "gpu")]
-        BackendChoice::Auto => {
-            match gpu_backend::open(GpuPreference::Hardware, layers, has_expressions, max_size_px, options) {
-                Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
-                other => other,
-            }
-        }
+        BackendChoice::Auto => match gpu(GpuPreference::Hardware) {
+            Err(BackendError::Gpu(GpuError::NoAdapter { .. })) => cpu(" (no hardware GPU)"),
+            other => other,
+        },
         #[cfg(not(feature = "gpu"))]
         BackendChoice::Gpu => Err(BackendError::NoGpu),
         #[cfg(not(feature = "gpu"))]

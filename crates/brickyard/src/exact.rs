@@ -1,7 +1,9 @@
 //! Exact pictures in passes: every brick that a view wants at its own level, however few slots there are, in passes from back to front
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
+use crate::backend::Pictures;
 use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs};
+use crate::device::Device;
 use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
@@ -78,7 +80,9 @@ impl ExactRenderer {
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
         let needs = layer_needs(&*source, bricks);
-        let (renderer, backend_line) = open_gpu(GpuPreference::Any, &[needs], false, max_size_px, &options)?;
+        let pictures = Pictures { size_px: max_size_px, has_expressions: false, has_two_eyes: false };
+        let (renderer, backend_line) =
+            open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;
         let config = PagerConfig {
             slots: renderer.slots(0),
             apron: needs.bricks.apron,

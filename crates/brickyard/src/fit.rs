@@ -6,7 +6,11 @@
 //!
 //! Making one costs what opening a device and compiling shaders does, some 100 ms; all slots are filled anew from main memory.
 
-use crate::backend::{self, BackendError, Renderer, layer_needs};
+#[cfg(feature = "gpu")]
+mod shown;
+
+use crate::backend::{self, BackendError, Pictures, Renderer, layer_needs};
+use crate::device::Device;
 use crate::options::SessionOptions;
 use crate::resolve::{ResolvedLayer, ResolvedScene};
 use crate::session_error::SessionError;
@@ -16,6 +20,8 @@ use brickyard_pager::{
     VolumeNeeds, Wish, pools, share,
 };
 use brickyard_volume::{Needs, Picture};
+#[cfg(feature = "gpu")]
+use shown::Shown;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -36,10 +42,8 @@ pub(crate) struct Demand {
     layers: Vec<(usize, usize)>,
     /// What bricks have.
     pub(crate) bricks: Needs,
-    /// Whether there is room for expressions.
-    has_expressions: bool,
-    /// The largest picture, pixels.
-    pub(crate) size_px: (u32, u32),
+    /// What pictures are drawn of them.
+    pub(crate) pictures: Pictures,
 }
 
 impl Demand {
@@ -53,18 +57,25 @@ impl Demand {
         Self {
             layers,
             bricks: scene.needs,
-            has_expressions: !scene.is_alone(),
-            size_px: (room(whole.x1), room(whole.y1)),
+            pictures: Pictures {
+                size_px: (room(whole.x1), room(whole.y1)),
+                has_expressions: !scene.is_alone(),
+                has_two_eyes: scene.stereo.is_some(),
+            },
         }
     }
 
     /// The demand of this scene and of those that `before` suffices for, of this one's layers.
     pub(crate) fn grown(&self, before: &Self) -> Self {
+        let (own, other) = (&self.pictures, &before.pictures);
         Self {
             layers: self.layers.clone(),
             bricks: self.bricks.union(before.bricks),
-            has_expressions: self.has_expressions || before.has_expressions,
-            size_px: (self.size_px.0.max(before.size_px.0), self.size_px.1.max(before.size_px.1)),
+            pictures: Pictures {
+                size_px: (own.size_px.0.max(other.size_px.0), own.size_px.1.max(other.size_px.1)),
+                has_expressions: own.has_expressions || other.has_expressions,
+                has_two_eyes: own.has_two_eyes || other.has_two_eyes,
+            },
         }
     }
 }
@@ -95,10 +106,12 @@ pub(crate) struct Fit {
     pools: Vec<Pool>,
     pub(crate) backend: Box<dyn Renderer>,
     pub(crate) backend_line: String,
+    #[cfg(feature = "gpu")]
+    pub(crate) shown: Shown,
 }
 
 impl Fit {
-    /// Makes a backend and pagers. Of `kept` the cores of these volumes are taken.
+    /// Makes a backend on a device, and pagers. Of `kept` the cores of these volumes are taken.
     ///
     /// # Errors
     /// If no backend can be made, it has no compositor for several layers, or a budget is too small; the message says the least that
@@ -107,20 +120,34 @@ impl Fit {
         volumes: &[VolumeSource],
         demand: Demand,
         options: &SessionOptions,
-        kept: &mut Vec<KeptCores>,
+        (device, kept): (&mut Device, &mut Vec<KeptCores>),
     ) -> Result<Self, SessionError> {
         let sources: Vec<_> = demand.layers.iter().map(|&(_, volume)| volumes[volume].source.clone()).collect();
         let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, demand.bricks)).collect();
-        let (backend, backend_line) = backend::open(&needs, demand.has_expressions, demand.size_px, options)?;
-        let pools = pools_of(&needs, &sources, &*backend, options, kept)?;
+        let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
+        let pools = match pools_of(&needs, &sources, &*backend, options, kept) {
+            Ok(pools) => pools,
+            Err(error) => {
+                device.take_back(backend);
+                return Err(error);
+            }
+        };
         let layer = |(&(place, volume), source)| FitLayer { place, volume, source, draws: Vec::new(), cut: 0 };
         let layers = demand.layers.iter().zip(sources).map(layer).collect();
-        Ok(Self { demand, layers, pools, backend, backend_line })
+        Ok(Self {
+            demand,
+            layers,
+            pools,
+            backend,
+            backend_line,
+            #[cfg(feature = "gpu")]
+            shown: Shown::default(),
+        })
     }
 
     /// Whether a scene can be shown with it.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
-        let Demand { bricks, has_expressions, size_px, .. } = self.demand;
+        let Demand { bricks, pictures: Pictures { size_px, has_expressions, has_two_eyes }, .. } = self.demand;
         let is_of_volume = |own: &FitLayer, (place, volume)| (own.place, own.volume) == (place, volume);
         let shown = scene.layers.iter().map(|layer| (layer.place, layer.volume));
         let hidden = scene.hidden.iter().map(|layer| (layer.place, layer.volume));
@@ -129,12 +156,14 @@ impl Fit {
             && self.layers.iter().all(|own| of_scene.iter().any(|&layer| is_of_volume(own, layer)))
             && bricks.satisfy(&asked.bricks)
             && (has_expressions || scene.combination.is_none())
-            && size_px.0 >= asked.size_px.0
-            && size_px.1 >= asked.size_px.1
+            && (has_two_eyes || scene.stereo.is_none())
+            && size_px.0 >= asked.pictures.size_px.0
+            && size_px.1 >= asked.pictures.size_px.1
     }
 
-    /// Ends it: what has been decoded may serve another one.
-    pub(crate) fn into_cores(self) -> Vec<KeptCores> {
+    /// Ends it: what has been decoded, and the device, may serve another one.
+    pub(crate) fn into_cores(self, device: &mut Device) -> Vec<KeptCores> {
+        device.take_back(self.backend);
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
     }
 
@@ -152,12 +181,18 @@ impl Fit {
     /// How far all layers are together, after their uploads; `None` of no layers.
     pub(crate) fn step(&mut self, views: &[View], at: Duration) -> Result<Option<Status>, BackendError> {
         let mut whole: Option<Status> = None;
+        #[cfg(feature = "gpu")]
+        self.hear()?;
         for pool in &mut self.pools {
+            if let Some(room) = self.backend.upload_room_bytes(pool.layers[0]) {
+                pool.pager.limit_uploads(room);
+            }
             let of_pool: Vec<View> = pool.layers.iter().map(|&layer| views[layer].clone()).collect();
             let frame = pool.pager.frame(&of_pool, at);
             let begun = Instant::now();
             let mut uploads = frame.uploads.iter();
             uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
+            self.backend.submit_uploads()?;
             pool.pager.uploads_took(begun.elapsed());
             for (&layer, drawn) in pool.layers.iter().zip(frame.volumes) {
                 let layer = &mut self.layers[layer];
@@ -210,7 +245,8 @@ impl Fit {
                 // A scene that hides what the last step showed tells nothing of it.
                 let cells: usize = own[layer].draws.iter().map(|list| list.cells.len()).sum();
                 let told = seen[layer].iter().filter(|seen| seen.len() == cells);
-                told.for_each(|seen| pager.feedback(volume, seen));
+                let drawn = pager.drawn(volume);
+                told.zip(&drawn).for_each(|(seen, drawn)| pager.feedback(volume, drawn, seen));
             }
         }
         Ok(picture)

@@ -1,9 +1,10 @@
 //! The GPU renderer as a backend.
 
-use crate::backend::{BackendError, Renderer};
+use crate::backend::{BackendError, Pictures, Renderer};
+use crate::device::Device;
 use crate::options::{CompositorChoice, SessionOptions};
 use brickyard_pager::{Layer, Upload, VolumeNeeds};
-use brickyard_render::{Compositor, GpuOptions, GpuPreference, GpuRenderer};
+use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_volume::{Combination, Picture};
 
 /// The GPU backend of layers, and which it is in one line.
@@ -12,24 +13,24 @@ use brickyard_volume::{Combination, Picture};
 /// If there is no such adapter, or the memory cannot hold a picture and the least bricks.
 pub(crate) fn open(
     preference: GpuPreference,
+    device: &mut Device,
     layers: &[VolumeNeeds],
-    has_expressions: bool,
-    max_size_px: (u32, u32),
+    pictures: &Pictures,
     options: &SessionOptions,
 ) -> Result<(Box<dyn Renderer>, String), BackendError> {
-    let (renderer, line) = open_gpu(preference, layers, has_expressions, max_size_px, options)?;
+    let (renderer, line) = open_gpu(preference, device, layers, pictures, options)?;
     Ok((Box::new(renderer), line))
 }
 
-/// The GPU renderer of layers and pictures up to a size, with room for expressions over them or without, and which it is in one line.
+/// The GPU renderer of layers, and which it is in one line.
 ///
 /// # Errors
 /// As [`open`].
 pub(crate) fn open_gpu(
     preference: GpuPreference,
+    device: &mut Device,
     layers: &[VolumeNeeds],
-    expressions: bool,
-    max_size_px: (u32, u32),
+    &Pictures { size_px, has_expressions: expressions, has_two_eyes: two_eyes }: &Pictures,
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {
     let compositor = match options.compositor {
@@ -38,8 +39,12 @@ pub(crate) fn open_gpu(
         CompositorChoice::Raycast => Compositor::Raycast,
         CompositorChoice::Compute => Compositor::Compute,
     };
-    let gpu = GpuOptions { preference, compositor, leaps: options.leaps, expressions, ..GpuOptions::default() };
-    let renderer = GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, max_size_px)?;
+    let leaps = options.leaps;
+    let gpu = GpuOptions { preference, compositor, leaps, expressions, two_eyes, ..GpuOptions::default() };
+    let renderer = match device.take() {
+        Some(compiled) => GpuRenderer::on(compiled, &gpu, layers, options.gpu_memory_bytes, size_px)?,
+        None => GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, size_px)?,
+    };
     let line = format!("gpu, {}{}", renderer.adapter(), refusal(&renderer));
     Ok((renderer, line))
 }
@@ -79,6 +84,14 @@ impl Renderer for GpuRenderer {
         Ok(self.upload(layer, upload.slot, &upload.codes)?)
     }
 
+    fn upload_room_bytes(&mut self, layer: usize) -> Option<u64> {
+        self.never_waits().then(|| self.upload_room_bytes(layer))
+    }
+
+    fn submit_uploads(&mut self) -> Result<(), BackendError> {
+        Ok(self.submit_uploads()?)
+    }
+
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
         Ok(self.render(layers, combination)?)
     }
@@ -97,6 +110,14 @@ impl Renderer for GpuRenderer {
 
     fn renew(&mut self) -> Result<(), BackendError> {
         Ok(self.renew()?)
+    }
+
+    fn as_gpu(&mut self) -> Option<&mut GpuRenderer> {
+        Some(self)
+    }
+
+    fn into_compiled(self: Box<Self>) -> Option<Result<Compiled, GpuError>> {
+        Some((*self).into_compiled())
     }
 
     fn destroy_device(&self) {

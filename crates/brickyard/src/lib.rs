@@ -59,6 +59,9 @@
 //! The parts are re-exported under their own names. `examples` has whole programs.
 
 pub mod backend;
+mod device;
+#[cfg(feature = "gpu")]
+mod embedding;
 #[cfg(feature = "gpu")]
 pub mod exact;
 mod fit;

@@ -9,6 +9,7 @@
 
 use crate::session::Frame;
 use brickyard_volume::FrameSettings;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What one frame is drawn with.
@@ -48,7 +49,7 @@ impl Quality {
     /// The frame of a session, drawn so.
     pub fn frame(self, exact: &Frame) -> Frame {
         let mut drawn = exact.clone();
-        for frame in drawn.scene.layers.iter_mut().flat_map(|layer| &mut layer.frames) {
+        for frame in Arc::make_mut(&mut drawn.scene).layers.iter_mut().flat_map(|layer| &mut layer.frames) {
             frame.settings = self.settings(&frame.settings);
         }
         drawn

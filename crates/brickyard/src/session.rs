@@ -6,6 +6,7 @@
 //! (see `fit`). A step never waits for the disk. Everything happens on the thread that calls, but decoding.
 
 use crate::backend::{BackendError, Renderer};
+use crate::device::Device;
 use crate::fit::{Demand, Fit};
 use crate::losses::Losses;
 use crate::options::CompositorChoice;
@@ -15,9 +16,10 @@ pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
 use crate::tables::Tables;
 pub use crate::volume_source::VolumeSource;
-use brickyard_pager::{Counters, DrawList, Status, View};
+use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
 use brickyard_volume::{FrameSettings, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A step's result, which can be drawn. The slots of its bricks are theirs until the next step.
@@ -25,11 +27,24 @@ use std::time::{Duration, Instant};
 pub struct Frame {
     /// The scene, resolved. What takes no other bricks may be changed before it is drawn: jitter, the length of steps, the resolution
     /// ([`Quality::frame`](crate::quality::Quality::frame)).
-    pub scene: ResolvedScene,
+    pub scene: Arc<ResolvedScene>,
     /// How far the view is.
     pub status: Status,
     /// The number of the step.
     step: u64,
+}
+
+#[cfg(feature = "gpu")]
+impl Frame {
+    /// Whether it is of a session's last step, whose number is given.
+    pub(crate) fn is_of(&self, step: u64) -> bool {
+        self.step == step
+    }
+
+    /// Whether another one is known to be the same picture: a copy of this one.
+    pub(crate) fn is_copy_of(&self, other: &Self) -> bool {
+        self.step == other.step && Arc::ptr_eq(&self.scene, &other.scene)
+    }
 }
 
 /// What was counted before the backend and its pagers were last made anew.
@@ -59,19 +74,25 @@ impl Past {
 /// ```
 pub struct Session {
     volumes: Vec<VolumeSource>,
-    options: SessionOptions,
+    pub(crate) options: SessionOptions,
     /// One for each volume.
     tables: Vec<Tables>,
+    device: Device,
+    /// What was decoded for a device that is lost.
+    kept: Vec<KeptCores>,
     /// `None` before the first step, and after one that could not make it.
-    fit: Option<Fit>,
+    pub(crate) fit: Option<Fit>,
     /// What was counted before it was made, and with the last step.
     past: Past,
     counted: Past,
     /// Steps so far.
-    steps: u64,
+    pub(crate) steps: u64,
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
+    /// The frame that the session's own texture shows; none while it shows nothing.
+    #[cfg(feature = "gpu")]
+    pub(crate) shown: Option<Frame>,
     /// When it began, if it is live.
     clock: Option<Instant>,
 }
@@ -91,12 +112,16 @@ impl Session {
             tables: volumes.iter().map(|volume| Tables::new(volume.encoding())).collect(),
             volumes,
             options,
+            device: Device::default(),
+            kept: Vec::new(),
             fit: None,
             past: Past::default(),
             counted: Past::default(),
             steps: 0,
             last: None,
             losses: Losses::default(),
+            #[cfg(feature = "gpu")]
+            shown: None,
             clock: options.live.then(Instant::now),
         }
     }
@@ -146,10 +171,11 @@ impl Session {
             return Ok(());
         }
         let (before, mut kept) = match self.take_fit() {
-            Some(fit) => (Some(fit.demand.clone()), fit.into_cores()),
-            None => (None, Vec::new()),
+            Some(fit) => (Some(fit.demand.clone()), fit.into_cores(&mut self.device)),
+            None => (None, std::mem::take(&mut self.kept)),
         };
-        let mut make = |demand| Fit::make(&self.volumes, demand, &self.options, &mut kept);
+        let Self { volumes, options, device, .. } = self;
+        let mut make = |demand| Fit::make(volumes, demand, options, (&mut *device, &mut kept));
         // A scene before may come back. Where there is too little memory for both, this one alone counts.
         let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
         let made = match grown {
@@ -163,7 +189,18 @@ impl Session {
     /// Takes leave of the backend and its pagers.
     fn take_fit(&mut self) -> Option<Fit> {
         (self.past, self.last) = (self.counted, None);
+        #[cfg(feature = "gpu")]
+        drop(self.shown.take());
         self.fit.take()
+    }
+
+    /// Gives up the backend for others on another device; what is decoded stays.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn move_to(&mut self, device: Device) {
+        if let Some(fit) = self.take_fit() {
+            self.kept = fit.into_cores(&mut self.device);
+        }
+        self.device = device;
     }
 
     /// Has threads make what is to be made of a transfer function before it can be shown. Until [`Session::is_prepared`] says that it is
@@ -214,7 +251,9 @@ impl Session {
         }
         if is_other {
             // Its slots hold bricks of another pyramid.
-            self.take_fit();
+            if let Some(fit) = self.take_fit() {
+                fit.into_cores(&mut self.device);
+            }
         }
         Ok(())
     }
@@ -228,7 +267,7 @@ impl Session {
         let views = self.fit.as_ref().map(|fit| fit.views(scene)).unwrap_or_default();
         self.steps += 1;
         let status = self.step_to(views)?;
-        Ok(Frame { scene: scene.clone(), status, step: self.steps })
+        Ok(Frame { scene: Arc::new(scene.clone()), status, step: self.steps })
     }
 
     /// A lost device is made anew.
@@ -280,8 +319,11 @@ impl Session {
         }
     }
 
-    /// Makes a lost device anew; its slots are empty. Other errors are the caller's.
+    /// Makes a lost device anew; its slots are empty. Other errors are the caller's, and so is the loss of an application's device.
     fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
+        if self.device.is_lent() {
+            return Err(error.into());
+        }
         self.losses.record(error)?;
         self.fit.as_mut().map_or(Ok(()), Fit::renew)
     }

@@ -41,6 +41,9 @@ pub enum SessionError {
     /// The frame is not the last step's: its bricks may have given their slots to others.
     #[error("the frame was superseded by a later step: draw what the last step returned")]
     Superseded,
+    /// Pictures are put on textures of the device that a session draws on.
+    #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
+    NoDevice,
     /// Cells of layers that differ in grid, place or voxel size are in no one order from back to front.
     #[error(
         "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"

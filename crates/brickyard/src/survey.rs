@@ -18,6 +18,7 @@ use brickyard_volume::sampling::VIRTUAL_SAMPLES;
 use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
 use noise::{ColorSpace, Series, Truth};
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How the truth is sampled, and at how many times the highest rate: by what integrates over values, unless the transfer function is
@@ -188,7 +189,7 @@ impl<'a> Stage<'a> {
         let mut frame = self.session.step_resolved(&resolved)?;
         let (mut pictures, mut frame_ms, mut cpu_ms) = (Vec::new(), Vec::new(), Vec::new());
         for seed in 0..self.plan.frames {
-            let drawn = frame.scene.layers.iter_mut().flat_map(|layer| &mut layer.frames);
+            let drawn = Arc::make_mut(&mut frame.scene).layers.iter_mut().flat_map(|layer| &mut layer.frames);
             drawn.for_each(|drawn| drawn.settings.sampling.jitter = Jitter::White(seed));
             let (begun, cpu_begun) = (Instant::now(), processor_ms());
             pictures.push(self.session.draw(&frame)?);

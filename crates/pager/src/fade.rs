@@ -114,7 +114,7 @@ mod tests {
             sight.cells.retain(|_| is_seen);
             let (pyramid, roots) = (source.pyramid(), &roots(source, 0, 0));
             let wants = Wants { pyramid, cut: &cut, sight: &sight, roots };
-            let step = residency.step(&[wants], &[], None, Duration::from_millis(at_ms));
+            let step = residency.step(&[wants], &[], Default::default(), Duration::from_millis(at_ms));
             let draw = &step.volumes[0].draw;
             assert!(!(step.settled && draw.is_fading()));
             let mut cells: Vec<Vec<_>> = draw.cells.chunk_by(|a, b| a.cell == b.cell).map(<[_]>::to_vec).collect();

@@ -51,6 +51,7 @@ pub use cut::{Cut, View, cut_capacity};
 pub use draw_list::{DrawCell, DrawList, Slot};
 pub use ensemble::{Layer, VolumeNeeds, Wish, pools, share};
 pub use governor::UploadLimits;
+pub use paged_volume::DrawnCells;
 pub use pager::{Frame, Pager, VolumeDraw};
 pub use passes::{ExactError, ExactPasses, Next};
 pub use pixels::Pixels;

@@ -34,11 +34,31 @@ pub(crate) struct PagedVolume {
     /// The number of the visibility that a complete frame of this view has confirmed.
     confirmed: u64,
     /// Of each entry of the last draw list, and of the other eye's, its cell.
-    drawn: Vec<BrickId>,
+    drawn: Arc<Vec<BrickId>>,
+    /// The number of the visibility that the last frame went by.
+    gone_by: u64,
     /// The coarsest bricks of the last view's time and channel: pinned.
     roots: Vec<BrickId>,
     /// The last frame's uploads: host memory until the next call.
     handed_out: Vec<Arc<[u8]>>,
+}
+
+/// What a frame has drawn of a volume, as far as feedback about it needs to know: whoever asks a renderer what was seen keeps it until the
+/// answer comes, however many frames later.
+#[derive(Clone, Debug)]
+pub struct DrawnCells {
+    view: View,
+    cells: Arc<Vec<BrickId>>,
+    /// Whether nothing more was on its way for the frame, and the number of the visibility that it went by.
+    is_complete: bool,
+    gone_by: u64,
+}
+
+impl DrawnCells {
+    /// Entries of the frame's draw list, and of the one for the other eye.
+    pub fn entries(&self) -> usize {
+        self.cells.len()
+    }
 }
 
 /// How much of a volume a view sees, in cells and in their areas.
@@ -86,7 +106,8 @@ impl PagedVolume {
             view: None,
             visibility: None,
             confirmed: 0,
-            drawn: Vec::new(),
+            drawn: Arc::default(),
+            gone_by: 0,
             roots: Vec::new(),
             handed_out: Vec::new(),
         })
@@ -112,6 +133,7 @@ impl PagedVolume {
         assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
         assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
         self.take_back();
+        self.gone_by = self.visibility.as_ref().map_or(0, |(number, _)| *number);
         while let Some(arrival) = self.workers.try_receive() {
             residency.arrive(number, arrival);
         }
@@ -145,7 +167,13 @@ impl PagedVolume {
 
     /// Remembers what feedback will be about.
     pub(crate) fn note_drawn<'a>(&mut self, lists: impl Iterator<Item = &'a DrawList>) {
-        self.drawn = lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect();
+        self.drawn = Arc::new(lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect());
+    }
+
+    /// What feedback about the last frame will be about; `None` before the first.
+    pub(crate) fn drawn(&self, is_complete: bool) -> Option<DrawnCells> {
+        let view = self.view.clone()?;
+        Some(DrawnCells { view, cells: self.drawn.clone(), is_complete, gone_by: self.gone_by })
     }
 
     /// What the view sees of a cut, given which of the cells in sight are resident.
@@ -198,14 +226,16 @@ impl PagedVolume {
         self.workers.give_back(self.handed_out.drain(..));
     }
 
-    /// See [`Pager::feedback`](crate::Pager::feedback); of the last frame, which was `view`'s.
-    pub(crate) fn feedback(&mut self, view: &View, visibility: &[f32], is_complete: bool) {
-        assert_eq!(visibility.len(), self.drawn.len(), "visibility of another draw list");
-        let told = self.drawn.iter().copied().zip(visibility.iter().copied());
-        let told = Visibility::new(self.source.pyramid(), view, told);
+    /// See [`Pager::feedback`](crate::Pager::feedback).
+    pub(crate) fn feedback(&mut self, drawn: &DrawnCells, visibility: &[f32]) {
+        assert_eq!(visibility.len(), drawn.cells.len(), "visibility of another draw list");
+        let told = drawn.cells.iter().copied().zip(visibility.iter().copied());
+        let told = Visibility::new(self.source.pyramid(), &drawn.view, told);
+        let Some(view) = self.view.as_ref().filter(|view| told.is_of_content(view)) else { return };
+        let is_present = *view == drawn.view;
         let (number, has_changed) = match &mut self.visibility {
             // The planner may hold it: then this copies it.
-            Some((number, known)) if known.is_of(view) => (*number, Arc::make_mut(known).add(told)),
+            Some((number, known)) if known.is_of(&drawn.view) => (*number, Arc::make_mut(known).add(told)),
             known => {
                 let number = known.as_ref().map_or(0, |(number, _)| *number);
                 *known = Some((number, Arc::new(told)));
@@ -214,7 +244,7 @@ impl PagedVolume {
         };
         if has_changed {
             self.visibility.iter_mut().for_each(|(number, _)| *number += 1);
-        } else if is_complete {
+        } else if is_present && drawn.is_complete && drawn.gone_by == number {
             self.confirmed = number;
         }
     }

@@ -11,10 +11,10 @@ use crate::ensemble::{Wish, share};
 use crate::governor::Governor;
 use crate::layout::Layout;
 use crate::motion::Motion;
-use crate::paged_volume::{PagedVolume, Seen, buffer_sizes};
+use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{KeptCores, layout_of};
-use crate::residency::{Residency, Step, Upload, VolumeStep};
+use crate::residency::{Residency, Step, Upload, UploadLimit, VolumeStep};
 use crate::sight::Sight;
 use crate::source::BrickSource;
 use crate::status::{Counters, Status};
@@ -74,6 +74,8 @@ pub struct Pager {
     last: Option<LastFrame>,
     motion: Motion,
     governor: Governor,
+    /// What the next frame's uploads must not pass.
+    upload_room: Option<u64>,
     /// The last frame's time.
     last_at: Duration,
     slot_bytes: u64,
@@ -133,6 +135,7 @@ impl Pager {
             planner: planner(&volumes, &config)?,
             residency: Residency::new(volumes.len(), config.slots, config.fade),
             governor: Governor::new(config.uploads),
+            upload_room: None,
             config,
             meter,
             volumes,
@@ -180,9 +183,11 @@ impl Pager {
             _ => Sight::all(&planned_sources(&self.volumes), &cuts, views),
         };
         let wants = self.volumes.iter().zip(&cuts).zip(&sights).map(|((volume, cut), sight)| volume.wants(cut, sight));
-        let upload_bytes = self.governor.bytes(at.saturating_sub(self.last_at));
-        let Step { uploads, volumes, settled } =
-            self.residency.step(&wants.collect::<Vec<_>>(), &ahead, upload_bytes, at);
+        let limit = UploadLimit {
+            goal_bytes: self.governor.bytes(at.saturating_sub(self.last_at)),
+            room_bytes: self.upload_room.take(),
+        };
+        let Step { uploads, volumes, settled } = self.residency.step(&wants.collect::<Vec<_>>(), &ahead, limit, at);
         self.last_at = at;
         self.governor.spent(uploads.iter().map(|upload| upload.codes.len() as u64).sum());
         let is_known = self.volumes.iter().zip(&occupancy).all(|(volume, &version)| volume.knows_since(version));
@@ -203,17 +208,29 @@ impl Pager {
         Frame { uploads, volumes: drawn, status }
     }
 
-    /// What the renderer saw of a volume in the last frame: for each entry of its draw list, in its order, the greatest transmittance with
-    /// which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open; then the same for the list of
-    /// the other eye, if there is one. Cells that are hidden from all eyes are not wanted from the next plan on, and the others
-    /// in the order of what is seen of them.
+    /// What the last frame drew of a volume, for [`Pager::feedback`] about it; `None` before the first frame.
+    ///
+    /// # Panics
+    /// If there is no such volume.
+    pub fn drawn(&self, volume: usize) -> Option<DrawnCells> {
+        self.volumes[volume].drawn(self.is_complete)
+    }
+
+    /// What the renderer saw of a volume in a frame, the last one or an earlier one: for each entry of its draw list, in its order, the
+    /// greatest transmittance with which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open; then the same
+    /// for the list of the other eye, if there is one. Cells that are hidden from all eyes are not wanted from the next plan on, and the
+    /// others in the order of what is seen of them. What was seen of another appearance, time step or channel than the last frame's says
+    /// nothing, and is left.
     ///
     /// # Panics
     /// If there is no such volume, or there are not as many numbers as entries.
-    pub fn feedback(&mut self, volume: usize, visibility: &[f32]) {
-        if let Some(last) = &self.last {
-            self.volumes[volume].feedback(&last.views[volume], visibility, self.is_complete);
-        }
+    pub fn feedback(&mut self, volume: usize, drawn: &DrawnCells, visibility: &[f32]) {
+        self.volumes[volume].feedback(drawn, visibility);
+    }
+
+    /// Has the next frame upload no more than so many bytes, be it nothing at all: what a renderer can take without waiting.
+    pub fn limit_uploads(&mut self, bytes: u64) {
+        self.upload_room = Some(bytes);
     }
 
     /// How long carrying out the last frame's uploads took: so that the next frames' can be fitted to the time there is.

@@ -7,7 +7,7 @@ use crate::draw_list::DrawList;
 use crate::pager::Pager;
 use crate::pixels::Pixels;
 use crate::planner::Planning;
-use crate::residency::{Arrival, Residency, Step, Upload, VolumeStep, Wants};
+use crate::residency::{Arrival, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
 use crate::retry::Failure;
 use crate::sight::{Ranked, Sight};
 use crate::slots::VolumeBrick;
@@ -21,7 +21,7 @@ use brickyard_volume::{
 };
 use glam::{DAffine3, DMat3, DVec3, EulerRot};
 use proptest::prelude::*;
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -457,6 +457,8 @@ struct Bench<'a> {
     slots: u32,
     seed: u64,
     upload_bytes: Option<u64>,
+    /// Whether a brick could be uploaded in the last frame.
+    has_room: bool,
     fade: Option<Duration>,
     now: Duration,
     /// When bricks have got their slots.
@@ -494,13 +496,18 @@ impl Bench<'_> {
             .collect();
         let before: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         self.now += Duration::from_millis(self.dice.next() % 60);
-        let (limit, now) = (self.upload_bytes, self.now);
+        // Now and then the renderer has little room, or none.
+        let room = self.dice.next() % 100;
+        let room_bytes = self.dice.next().is_multiple_of(4).then_some(room);
+        self.has_room = room_bytes.is_none_or(|room| room >= PADDED);
+        let (limit, now) = (UploadLimit { goal_bytes: self.upload_bytes, room_bytes }, self.now);
         let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, &ahead, limit, now));
         let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.volume, u.brick)).collect::<Vec<_>>();
         let plans = |step: &Step| step.volumes.iter().map(|v| (v.draw.clone(), v.requests.clone())).collect::<Vec<_>>();
         assert_eq!((names(&step), plans(&step)), (names(&twin), plans(&twin)));
         let bytes = step.uploads.len() as u64 * PADDED;
         assert!(step.uploads.len() <= 1 || self.upload_bytes.is_none_or(|limit| bytes <= limit));
+        assert!(room_bytes.is_none_or(|room| bytes <= room), "there was room for {room_bytes:?}");
         for &Upload { slot, volume, brick: id, .. } in &step.uploads {
             assert!(slot.0 < self.slots);
             self.atlas.insert(slot.0, VolumeBrick { volume, id });
@@ -655,7 +662,8 @@ impl Bench<'_> {
         for _ in 0..rounds {
             let staged = self.twins[0].has_staged();
             let step = self.frame(&wanted);
-            assert!(!self.twins[0].has_staged() || !staged || !step.uploads.is_empty(), "no progress");
+            let may_upload = self.twins[0].has_staged() && staged && self.has_room;
+            assert!(!may_upload || !step.uploads.is_empty(), "no progress");
             let mut drawn = 0;
             let volumes = step.volumes.iter().enumerate();
             for (volume, entry) in volumes.flat_map(|(i, v)| v.draw.cells.iter().map(move |entry| (i, entry))) {
@@ -708,7 +716,7 @@ proptest! {
         let twins = [(); 2].map(|()| Residency::new(sources.len(), slots, fade));
         let (atlas, in_flight, now, came) = Default::default();
         let (sources, dice) = (&sources[..], Dice(seed));
-        let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, fade, now, came };
+        let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, has_room: true, fade, now, came };
         let max_cells = cut_capacity(slots, all_roots);
         let mut cuts = joint(sources, &views(&shots[0], sources), max_cells, &[]);
         for views in shots.iter().map(|shot| views(shot, sources)) {
@@ -741,15 +749,17 @@ fn told(source: &TestSource, view: &View, draw: &DrawList, seed: u64) -> Vec<f32
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
 
-    /// With feedback on everything that is drawn, whatever bricks hide: views come to rest, and then all that rays reach
-    /// is there at the level that the view wants.
+    /// With feedback on everything that is drawn, whatever bricks hide, and by some frames late: views come to rest, and then all that rays
+    /// reach is there at the level that the view wants.
     #[test]
     fn feedback_comes_to_rest_and_leaves_nothing_out_that_is_seen(
         volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..200, seed in any::<u64>(),
+        late in 0usize..4,
     ) {
         let source = Arc::new(volume.source());
         let slots = slots.max(roots(&*source, 0, 0).len() as u32);
         let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
+        let mut under_way = VecDeque::new();
         let (planning, prefetch, uploads) = (Planning::Inline, false, None);
         let config = PagerConfig { slots, apron: 1, gradient_layers: 0, host_bytes, workers: 1, planning, prefetch, uploads, fade: None };
         let shared: Arc<dyn BrickSource> = source.clone();
@@ -757,7 +767,7 @@ proptest! {
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         for view in views.iter().map(|shot| shot.view(&source)) {
             // Each brick may be told of with eight weights, one after the other; in truth it is a few dozen frames.
-            let mut frames_left = 100 + 8 * source.pyramid().brick_count();
+            let mut frames_left = (100 + 8 * source.pyramid().brick_count()) * (1 + late as u64);
             let (frame, visibility) = loop {
                 let frame = pager.frame(std::slice::from_ref(&view), Duration::ZERO);
                 let mut visibility = told(&source, &view, &frame.volumes[0].draw, seed);
@@ -767,7 +777,10 @@ proptest! {
                 if frame.status.settled {
                     break (frame, visibility);
                 }
-                pager.feedback(0, &visibility);
+                under_way.push_back((pager.drawn(0).unwrap(), visibility.clone()));
+                if under_way.len() > late && let Some((drawn, seen)) = under_way.pop_front() {
+                    pager.feedback(0, &drawn, &seen);
+                }
                 if !frame.status.awaits_feedback {
                     pager.wait(Duration::from_secs(9));
                 }

@@ -92,6 +92,23 @@ struct Bricks {
     fades: Fades,
 }
 
+/// What a frame's uploads are limited by.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct UploadLimit {
+    /// So many bytes are enough, but one brick is the least.
+    pub(crate) goal_bytes: Option<u64>,
+    /// There is no room for more than so many, be it for none.
+    pub(crate) room_bytes: Option<u64>,
+}
+
+impl UploadLimit {
+    /// Whether a brick of this size may follow so many bytes.
+    fn allows(&self, bytes: u64, size: u64) -> bool {
+        let fits = |limit: Option<u64>| limit.is_none_or(|limit| bytes + size <= limit);
+        fits(self.room_bytes) && (bytes == 0 || fits(self.goal_bytes))
+    }
+}
+
 impl Residency {
     /// Of so many volumes with so many slots; bricks that come take this long to fade in.
     pub(crate) fn new(volumes: usize, slots: u32, fade: Option<Duration>) -> Self {
@@ -145,14 +162,14 @@ impl Residency {
         }
     }
 
-    /// One frame of all volumes: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, at most
-    /// `upload_bytes` but at least one; then draws and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at`
+    /// One frame of all volumes: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, within a
+    /// limit; then draws and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at`
     /// is the frame's time.
     pub(crate) fn step(
         &mut self,
         wants: &[Wants<'_>],
         ahead: &[(Tier, VolumeBrick)],
-        upload_bytes: Option<u64>,
+        limit: UploadLimit,
         at: Duration,
     ) -> Step {
         self.slots.begin_frame();
@@ -164,7 +181,7 @@ impl Residency {
         let mut requests = self.plan(wants, ahead, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
         if self.has_staged() {
-            uploads = self.place(&requests, upload_bytes, &mut stale);
+            uploads = self.place(&requests, limit, &mut stale);
         }
         if !uploads.is_empty() {
             let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
@@ -295,7 +312,7 @@ impl Residency {
     fn place(
         &mut self,
         requests: &[(Tier, VolumeBrick)],
-        limit: Option<u64>,
+        limit: UploadLimit,
         stale: &mut [Vec<Arc<[u8]>>],
     ) -> Vec<Upload> {
         let mut uploads: Vec<Upload> = Vec::new();
@@ -304,8 +321,7 @@ impl Residency {
             let VolumeBrick { volume, id } = brick;
             let Some(codes) = self.volumes[volume].staged.remove(&id) else { continue };
             let size = codes.len() as u64;
-            let allowed = uploads.is_empty() || limit.is_none_or(|limit| bytes + size <= limit);
-            let acquired = if allowed { self.slots.acquire(brick, tier) } else { None };
+            let acquired = if limit.allows(bytes, size) { self.slots.acquire(brick, tier) } else { None };
             match acquired {
                 Some(acquired) => {
                     bytes += size;

@@ -54,8 +54,10 @@ impl Wishes {
 }
 
 impl Pipelines {
-    pub(crate) fn new(maker: Maker) -> Self {
-        Self { maker: Arc::new(maker), all: HashMap::new(), wishes: Default::default(), thread: None }
+    /// Those that another renderer has left, if this maker would make the same; else none yet.
+    pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
+        let of_maker = |maker| Self { maker, all: HashMap::new(), wishes: Default::default(), thread: None };
+        kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))
     }
 
     /// Makes a pipeline, or waits for the thread that is at it.

@@ -4,8 +4,8 @@
 //! [`AtlasPlan`] is the arithmetic: how many slots fit a budget and where each lies. The whole texture is written before
 //! anything samples it, because wgpu 30 otherwise zero-fills it at the first upload, and can deadlock on it.
 
-use crate::adapter::Gpu;
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use brickyard_pager::{DrawCell, Slot};
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, Pyramid};

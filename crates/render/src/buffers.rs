@@ -1,7 +1,7 @@
 //! The buffers that all layers share: what every march reads, and what rays read besides.
 
-use crate::adapter::Gpu;
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
 use wgpu::{BindingResource, BufferUsages};
 

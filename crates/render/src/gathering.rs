@@ -1,7 +1,7 @@
 //! What all compositors share: the bindings of every march, and the pass that it draws into.
 
-use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, entry};
+use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
 use crate::parts::{Part, Parts};
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
@@ -69,28 +69,27 @@ impl SharedBuffers {
         })
     }
 
-    /// The last submission of a picture: display colours, on their way to the CPU, what else the encoder is given, and timestamps.
+    /// Queues the last pass of a picture, which makes its display colours.
     pub(crate) fn resolve(
         &self,
-        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
         targets: &Targets,
         show: impl FnOnce(&mut wgpu::RenderPass<'_>),
-        also: impl FnOnce(&mut wgpu::CommandEncoder),
-    ) -> wgpu::SubmissionIndex {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    ) {
         show(&mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("resolve"),
             color_attachments: &[attachment(&targets.display_view, wgpu::LoadOp::Clear(wgpu::Color::BLACK))],
             timestamp_writes: self.timestamp_writes(None, Some(1)),
             ..Default::default()
         }));
-        targets.copy_back(&mut encoder);
-        also(&mut encoder);
+    }
+
+    /// Queues the copy of the picture's timestamps, if there are any, to a buffer.
+    pub(crate) fn take_timestamps(&self, encoder: &mut wgpu::CommandEncoder, to: &wgpu::Buffer) {
         if let Some((queries, ticks)) = &self.timestamps {
             encoder.resolve_query_set(queries, 0..2, ticks, 0);
-            encoder.copy_buffer_to_buffer(ticks, 0, &targets.read_back, targets.timestamps_offset(), TIMESTAMP_BYTES);
+            encoder.copy_buffer_to_buffer(ticks, 0, to, 0, TIMESTAMP_BYTES);
         }
-        gpu.queue.submit([encoder.finish()])
     }
 
     pub(crate) fn timestamp_writes(

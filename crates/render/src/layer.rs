@@ -3,10 +3,10 @@
 //! In its parts everything counts from the part's beginning, so that a layer's bind group shows the shaders of one layer what they know;
 //! the shaders of several add where the parts begin.
 
-use crate::adapter::Gpu;
 use crate::buffers::{RayBuffers, SharedBuffers};
 use crate::error::GpuError;
 use crate::frame::{Framed, TableInUse, frame_uniform};
+use crate::gpu::Gpu;
 use crate::parts::{Part, Parts};
 use crate::pool::Pool;
 use crate::table::{self, Room};

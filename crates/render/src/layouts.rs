@@ -1,13 +1,15 @@
 //! Layouts of what is bound: one for each kind of pass, shared by all pipelines of that kind.
 
-use crate::adapter::Gpu;
 use crate::compositor::Compositor;
+use crate::gpu::Gpu;
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 
 /// The bind group layouts that all variants share.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
+    /// The pools that joint marches see, and whether with stored gradients.
+    pub(crate) of: (usize, bool),
     /// Of a march through one layer.
     pub(crate) march: wgpu::BindGroupLayout,
     /// Of a march through all of them.
@@ -67,6 +69,7 @@ impl Layouts {
         let glow = (bindings::GLOW, fragment, texture(TextureViewDimension::D2, false));
         let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
         Self {
+            of: (pools, has_gradients),
             march: march_layout(gpu, compositor, 1, has_gradients),
             joint: march_layout(gpu, compositor, pools, has_gradients),
             resolve: bind_group_layout(gpu, "resolve", &resolve),

@@ -15,6 +15,11 @@ use wgpu::TextureFormat;
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
 /// Two timestamps and their room in the read-back buffer.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
+/// Answers about pictures that may be under way at once: as many as frames that a swap chain lets a program be ahead.
+pub(crate) const ANSWERS: u64 = 3;
+/// Layers of meshes that are looked for without waiting for what is found, and what their counts take.
+pub(crate) const MOST_LAYERS: u32 = 64;
+pub(crate) const COUNTS_BYTES: u64 = MOST_LAYERS as u64 * 8;
 /// A picture that leaves no room for two slots cannot be refined at all.
 pub(crate) const MIN_SLOTS: u32 = 2;
 
@@ -25,8 +30,9 @@ pub(crate) struct MemoryPlan {
     pub(crate) pools: Vec<PoolPlan>,
     /// The pool of each layer.
     pub(crate) pool_of: Vec<usize>,
-    /// Bricks of each pool per upload submission.
+    /// Bricks of each pool per upload submission, and how many submissions have staging memory at once.
     pub(crate) batch: u64,
+    pub(crate) batches: u64,
     /// Everything that does not depend on the number of slots.
     pub(crate) fixed_bytes: u64,
 }
@@ -58,14 +64,14 @@ pub(crate) struct RaycastPlan {
 
 impl RaycastPlan {
     /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octrees, twice for staging, and its part of
-    /// the marks, in the read-back and on the host too.
+    /// the marks, in answers and on the host too.
     pub(crate) fn bytes_per_slot(&self) -> u64 {
         self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
     /// All that grows with draw lists; without slots there are the octrees' roots.
     pub(crate) fn list_bytes(&self, slots: u32) -> u64 {
-        2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + 3 * self.marks_bytes(slots)
+        2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + (2 + ANSWERS) * self.marks_bytes(slots)
     }
 
     /// No more slots than a binding can describe.
@@ -96,6 +102,10 @@ pub(crate) struct MemoryNeeds<'a> {
     pub(crate) casts_rays: Option<bool>,
     /// Whether there is room for what expressions show.
     pub(crate) has_expressions: bool,
+    /// Whether the left eye's picture is kept.
+    pub(crate) has_two_eyes: bool,
+    /// Batches of uploads that have staging memory at once.
+    pub(crate) batches: u64,
 }
 
 /// Bytes of one layer's parts of shared buffers that lie between it and the next: parts begin where any device can bind them.
@@ -134,7 +144,10 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
     let pixels = width_px as u64 * height_px as u64;
     let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
     let sums = if is_joined { 2 * target_bytes(formats.composite) } else { 0 };
-    pixels * (gather + sums + 4) + read_back_row_bytes(width_px) * height_px as u64 + 2 * TIMESTAMP_BYTES
+    pixels * (gather + sums + 4)
+        + read_back_row_bytes(width_px) * height_px as u64
+        + (1 + ANSWERS) * TIMESTAMP_BYTES
+        + ANSWERS * COUNTS_BYTES
 }
 
 /// Colours of a layer: finer than those of a picture.
@@ -142,8 +155,6 @@ pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Which triangle a layer is of.
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
-
-pub(crate) const QUERY_BYTES: u64 = 8;
 
 /// What the meshes' triangles take on the GPU.
 pub(crate) fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
@@ -159,7 +170,7 @@ pub(crate) fn mesh_bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u
         return 0;
     }
     let per_pixel = 2 * (4 + target_bytes(NUMBER_FORMAT)) + target_bytes(COLOR_FORMAT) + target_bytes(front);
-    2 * geometry_bytes(room).iter().sum::<u64>() + 2 * QUERY_BYTES + pixels * per_pixel
+    2 * geometry_bytes(room).iter().sum::<u64>() + 2 * COUNTS_BYTES + pixels * per_pixel
 }
 
 /// The greatest buffer that a shader has to see.
@@ -215,7 +226,9 @@ impl MemoryNeeds<'_> {
             Some(_) => 0,
         };
         let combined = if self.has_expressions { Room::of_places(COMBINED).bytes_staged() } else { 0 };
+        let left_eye = if self.has_two_eyes { width_px as u64 * height_px as u64 * 4 } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
+            + left_eye
             + mesh_bytes(room, width_px as u64 * height_px as u64, self.formats.composite)
             + compositor
             + combined
@@ -238,14 +251,15 @@ impl MemoryPlan {
             members.iter().zip(most).map(|(layers, most)| needs.ask(layers, most, members.len())).collect();
         let small = needs.small_bytes(&asks)?;
         let staging: u64 = asks.iter().map(|ask| ask.staging_bytes).sum();
-        // Two batches are under way at once; together at most an eighth of the budget.
-        let batch = (needs.budget_bytes / 16 / staging).clamp(1, MAX_BATCH);
-        let fixed_bytes = small + 2 * batch * staging;
+        // Together at most an eighth of the budget.
+        let batches = needs.batches;
+        let batch = (needs.budget_bytes / (8 * batches) / staging).clamp(1, MAX_BATCH);
+        let fixed_bytes = small + batches * batch * staging;
         let wish = |ask: &Ask| Wish { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
         let wishes: Vec<Wish> = asks.iter().map(wish).collect();
         let too_little = || GpuError::Budget {
             given_bytes: needs.budget_bytes,
-            least_bytes: small + 2 * staging + wishes.iter().map(|wish| wish.least * wish.bytes).sum::<u64>(),
+            least_bytes: small + batches * staging + wishes.iter().map(|wish| wish.least * wish.bytes).sum::<u64>(),
             width_px: needs.max_size_px.0,
             height_px: needs.max_size_px.1,
             slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),
@@ -259,7 +273,7 @@ impl MemoryPlan {
             Ok(PoolPlan { atlas, least: ask.least, raycast: ask.raycast, beside_bytes: ask.beside_bytes })
         };
         let pools = asks.iter().zip(shares).map(pool).collect::<Result<_, GpuError>>()?;
-        Ok(Self { pools, pool_of, batch, fixed_bytes })
+        Ok(Self { pools, pool_of, batch, batches, fixed_bytes })
     }
 
     /// Everything the renderer may hold at once.
@@ -317,6 +331,8 @@ mod tests {
             max_binding_bytes: 128 << 20,
             casts_rays: None,
             has_expressions: false,
+            has_two_eyes: false,
+            batches: 2,
         }
     }
 

@@ -3,17 +3,19 @@
 //! A layer is found by rasterising all triangles, of which those that are not behind the layer before are discarded and the nearest
 //! of the others wins the depth test. Then the compositor gathers the volume in between, and slab and layer are blended behind what
 //! is in front of them. Where all meshes are opaque the first layer is the last one; else a query counts what a layer has, and the
-//! one that has nothing ends the picture: one pass over the triangles, and one answer waited for, per layer of the most.
+//! one that has nothing ends the picture: one pass over the triangles, and one answer waited for, per layer of the most. A picture that
+//! nobody waits for has as many layers as the last ones had, by what was answered about them; one that had more is drawn again.
 //!
 //! Triangles are sent when the meshes change, colours and opacities with every frame. Everything is made at the start, if the
 //! pictures will have meshes at all, and made anew with the device.
 
-use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::gathering::attachment;
+use crate::gpu::Gpu;
 use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
-use crate::memory::{COLOR_FORMAT, NUMBER_FORMAT, QUERY_BYTES, geometry_bytes, mesh_bytes};
+use crate::mapping::Mapping;
+use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
 use crate::parts::Part;
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
@@ -27,6 +29,10 @@ use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFo
 const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 /// Vertices or triangles that are made ready for the GPU at once.
 const CHUNK: usize = 1 << 16;
+/// Bytes of what a query counts.
+const COUNT_BYTES: u64 = 8;
+/// Layers that the first picture is taken to have which nobody waits for.
+const FIRST_EXPECTED: u32 = 4;
 
 /// The triangles, and what layers are made with.
 #[derive(Debug)]
@@ -41,9 +47,15 @@ pub(crate) struct Meshes {
     limits: wgpu::BindGroupLayout,
     layer: wgpu::BindGroupLayout,
     gathered: wgpu::BindGroupLayout,
+    /// A query for each layer that is counted, and their results.
     query: wgpu::QuerySet,
     counted: wgpu::Buffer,
-    answer: wgpu::Buffer,
+    /// One result on its way to the CPU, where it is waited for.
+    answer: Option<wgpu::Buffer>,
+    /// Layers that a picture is expected to have, with the one that has nothing.
+    expected: u32,
+    /// Whether the last picture that was answered about had more layers.
+    pub(crate) is_short: bool,
     room: MeshRoom,
     /// The part of the frames' buffer with theirs.
     pub(crate) frame: Part,
@@ -119,10 +131,12 @@ impl Meshes {
             layout: &own,
             entries: &entries,
         });
-        let descriptor = wgpu::QuerySetDescriptor { label: Some("layer"), ty: wgpu::QueryType::Occlusion, count: 1 };
+        let descriptor =
+            wgpu::QuerySetDescriptor { label: Some("layer"), ty: wgpu::QueryType::Occlusion, count: MOST_LAYERS };
         let query = gpu.device.create_query_set(&descriptor);
-        let counted = buffer(&gpu.device, "count", QUERY_BYTES, BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC);
-        let answer = buffer(&gpu.device, "answer", QUERY_BYTES, BufferUsages::MAP_READ | BufferUsages::COPY_DST);
+        let counted = buffer(&gpu.device, "count", COUNTS_BYTES, BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC);
+        let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
+        let answer = Some(buffer(&gpu.device, "answer", COUNT_BYTES, usage));
         let nearest = wgpu::DepthStencilState {
             format: DEPTH_FORMAT,
             depth_write_enabled: Some(true),
@@ -156,6 +170,8 @@ impl Meshes {
             query,
             counted,
             answer,
+            expected: FIRST_EXPECTED,
+            is_short: false,
             room,
             frame,
             held: Vec::new(),
@@ -223,12 +239,20 @@ impl Meshes {
         (distances.fold(0.0, f64::max) + aside).max(f32::MIN_POSITIVE as f64) * 1.001
     }
 
-    /// Finds the layer behind those found so far. Returns whether it may have one behind it.
+    /// Finds the layer behind those found so far, which has this number. Returns whether it may have one behind it: waits for what it has, or goes
+    /// by what is expected.
     ///
     /// # Errors
     /// If the device fails.
-    pub(crate) fn peel(&self, gpu: &Gpu, frame: &FrameSettings, layers: &Peeled) -> Result<bool, GpuError> {
-        let is_counted = frame.meshes.iter().any(|shown| shown.opacity < 1.0);
+    pub(crate) fn peel(
+        &mut self,
+        gpu: &Gpu,
+        frame: &FrameSettings,
+        layers: &Peeled,
+        (number, waits): (u32, bool),
+    ) -> Result<bool, GpuError> {
+        let is_counted = is_counted(frame);
+        let query = if waits { 0 } else { number.min(MOST_LAYERS - 1) };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -245,7 +269,7 @@ impl Meshes {
             pass.set_bind_group(0, &self.bindings, &[]);
             pass.set_bind_group(1, &layers.before[layers.far], &[]);
             if is_counted {
-                pass.begin_occlusion_query(0);
+                pass.begin_occlusion_query(query);
             }
             for (i, held) in self.held.iter().enumerate() {
                 pass.draw(held.range.clone(), i as u32..i as u32 + 1);
@@ -254,25 +278,36 @@ impl Meshes {
                 pass.end_occlusion_query();
             }
         }
-        if is_counted {
+        let answer = self.answer.take_if(|_| is_counted && waits);
+        if let Some(answer) = &answer {
             encoder.resolve_query_set(&self.query, 0..1, &self.counted, 0);
-            encoder.copy_buffer_to_buffer(&self.counted, 0, &self.answer, 0, QUERY_BYTES);
+            encoder.copy_buffer_to_buffer(&self.counted, 0, answer, 0, COUNT_BYTES);
         }
         let submitted = gpu.queue.submit([encoder.finish()]);
-        if !is_counted {
-            return Ok(false);
-        }
-        let refused = |e: &dyn std::fmt::Display| GpuError::Refused(format!("counting a layer: {e}"));
-        let (send, receive) = std::sync::mpsc::channel();
-        self.answer.map_async(wgpu::MapMode::Read, .., move |mapped| {
-            // The receiver lives until the end of this function; if it is gone, no one waits for the answer.
-            let _ = send.send(mapped);
-        });
+        let Some(answer) = answer else {
+            return Ok(is_counted && number + 1 < self.expected);
+        };
+        let answer = Mapping::begin(answer);
         gpu.wait(submitted)?;
-        receive.try_recv().map_err(|e| refused(&e))?.map_err(|e| refused(&e))?;
-        let found = self.answer.get_mapped_range(..).map_err(|e| refused(&e))?.iter().any(|&byte| byte != 0);
-        self.answer.unmap();
+        let (found, answer) = answer.read(gpu, |count| count.iter().any(|&byte| byte != 0))?;
+        self.answer = Some(answer);
         Ok(found)
+    }
+
+    /// Queues the copy of what so many layers have.
+    pub(crate) fn take_counts(&self, encoder: &mut wgpu::CommandEncoder, layers: u32, to: (&wgpu::Buffer, u64)) {
+        if layers > 0 {
+            encoder.resolve_query_set(&self.query, 0..layers, &self.counted, 0);
+            encoder.copy_buffer_to_buffer(&self.counted, 0, to.0, to.1, layers as u64 * COUNT_BYTES);
+        }
+    }
+
+    /// Learns what the layers of a picture had that nobody waited for.
+    pub(crate) fn learn(&mut self, counts: &[u64]) {
+        let found = counts.iter().take_while(|&&count| count > 0).count() as u32;
+        self.is_short = found == counts.len() as u32 && found < MOST_LAYERS;
+        let expected = if self.is_short { 2 * found } else { found + 1 };
+        self.expected = expected.clamp(1, MOST_LAYERS);
     }
 
     /// Queues the pass from all slabs to display colours.
@@ -281,6 +316,11 @@ impl Meshes {
         pass.set_bind_group(0, &layers.all, &[]);
         pass.draw(0..3, 0..1);
     }
+}
+
+/// Whether a frame's meshes have layers behind the first.
+pub(crate) fn is_counted(frame: &FrameSettings) -> bool {
+    frame.meshes.iter().any(|shown| shown.opacity < 1.0)
 }
 
 fn vertex(mesh: &Mesh, i: usize, geometry: &Geometry) -> MeshVertex {

@@ -1,24 +1,24 @@
 //! One picture in the making: layers' lists of cells gathered into a target, then display colours of it, and the way back to the CPU.
 //! Where there are meshes, all of that but the way back once for each slab.
 
+use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::course::Course;
 use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::gathering::{Gathering, attachment, draw_over_all};
 use crate::layer::GpuLayer;
-use crate::meshes::Peeled;
+use crate::meshes::{Peeled, is_counted};
 use crate::parts::{Part, Parts};
 use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
-use crate::raycast::Raycast;
 use crate::renderer::{GpuRenderer, March, check_size};
 use crate::sorted::{Boxes, Drawn};
 use crate::table::{self, COMBINED};
-use crate::targets::{Found, Targets};
+use crate::targets::{Reading, Targets};
 use crate::tree::Tree;
 use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
-use brickyard_shaders::{MARK_STEPS, Seen, Shown};
+use brickyard_shaders::{Seen, Shown};
 use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
 use std::time::Instant;
 
@@ -35,6 +35,8 @@ pub struct Passes<'a> {
     /// Slabs that are in the picture, and what follows the one being drawn.
     slabs: u32,
     next: Next,
+    /// Whether the device is waited for where that makes the picture sure.
+    waits: bool,
 }
 
 /// What follows when all lists have been drawn.
@@ -57,12 +59,22 @@ impl GpuRenderer {
     /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers do not share their
     /// cells, an expression is lit, has surfaces or another method than the plain one, or the device fails.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
+        self.gpu.clone().scoped(|| self.all_drawn(layers, combination, true)?.finish())
+    }
+
+    /// A picture with all its lists drawn.
+    pub(crate) fn all_drawn<'a>(
+        &'a mut self,
+        layers: &[Layer<'a>],
+        combination: Option<&Combination>,
+        waits: bool,
+    ) -> Result<Passes<'a>, GpuError> {
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
-        let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination)?;
+        let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination, waits)?;
         loop {
             passes.draw_all(&draws)?;
             if !passes.next_slab()? {
-                return passes.finish();
+                return Ok(passes);
             }
         }
     }
@@ -93,13 +105,18 @@ impl GpuRenderer {
         if !frame.placement.is_identity() {
             return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
         }
-        self.begin(vec![Framed { number: 0, settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }], None)
+        self.begin(
+            vec![Framed { number: 0, settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }],
+            None,
+            true,
+        )
     }
 
     fn begin<'a>(
         &'a mut self,
         framed: Vec<Framed<'a>>,
         combination: Option<&Combination>,
+        waits: bool,
     ) -> Result<Passes<'a>, GpuError> {
         let start = Instant::now();
         self.gpu.check()?;
@@ -108,9 +125,9 @@ impl GpuRenderer {
         self.send(&framed, &course, combination);
         self.gpu.check()?;
         self.entered = None;
-        let next = self.first_peeled(framed[0].settings)?;
+        let next = self.first_peeled(framed[0].settings, waits)?;
         let cells = vec![0; framed.len()];
-        Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next })
+        Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next, waits })
     }
 
     /// How a picture of such frames is gathered.
@@ -132,7 +149,7 @@ impl GpuRenderer {
     /// Pipelines and targets for this picture.
     fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
         let compositor = self.compositor();
-        let Self { gpu, shared, pipelines, meshes, peeled, targets, marks_bytes, .. } = self;
+        let Self { gpu, shared, pipelines, meshes, peeled, targets, .. } = self;
         let size_px = (frame.rays.width, frame.rays.height);
         let has_meshes = !frame.meshes.is_empty();
         if let Some(meshes) = meshes.as_mut().filter(|_| has_meshes) {
@@ -148,7 +165,7 @@ impl GpuRenderer {
         if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
             // The old ones go first: both together would pass the budget.
             *targets = None;
-            *targets = Some(Targets::new(gpu, wanted, compositor, size_px, *marks_bytes)?);
+            *targets = Some(Targets::new(gpu, wanted, compositor, size_px)?);
         }
         Ok(())
     }
@@ -185,11 +202,11 @@ impl GpuRenderer {
     }
 
     /// The first layer of the frame's meshes, and what comes after it.
-    fn first_peeled(&mut self, frame: &FrameSettings) -> Result<Next, GpuError> {
-        match (&self.meshes, &mut self.peeled) {
+    fn first_peeled(&mut self, frame: &FrameSettings, waits: bool) -> Result<Next, GpuError> {
+        match (&mut self.meshes, &mut self.peeled) {
             (Some(meshes), Some(peeled)) if !frame.meshes.is_empty() => {
                 peeled.clear(&self.gpu);
-                let may_follow = meshes.peel(&self.gpu, frame, peeled)?;
+                let may_follow = meshes.peel(&self.gpu, frame, peeled, (0, waits))?;
                 Ok(if may_follow { Next::Slab } else { Next::End })
             }
             _ => Ok(Next::Picture),
@@ -363,7 +380,8 @@ impl Passes<'_> {
         };
         peeled.turn();
         // Where no ray has met anything more, the volume behind the layers found is still to come.
-        self.next = if meshes.peel(gpu, self.framed[0].settings, peeled)? { Next::Slab } else { Next::End };
+        let number = (self.slabs + 1, self.waits);
+        self.next = if meshes.peel(gpu, self.framed[0].settings, peeled, number)? { Next::Slab } else { Next::End };
         (self.lists, self.slabs) = (0, self.slabs + 1);
         Ok(true)
     }
@@ -373,51 +391,83 @@ impl Passes<'_> {
     /// # Errors
     /// If the device fails, or there are slabs that have not been drawn.
     pub fn finish(mut self) -> Result<Picture, GpuError> {
+        let start = self.start;
+        self.renderer.make_room()?;
+        let End { submission, reading, is_asked } = self.end(AWAITED, true)?;
+        let renderer = self.renderer;
+        renderer.gpu.wait(submission)?;
+        let (Some(targets), Some(reading)) = (&mut renderer.targets, reading) else { return Err(no_target()) };
+        let picture = targets.take(&renderer.gpu, reading)?;
+        let mut answers = renderer.hear()?;
+        let own = answers.pop_if(|_| is_asked);
+        renderer.last_frame_ms = own.as_ref().and_then(|own| own.gpu_ms).unwrap_or(start.elapsed().as_secs_f64() * 1e3);
+        renderer.entered = own.and_then(|own| own.entered);
+        renderer.heard.append(&mut answers);
+        Ok(picture)
+    }
+
+    /// Queues the pass to display colours, the way back of the picture, if it is wanted, and the question about it.
+    pub(crate) fn end(&mut self, picture: u64, wants_pixels: bool) -> Result<End, GpuError> {
         if self.next_slab()? {
             return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));
         }
         if self.next == Next::Picture {
             self.draw_nothing()?;
         }
-        let (copied, counts) = self.show()?;
-        let found = self.targets()?.read(&self.renderer.gpu, copied, counts.iter().sum())?;
-        let is_marked = self.marked().is_some();
-        let last_frame_ms = self.frame_ms(&found);
-        let Found { picture, marks, .. } = found;
-        let mut rest = &marks[..];
-        let mut entered = vec![Vec::new(); self.renderer.layers.len()];
-        for (framed, &count) in self.framed.iter().zip(&counts) {
-            let (own, others) = rest.split_at(count);
-            rest = others;
-            // Bricks are numbered from front to back, cells from back to front.
-            entered[framed.number] = own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect();
+        let mut encoder = self.renderer.gpu.device.create_command_encoder(&Default::default());
+        self.resolve_all(&mut encoder)?;
+        let (marked, peeled) = (self.marked_cells(), self.peeled());
+        let GpuRenderer { gpu, shared, targets: Some(targets), meshes, march, answers, .. } = &mut *self.renderer
+        else {
+            return Err(no_target());
+        };
+        let pixels = if wants_pixels { targets.copy_back(&mut encoder) } else { None };
+        let sheet = answers.take_sheet();
+        if let Some(sheet) = &sheet {
+            shared.take_timestamps(&mut encoder, sheet);
+            meshes.iter().for_each(|meshes| meshes.take_counts(&mut encoder, peeled, (sheet, COUNTS_AT)));
         }
-        self.renderer.entered = is_marked.then_some(entered);
-        self.renderer.last_frame_ms = last_frame_ms;
-        Ok(picture)
+        if let (Some(cells), March::Raycast(raycast)) = (&marked, march) {
+            let cells = cells.iter().map(|(_, cells)| cells).sum();
+            raycast.take_marks(&mut encoder, cells, sheet.as_ref().map(|sheet| (sheet, MARKS_AT)));
+        }
+        let submission = gpu.queue.submit([encoder.finish()]);
+        let is_asked = sheet.is_some();
+        if let Some(sheet) = sheet {
+            answers.ask(Question { picture, marked, peeled }, sheet);
+        }
+        Ok(End { submission, reading: pixels.map(|buffer| targets.reading(buffer)), is_asked })
     }
 
-    /// Queues the pass to display colours and the way back, with so many marks of each layer.
-    fn show(&self) -> Result<(wgpu::SubmissionIndex, Vec<usize>), GpuError> {
-        let GpuRenderer { gpu, shared, meshes, peeled, .. } = &*self.renderer;
-        let (targets, marked) = (self.targets()?, self.marked());
-        let counts: Vec<usize> = self.cells.iter().map(|&cells| marked.map_or(0, |_| cells)).collect();
-        let also = |encoder: &mut wgpu::CommandEncoder| {
-            if let Some(raycast) = marked {
-                raycast.take_marks(encoder, counts.iter().sum(), targets);
-            }
-        };
-        let copied = match (meshes, peeled) {
+    /// Queues the pass from what has been gathered, or from all slabs, to display colours.
+    fn resolve_all(&self, encoder: &mut wgpu::CommandEncoder) -> Result<(), GpuError> {
+        let GpuRenderer { shared, meshes, peeled, .. } = &*self.renderer;
+        let targets = self.targets()?;
+        match (meshes, peeled) {
             (Some(meshes), Some(peeled)) if self.has_meshes() => {
-                shared.resolve(gpu, targets, |pass| meshes.show(pass, peeled), also)
+                shared.resolve(encoder, targets, |pass| meshes.show(pass, peeled));
             }
             _ => {
-                let pipeline = self.resolve(self.course.seen(), Shown::Picture)?;
-                let bindings = self.resolve_bindings()?;
-                shared.resolve(gpu, targets, |pass| draw_over_all(pass, pipeline, &bindings), also)
+                let (pipeline, bindings) =
+                    (self.resolve(self.course.seen(), Shown::Picture)?, self.resolve_bindings()?);
+                shared.resolve(encoder, targets, |pass| draw_over_all(pass, pipeline, &bindings));
             }
-        };
-        Ok((copied, counts))
+        }
+        Ok(())
+    }
+
+    /// The layers in the picture and how many cells of each are marked, where they are.
+    fn marked_cells(&self) -> Option<Vec<(usize, usize)>> {
+        let renderer = &*self.renderer;
+        let marks = self.course.gather().occludes() && renderer.gpu.report.feedback;
+        let is_marked = marks && matches!(renderer.march, March::Raycast(_));
+        is_marked.then(|| self.framed.iter().map(|framed| framed.number).zip(self.cells.iter().copied()).collect())
+    }
+
+    /// Layers of meshes that were looked for without waiting.
+    fn peeled(&self) -> u32 {
+        let settings = self.framed[0].settings;
+        if self.waits || settings.meshes.is_empty() || !is_counted(settings) { 0 } else { self.slabs + 1 }
     }
 
     /// Draws no cells, if nothing has been drawn.
@@ -425,18 +475,6 @@ impl Passes<'_> {
         let none = DrawList::default();
         let nothing = vec![&none; self.framed.len()];
         if self.lists == 0 { self.draw_all(&nothing) } else { Ok(()) }
-    }
-
-    /// Milliseconds on the GPU where it has timestamps, else since the picture was begun.
-    fn frame_ms(&self, found: &Found) -> f64 {
-        let GpuRenderer { gpu, shared, .. } = &*self.renderer;
-        match shared.timestamps {
-            Some(_) => {
-                let ticks = found.ticks[1].wrapping_sub(found.ticks[0]);
-                ticks as f64 * gpu.queue.get_timestamp_period() as f64 * 1e-6
-            }
-            None => self.start.elapsed().as_secs_f64() * 1e3,
-        }
     }
 
     fn has_meshes(&self) -> bool {
@@ -470,17 +508,18 @@ impl Passes<'_> {
             _ => shared.resolve_bindings(gpu, &layouts.resolve, parts, targets),
         })
     }
-
-    /// The compositor, if it marks bricks in this picture.
-    fn marked(&self) -> Option<&Raycast> {
-        let marks = self.course.gather().occludes() && self.renderer.gpu.report.feedback;
-        match &self.renderer.march {
-            March::Raycast(raycast) if marks => Some(raycast),
-            _ => None,
-        }
-    }
 }
 
-fn no_target() -> GpuError {
+/// A picture that is submitted.
+pub(crate) struct End {
+    submission: wgpu::SubmissionIndex,
+    reading: Option<Reading>,
+    pub(crate) is_asked: bool,
+}
+
+/// The number of pictures that are waited for.
+const AWAITED: u64 = u64::MAX;
+
+pub(crate) fn no_target() -> GpuError {
     GpuError::Refused("no target".to_string())
 }

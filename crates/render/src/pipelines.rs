@@ -1,9 +1,10 @@
 //! How pipelines are made: for each way to gather samples the compositor's march, and the passes that make colours of it. What makes them
 //! needs nothing of a frame, and can be on any thread (`ahead`).
 
-use crate::adapter::{Gpu, GpuFormats};
+use crate::adapter::GpuFormats;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use crate::layouts::{Layouts, MeshLayouts, bind_group_layout};
 use crate::variant::Shader;
 use brickyard_shaders::{Gather, Seen, Shown, Stage, bindings, raycast, raycast_joint, resolve, sorted, sorted_joint};
@@ -102,6 +103,14 @@ pub(crate) struct Maker {
 }
 
 impl Maker {
+    /// Whether its pipelines take what another one's do. Layouts that are alike are one to wgpu.
+    pub(crate) fn makes_the_same(&self, other: &Self) -> bool {
+        self.gpu.device == other.gpu.device
+            && self.compositor == other.compositor
+            && self.layouts.of == other.layouts.of
+            && self.meshes.is_some() == other.meshes.is_some()
+    }
+
     /// Makes a pipeline. On a GPU this compiles its shader; some software rasterisers leave most of that to the first draw.
     ///
     /// # Errors

@@ -3,11 +3,11 @@
 //! Whose brick a slot holds is the pager's business: any layer of a pool may be drawn from any of its slots. Beside each slot is what rays
 //! ask of its brick: the ranges of codes in its macro-cells on the GPU, and the range of all of them here.
 
-use crate::adapter::Gpu;
 use crate::atlas::Atlas;
 use crate::buffers::RayBuffers;
 use crate::error::GpuError;
 use crate::frame::Framed;
+use crate::gpu::Gpu;
 use crate::memory::PoolPlan;
 use crate::parts::Part;
 use crate::tree::{Slots, Tree, Visibility, pack_range};
@@ -35,7 +35,7 @@ impl Pool {
         gpu: &Gpu,
         needs: VolumeNeeds,
         plan: PoolPlan,
-        batch: u64,
+        (batch, batches): (u64, u64),
         ranges: Part,
     ) -> Result<Self, GpuError> {
         let codes = needs.encoding.format;
@@ -44,7 +44,7 @@ impl Pool {
             needs,
             plan,
             atlas: Atlas::new(gpu, plan.atlas, gpu.report.formats.atlas(codes), gradients)?,
-            uploader: Uploader::new(codes, batch),
+            uploader: Uploader::new(codes, batch, batches),
             ranges,
             slot_ranges: vec![macrocells::NONE; plan.atlas.slots() as usize],
         })
@@ -86,6 +86,11 @@ impl Pool {
             self.slot_ranges[slot.0 as usize] = cells.whole();
         }
         self.uploader.upload(gpu, &self.atlas, slot, codes)
+    }
+
+    /// Bytes of codes that can be uploaded without waiting.
+    pub(crate) fn upload_room_bytes(&mut self) -> u64 {
+        self.uploader.room_bytes(&self.atlas)
     }
 
     /// Whether a list is of slots that there are.

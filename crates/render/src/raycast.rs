@@ -7,15 +7,14 @@
 //! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
 //! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
-use crate::adapter::Gpu;
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::{MemoryPlan, RaycastPlan};
 use crate::parts::{Ends, Part};
 use crate::pool::Pool;
-use crate::targets::Targets;
 use crate::tree::{GROUP, Tree};
 use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
@@ -91,11 +90,16 @@ impl Raycast {
         Ok(())
     }
 
-    /// Queues the copy of the first so many marks, and the end of all.
-    pub(crate) fn take_marks(&self, encoder: &mut wgpu::CommandEncoder, count: usize, to: &Targets) {
-        if count > 0 {
+    /// Queues the copy of the first so many marks to a buffer, from such a byte on, and the end of all.
+    pub(crate) fn take_marks(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        count: usize,
+        to: Option<(&wgpu::Buffer, u64)>,
+    ) {
+        if let Some((buffer, at)) = to.filter(|_| count > 0) {
             let bytes = (count * size_of::<u32>()) as u64;
-            encoder.copy_buffer_to_buffer(&self.buffers.marks, 0, &to.read_back, to.marks_offset(), bytes);
+            encoder.copy_buffer_to_buffer(&self.buffers.marks, 0, buffer, at, bytes);
         }
         encoder.clear_buffer(&self.buffers.marks, 0, None);
     }

@@ -4,12 +4,15 @@
 //! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
 //! the budget given at the start. Everything happens on the thread that calls, but pipelines that are made ahead.
 
-use crate::adapter::{AdapterReport, Gpu, GpuPreference};
+use crate::adapter::{AdapterReport, GpuPreference};
 use crate::ahead::Pipelines;
+use crate::answers::{Answer, Answers};
+use crate::blit::Blit;
 use crate::buffers::RayBuffers;
 use crate::buffers::SharedBuffers;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
@@ -19,7 +22,7 @@ use crate::pipelines::Maker;
 use crate::pool::Pool;
 use crate::raycast::Raycast;
 use crate::sorted::Sorted;
-use crate::targets::Targets;
+use crate::targets::{Reading, Targets};
 use brickyard_pager::{Slot, VolumeNeeds, pools};
 use brickyard_shaders::Gather;
 use brickyard_volume::{MAX_VOLUMES, TransferTable};
@@ -35,6 +38,8 @@ pub struct GpuOptions {
     pub leaps: bool,
     /// Whether there may be expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
+    /// Whether pictures of two eyes may be shown: see [`GpuRenderer::keep_left`].
+    pub two_eyes: bool,
     /// Allocations above this are refused as if by the device: for tests.
     #[doc(hidden)]
     pub refuse_above_bytes: u64,
@@ -43,7 +48,7 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self { preference, compositor, leaps: true, expressions: true, refuse_above_bytes: u64::MAX }
+        Self { preference, compositor, leaps: true, expressions: true, two_eyes: false, refuse_above_bytes: u64::MAX }
     }
 }
 
@@ -64,8 +69,12 @@ pub struct GpuRenderer {
     /// Where pictures may have some, and what those are drawn into besides.
     pub(crate) meshes: Option<Meshes>,
     pub(crate) peeled: Option<Peeled>,
-    /// Room for marks in the targets.
-    pub(crate) marks_bytes: u64,
+    pub(crate) blit: Blit,
+    pub(crate) answers: Answers,
+    /// What was said of pictures that nobody waited for while one was waited for.
+    pub(crate) heard: Vec<Answer>,
+    /// A picture that has been asked for and is on its way to the CPU.
+    pub(crate) reading: Option<Reading>,
     /// The part of the tables with an expression's media, and what is there.
     pub(crate) combined_part: Option<Part>,
     pub(crate) combined: Option<TransferTable>,
@@ -74,7 +83,20 @@ pub struct GpuRenderer {
     pub(crate) last_frame_ms: f64,
 }
 
-/// What a renderer is made from, again after every loss of the device.
+/// A device, and the pipelines that a renderer has had compiled for it: what the next one need not make again.
+#[derive(Debug)]
+pub struct Compiled {
+    gpu: Gpu,
+    pipelines: Option<Pipelines>,
+}
+
+impl From<Gpu> for Compiled {
+    fn from(gpu: Gpu) -> Self {
+        Self { gpu, pipelines: None }
+    }
+}
+
+/// What a renderer is made from, again after every loss of a device of ours.
 #[derive(Clone, Debug)]
 pub(crate) struct Recipe {
     options: GpuOptions,
@@ -84,6 +106,20 @@ pub(crate) struct Recipe {
 }
 
 impl Recipe {
+    fn new(
+        options: &GpuOptions,
+        layers: &[VolumeNeeds],
+        budget_bytes: u64,
+        max_size_px: (u32, u32),
+    ) -> Result<Self, GpuError> {
+        let is_alike = |needs: &VolumeNeeds| needs.bricks.meshes == layers[0].bricks.meshes;
+        if layers.is_empty() || layers.len() > MAX_VOLUMES || !layers.iter().all(is_alike) {
+            let problem = format!("{} layers: expected 1 to {MAX_VOLUMES}, of one scene", layers.len());
+            return Err(GpuError::Mismatch(problem));
+        }
+        Ok(Self { options: *options, layers: layers.to_vec(), budget_bytes, max_size_px })
+    }
+
     /// How the budget is spent on this device, with no more slots of the pools than so many.
     fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
@@ -99,6 +135,9 @@ impl Recipe {
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
             casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.leaps),
             has_expressions: self.options.expressions,
+            has_two_eyes: self.options.two_eyes,
+            // Who never waits has more under way.
+            batches: if gpu.is_lent { 4 } else { 2 },
         })
     }
 
@@ -143,26 +182,42 @@ impl GpuRenderer {
         gpu_memory_bytes: u64,
         max_size_px: (u32, u32),
     ) -> Result<Self, GpuError> {
-        let is_alike = |needs: &VolumeNeeds| needs.bricks.meshes == layers[0].bricks.meshes;
-        if layers.is_empty() || layers.len() > MAX_VOLUMES || !layers.iter().all(is_alike) {
-            let problem = format!("{} layers: expected 1 to {MAX_VOLUMES}, of one scene", layers.len());
-            return Err(GpuError::Mismatch(problem));
-        }
-        let (layers, budget_bytes) = (layers.to_vec(), gpu_memory_bytes);
-        Self::make(Recipe { options: *options, layers, budget_bytes, max_size_px })
+        Self::make(Recipe::new(options, layers, gpu_memory_bytes, max_size_px)?, None)
     }
 
-    fn make(recipe: Recipe) -> Result<Self, GpuError> {
+    /// The same on this device, with what has been compiled for it.
+    ///
+    /// # Errors
+    /// As [`GpuRenderer::new`].
+    pub fn on(
+        compiled: impl Into<Compiled>,
+        options: &GpuOptions,
+        layers: &[VolumeNeeds],
+        gpu_memory_bytes: u64,
+        max_size_px: (u32, u32),
+    ) -> Result<Self, GpuError> {
+        let (recipe, compiled) = (Recipe::new(options, layers, gpu_memory_bytes, max_size_px)?, compiled.into());
+        compiled.gpu.clone().scoped(|| Self::make(recipe, Some(compiled)))
+    }
+
+    fn make(recipe: Recipe, mut compiled: Option<Compiled>) -> Result<Self, GpuError> {
+        let lent = compiled.as_ref().map(|compiled| compiled.gpu.clone()).filter(|gpu| gpu.is_lent);
         let mut asked_bytes = None;
         let mut most = Vec::new();
         loop {
-            let gpu = Gpu::open(recipe.options.preference, recipe.options.refuse_above_bytes)?;
-            let memory = recipe.plan(&gpu, &most)?;
+            let open = || Gpu::open(recipe.options.preference, recipe.options.refuse_above_bytes);
+            let compiled = match compiled.take() {
+                Some(compiled) => compiled,
+                None => lent.clone().map_or_else(open, Ok)?.into(),
+            };
+            let memory = recipe.plan(&compiled.gpu, &most)?;
             let asked_bytes = *asked_bytes.get_or_insert(memory.bytes());
             let slots: Vec<u32> = memory.pools.iter().map(|plan| plan.atlas.slots()).collect();
             let halved = |plan: &PoolPlan| (plan.atlas.slots() / 2).max(plan.least as u32);
             let fewer: Vec<u32> = memory.pools.iter().map(halved).collect();
-            match Self::allocate(gpu, recipe.clone(), memory, asked_bytes) {
+            match Self::allocate(compiled, recipe.clone(), memory, asked_bytes) {
+                // An application's device that is lost is the application's to make anew.
+                Err(error @ GpuError::DeviceLost(_)) if lent.is_some() => return Err(error),
                 // Some drivers lose the device over what they cannot give.
                 Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) if fewer != slots => {
                     most = fewer;
@@ -173,7 +228,12 @@ impl GpuRenderer {
         }
     }
 
-    fn allocate(gpu: Gpu, recipe: Recipe, memory: MemoryPlan, asked_bytes: u64) -> Result<Self, GpuError> {
+    fn allocate(
+        Compiled { gpu, pipelines }: Compiled,
+        recipe: Recipe,
+        memory: MemoryPlan,
+        asked_bytes: u64,
+    ) -> Result<Self, GpuError> {
         let mut ends = Ends::default();
         let made = recipe.layers.iter().zip(&memory.pool_of);
         let layers: Vec<GpuLayer> =
@@ -183,7 +243,8 @@ impl GpuRenderer {
         let mut pools: Vec<Pool> = Vec::new();
         for layer in &layers {
             if let Some(&plan) = memory.pools.get(pools.len()).filter(|_| layer.pool == pools.len()) {
-                pools.push(Pool::new(&gpu, layer.needs, plan, memory.batch, ends.ranges(&plan))?);
+                let batches = (memory.batch, memory.batches);
+                pools.push(Pool::new(&gpu, layer.needs, plan, batches, ends.ranges(&plan))?);
             }
         }
         let shared = SharedBuffers::new(&gpu, (ends.frames, ends.table), recipe.has_gradients())?;
@@ -196,7 +257,8 @@ impl GpuRenderer {
         // The largest there will be: a frame is no time to find out that there is no room for them.
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
-        let targets = Some(Targets::new(&gpu, largest, compositor, recipe.max_size_px, marks_bytes)?);
+        let targets = Some(Targets::new(&gpu, largest, compositor, recipe.max_size_px)?);
+        let answers = Answers::new(&gpu, marks_bytes)?;
         let room = recipe.layers[0].bricks.meshes;
         let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, of_meshes, room)).transpose()?;
         let peeled =
@@ -217,11 +279,14 @@ impl GpuRenderer {
             shared,
             layouts,
             march,
-            pipelines: Pipelines::new(maker),
+            pipelines: Pipelines::kept_or_new(pipelines, maker),
             targets,
             meshes,
             peeled,
-            marks_bytes,
+            blit: Blit::new(&gpu),
+            answers,
+            heard: Vec::new(),
+            reading: None,
             combined_part,
             combined: None,
             entered: None,
@@ -234,18 +299,44 @@ impl GpuRenderer {
     /// be fewer slots than before.
     ///
     /// # Errors
-    /// As [`GpuRenderer::new`]; the renderer stays lost then.
+    /// As [`GpuRenderer::new`]; the renderer stays lost then, as it does where the device is an application's.
     pub fn renew(&mut self) -> Result<(), GpuError> {
+        if self.gpu.is_lent {
+            return Err(self.gpu.lost(&"it is the application's to make anew"));
+        }
         // What the old device still holds must not stand beside the new one's.
         self.gpu.destroy();
-        *self = Self::make(self.recipe.clone())?;
+        *self = Self::make(self.recipe.clone(), None)?;
         Ok(())
+    }
+
+    /// Gives back all that the renderer holds of the device's memory, but keeps what has been compiled, for another renderer. Waits until
+    /// the device is done with it.
+    ///
+    /// # Errors
+    /// If the device is lost.
+    pub fn into_compiled(self) -> Result<Compiled, GpuError> {
+        // All else is dropped here.
+        let kept = |renderer: Self| (renderer.gpu, renderer.pipelines);
+        let (gpu, pipelines) = kept(self);
+        gpu.wait_for_all()?;
+        Ok(Compiled { gpu, pipelines: Some(pipelines) })
     }
 
     /// Loses the device as a driver does, at a moment of its own choice: for tests.
     #[doc(hidden)]
     pub fn destroy_device(&self) {
         self.gpu.device.destroy();
+    }
+
+    /// Whether its device is an application's, for which nothing but [`GpuRenderer::render`] waits.
+    pub fn never_waits(&self) -> bool {
+        self.gpu.is_lent
+    }
+
+    /// Its device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
     }
 
     /// How many bricks fit the pool of a layer.
@@ -296,7 +387,25 @@ impl GpuRenderer {
     /// If there is no such layer.
     pub fn upload(&mut self, layer: usize, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         let Self { gpu, layers, pools, march, .. } = self;
-        pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes)
+        gpu.scoped(|| pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes))
+    }
+
+    /// Submits what has been uploaded: no drawing that is submitted from now on reads what a slot held before.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn submit_uploads(&mut self) -> Result<(), GpuError> {
+        let Self { gpu, pools, .. } = self;
+        gpu.scoped(|| pools.iter_mut().try_for_each(|pool| pool.uploader.submit(gpu)))
+    }
+
+    /// Bytes of codes that can be uploaded into a layer's pool without waiting for the device, as far as it has
+    /// [been looked at](GpuRenderer::answers).
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn upload_room_bytes(&mut self, layer: usize) -> u64 {
+        self.pools[self.layers[layer].pool].upload_room_bytes()
     }
 
     /// For each entry of a layer's last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up

@@ -3,11 +3,11 @@
 //! Layers of one grid are drawn together: their lists are merged by rank into one of cells, and a cell has a brick of each layer. Where
 //! bricks fade in, a cell becomes as many boxes as there are shares of the pixels with other bricks.
 
-use crate::adapter::Gpu;
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::frame::{cell_brick, cell_instance};
 use crate::gathering::Gathering;
+use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::CELLS_PER_SUBMISSION;

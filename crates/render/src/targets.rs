@@ -1,9 +1,11 @@
 //! What a picture of one size is drawn into and read back from.
 
-use crate::adapter::Gpu;
+use crate::buffers::buffer;
 use crate::compositor::Compositor;
 use crate::error::GpuError;
-use crate::memory::{TIMESTAMP_BYTES, read_back_row_bytes};
+use crate::gpu::Gpu;
+use crate::mapping::Mapping;
+use crate::memory::read_back_row_bytes;
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
@@ -19,27 +21,26 @@ pub(crate) struct Targets {
     /// Of joined projections: colour times depth, and depth, of what mixes; and what adds.
     pub(crate) sums: Option<[wgpu::TextureView; 2]>,
     pub(crate) display_view: wgpu::TextureView,
-    display: wgpu::Texture,
-    /// Padded rows of RGBA, two timestamps, and bricks' marks.
-    pub(crate) read_back: wgpu::Buffer,
+    pub(crate) display: wgpu::Texture,
+    /// Padded rows of RGBA; none while it is under way.
+    read_back: Option<wgpu::Buffer>,
 }
 
-/// What comes back of a frame.
+/// A picture on its way to the CPU.
 #[derive(Debug)]
-pub(crate) struct Found {
-    pub(crate) picture: Picture,
-    pub(crate) ticks: [u64; 2],
-    pub(crate) marks: Vec<u32>,
+pub(crate) struct Reading {
+    mapping: Mapping,
+    width_px: u32,
+    height_px: u32,
 }
 
 impl Targets {
-    /// Targets for pictures of this size, with sums or without, and with room for `marks_bytes` of marks.
+    /// Targets for pictures of this size, with sums or without.
     pub(crate) fn new(
         gpu: &Gpu,
         (gather, has_sums): (Gather, bool),
         compositor: Compositor,
         (width_px, height_px): (u32, u32),
-        marks_bytes: u64,
     ) -> Result<Self, GpuError> {
         let size = Extent3d { width: width_px, height: height_px, depth_or_array_layers: 1 };
         let texture = |device: &wgpu::Device, format: TextureFormat, usage| {
@@ -57,7 +58,7 @@ impl Targets {
         let pixels = width_px as u64 * height_px as u64;
         let rows_bytes = read_back_row_bytes(width_px) * height_px as u64;
         let texel_bytes = if has_sums { 52 } else { 20 };
-        gpu.allocate("the picture's targets", pixels * texel_bytes + rows_bytes + marks_bytes, |device| {
+        gpu.allocate("the picture's targets", pixels * texel_bytes + rows_bytes, |device| {
             let format = gather_format(gather, compositor, &gpu.report.formats);
             let written = match compositor {
                 Compositor::Sorted | Compositor::Raycast => TextureUsages::RENDER_ATTACHMENT,
@@ -70,14 +71,11 @@ impl Targets {
                 texture(device, gpu.report.formats.composite, usage).create_view(&Default::default())
             };
             let sums = has_sums.then(|| [0, 1].map(sum));
-            let display = texture(device, DISPLAY_FORMAT, TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT);
+            let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
+            let display = texture(device, DISPLAY_FORMAT, usage);
             let display_view = display.create_view(&Default::default());
-            let read_back = device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("read-back"),
-                size: rows_bytes + TIMESTAMP_BYTES + marks_bytes,
-                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                mapped_at_creation: false,
-            });
+            let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
+            let read_back = Some(buffer(device, "read-back", rows_bytes, usage));
             Self { gather, width_px, height_px, gathered, sums, display_view, display, read_back }
         })
     }
@@ -87,50 +85,43 @@ impl Targets {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
-    /// Where the timestamps lie in the read-back buffer.
-    pub(crate) fn timestamps_offset(&self) -> u64 {
-        read_back_row_bytes(self.width_px) * self.height_px as u64
-    }
-
-    /// Where the marks lie in it.
-    pub(crate) fn marks_offset(&self) -> u64 {
-        self.timestamps_offset() + TIMESTAMP_BYTES
-    }
-
-    /// Queues the copy of the display picture into the read-back buffer.
-    pub(crate) fn copy_back(&self, encoder: &mut wgpu::CommandEncoder) {
+    /// Queues the copy of the display picture to where the CPU can read it; none while an earlier one is on its way there.
+    pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
+        let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
             bytes_per_row: Some(read_back_row_bytes(self.width_px) as u32),
             rows_per_image: None,
         };
         let size = Extent3d { width: self.width_px, height: self.height_px, depth_or_array_layers: 1 };
-        let destination = wgpu::TexelCopyBufferInfo { buffer: &self.read_back, layout };
+        let destination = wgpu::TexelCopyBufferInfo { buffer: &buffer, layout };
         encoder.copy_texture_to_buffer(self.display.as_image_copy(), destination, size);
+        Some(buffer)
     }
 
-    /// Waits for the submission that copied, and takes the picture, the two timestamps and so many marks.
-    pub(crate) fn read(&self, gpu: &Gpu, copied: wgpu::SubmissionIndex, marks: usize) -> Result<Found, GpuError> {
-        let (send, receive) = std::sync::mpsc::channel();
-        self.read_back.map_async(wgpu::MapMode::Read, .., move |mapped| {
-            // The receiver lives until the end of this function; if it is gone, no one waits for the answer.
-            let _ = send.send(mapped);
-        });
-        gpu.wait(copied)?;
-        let refused = |e: &dyn std::fmt::Display| GpuError::Refused(format!("reading the picture back: {e}"));
-        receive.try_recv().map_err(|e| refused(&e))?.map_err(|e| refused(&e))?;
-        let bytes = self.read_back.get_mapped_range(..).map_err(|e| refused(&e))?;
-        let (rows, rest) = bytes.split_at(self.timestamps_offset() as usize);
-        let (timestamps, rest) = rest.split_at(TIMESTAMP_BYTES as usize);
-        let rgb = rows
-            .chunks_exact(read_back_row_bytes(self.width_px) as usize)
-            .flat_map(|row| row[..self.width_px as usize * 4].chunks_exact(4).map(|p| [p[0], p[1], p[2]]))
-            .collect();
-        let tick = |i: usize| bytemuck::pod_read_unaligned(&timestamps[i * 8..i * 8 + 8]);
-        let ticks = [tick(0), tick(1)];
-        let marks = bytemuck::pod_collect_to_vec(&rest[..marks * size_of::<u32>()]);
-        drop(bytes);
-        self.read_back.unmap();
-        Ok(Found { picture: Picture { width: self.width_px, height: self.height_px, rgb }, ticks, marks })
+    /// The last submission has copied the picture into the buffer.
+    pub(crate) fn reading(&self, buffer: wgpu::Buffer) -> Reading {
+        Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px }
+    }
+
+    /// Takes a picture that is there, and its buffer back.
+    pub(crate) fn take(&mut self, gpu: &Gpu, reading: Reading) -> Result<Picture, GpuError> {
+        let Reading { mapping, width_px, height_px } = reading;
+        let (rgb, buffer) = mapping.read(gpu, |rows| {
+            let rows = rows.chunks_exact(read_back_row_bytes(width_px) as usize);
+            let pixels = rows.flat_map(|row| row[..width_px as usize * 4].chunks_exact(4));
+            pixels.map(|p| [p[0], p[1], p[2]]).collect()
+        })?;
+        if (width_px, height_px) == (self.width_px, self.height_px) {
+            self.read_back = Some(buffer);
+        }
+        Ok(Picture { width: width_px, height: height_px, rgb })
+    }
+}
+
+impl Reading {
+    /// Whether it is there, as far as the device has been looked at.
+    pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
+        self.mapping.is_there(gpu)
     }
 }

@@ -1,15 +1,18 @@
 //! Uploads: slot codes into the atlas, in batches, with a bound on the staging memory in flight.
 //!
 //! `write_texture` copies each brick into staging memory of its own, which comes back only when its submission is done. So
-//! bricks are submitted in small batches (which is also fastest on a software rasteriser) and at most two batches are under
-//! way.
+//! bricks are submitted in small batches (which is also fastest on a software rasteriser), and only so many are under way: who uploads more
+//! than there is [room](Uploader::room_bytes) for waits for the oldest.
 
-use crate::adapter::Gpu;
 use crate::atlas::{Atlas, texel_bytes};
 use crate::error::GpuError;
+use crate::gpu::Gpu;
 use brickyard_pager::Slot;
 use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, SlotFormat};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use wgpu::TextureFormat;
 
 /// Bricks per submission where the budget allows it. Measured best on lavapipe; 64 is half as fast.
@@ -21,15 +24,25 @@ pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: Gr
     cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
 }
 
+/// Bricks submitted together.
+#[derive(Debug)]
+struct Batch {
+    bricks: u64,
+    submission: wgpu::SubmissionIndex,
+    is_done: Arc<AtomicBool>,
+}
+
 /// Moves codes into the atlas.
 #[derive(Debug)]
 pub(crate) struct Uploader {
     codes: SlotFormat,
     batch: u64,
+    /// Bricks that may have staging memory at once.
+    most: u64,
     /// Bricks written since the last submission.
     pending: u64,
-    /// The batch before, possibly still under way.
-    last: Option<wgpu::SubmissionIndex>,
+    /// Batches that may still be under way, the oldest first.
+    under_way: VecDeque<Batch>,
     /// Texels of a brick whose codes the atlas does not hold as they are.
     converted: Vec<u16>,
     /// Bytes of codes taken so far.
@@ -37,8 +50,10 @@ pub(crate) struct Uploader {
 }
 
 impl Uploader {
-    pub(crate) fn new(codes: SlotFormat, batch: u64) -> Self {
-        Self { codes, batch, pending: 0, last: None, converted: Vec::new(), bytes: 0 }
+    /// Uploads in batches of so many bricks, with staging memory for so many batches.
+    pub(crate) fn new(codes: SlotFormat, batch: u64, batches: u64) -> Self {
+        let (most, under_way, converted) = (batch * batches, VecDeque::new(), Vec::new());
+        Self { codes, batch, most, pending: 0, under_way, converted, bytes: 0 }
     }
 
     /// Whether these are a padded brick's codes and there is such a slot.
@@ -59,19 +74,42 @@ impl Uploader {
         (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes()
     }
 
+    /// Bytes of codes that can be uploaded without waiting, as far as the device has said what is done.
+    pub(crate) fn room_bytes(&mut self, atlas: &Atlas) -> u64 {
+        while self.under_way.pop_front_if(|batch| batch.is_done.load(Ordering::Acquire)).is_some() {}
+        (self.most - self.staged()) * (self.voxel_bytes(atlas) + atlas.nodes.bytes()) as u64
+    }
+
+    /// Bricks that have staging memory.
+    fn staged(&self) -> u64 {
+        self.pending + self.under_way.iter().map(|batch| batch.bricks).sum::<u64>()
+    }
+
     /// Writes a brick that [`Uploader::check`] has passed.
     pub(crate) fn upload(&mut self, gpu: &Gpu, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
+        while self.staged() >= self.most
+            && let Some(batch) = self.under_way.pop_front()
+        {
+            gpu.wait(batch.submission)?;
+        }
         let (voxels, gradients) = codes.split_at(self.voxel_bytes(atlas));
         let texels = convert(voxels, self.codes, atlas.format, &mut self.converted);
         atlas.write(gpu, slot, texels, gradients);
         self.bytes += codes.len() as u64;
         self.pending += 1;
-        if self.pending < self.batch {
-            return Ok(());
+        if self.pending < self.batch { Ok(()) } else { self.submit(gpu) }
+    }
+
+    /// Submits what has been written.
+    pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        let bricks = std::mem::take(&mut self.pending);
+        if bricks > 0 {
+            let (submission, is_done) = (gpu.queue.submit([]), Arc::new(AtomicBool::new(false)));
+            let done = is_done.clone();
+            gpu.queue.on_submitted_work_done(move || done.store(true, Ordering::Release));
+            self.under_way.push_back(Batch { bricks, submission, is_done });
         }
-        self.pending = 0;
-        let before = self.last.replace(gpu.queue.submit([]));
-        before.map_or_else(|| gpu.check(), |batch| gpu.wait(batch))
+        gpu.check()
     }
 }
 

@@ -48,6 +48,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
         SessionError::Pager(_)
         | SessionError::Backend(_)
         | SessionError::LostAgain { .. }
+        | SessionError::NoDevice
         | SessionError::Superseded => Failure::failed(advised(&error)),
     }
 }

@@ -308,7 +308,7 @@ fn what_is_hidden_is_not_read() {
                 assert!(frame.status.covered && frame.volumes[0].draw.cells.iter().any(hides));
                 break;
             }
-            pager.feedback(0, &told);
+            pager.feedback(0, &pager.drawn(0).unwrap(), &told);
             if !frame.status.awaits_feedback {
                 pager.wait(Duration::from_secs(9));
             }
@@ -316,6 +316,43 @@ fn what_is_hidden_is_not_read() {
     }
     // Before anything was told, some were on their way.
     assert!(uploaded[1] < uploaded[0] * 3 / 4, "{uploaded:?}");
+}
+
+/// What was seen of an earlier frame is told late: of another view it hides nothing there, and of another appearance it says nothing.
+#[test]
+fn late_feedback_is_of_the_frame_that_it_was_asked_of() {
+    let source = Arc::new(TestSource::cube(64));
+    let here = View { pixel_error: 0.5, ..box_view(&source, Projection::Orthographic { height: 100.0 }) };
+    let mut there = here.clone();
+    let middle = source.geometry().world_box(source.pyramid().levels()[0].extent);
+    there.rays.eye = (middle.0 + middle.1) - there.rays.eye;
+    there.rays.forward = -there.rays.forward;
+    there.rays.right = -there.rays.right;
+    let other = View { appearance: here.appearance + 1, ..there.clone() };
+    let mut pager = pager_of(&source, config(600, 1 << 20));
+    let wanted = |pager: &mut Pager, view: &View| loop {
+        let Status { wanted, settled, awaits_feedback, .. } = pager.frame(from_ref(view), Duration::ZERO).status;
+        if settled || awaits_feedback {
+            return wanted;
+        }
+        pager.wait(Duration::from_secs(9));
+    };
+    let all = wanted(&mut pager, &here);
+    let asked = pager.drawn(0).unwrap();
+    assert_eq!(wanted(&mut pager, &there), all);
+    // Nothing was to be seen from here: that does not hide it from the other side.
+    pager.feedback(0, &asked, &vec![0.0; asked.entries()]);
+    assert_eq!(wanted(&mut pager, &there), all);
+    // From there nothing is to be seen either; what comes late of another appearance does not bring it back.
+    let asked_there = pager.drawn(0).unwrap();
+    assert_eq!(wanted(&mut pager, &other), all);
+    let asked_other = pager.drawn(0).unwrap();
+    wanted(&mut pager, &there);
+    pager.feedback(0, &asked_there, &vec![0.0; asked_there.entries()]);
+    let hidden = wanted(&mut pager, &there);
+    assert!(hidden < all / 2, "{hidden} of {all}");
+    pager.feedback(0, &asked_other, &vec![1.0; asked_other.entries()]);
+    assert_eq!(wanted(&mut pager, &there), hidden);
 }
 
 #[test]
@@ -336,7 +373,7 @@ fn a_view_settles_when_all_has_faded_in() {
                 break frame;
             }
             assert!(frame.status.error.is_none(), "a cell with two entries is drawn");
-            pager.feedback(0, &vec![1.0; frame.volumes[0].draw.cells.len()]);
+            pager.feedback(0, &pager.drawn(0).unwrap(), &vec![1.0; frame.volumes[0].draw.cells.len()]);
             assert!(frame.status.awaits_feedback || pager.wait(Duration::from_secs(9)), "nothing goes on");
             at += Duration::from_millis(50);
         };

@@ -1,0 +1,138 @@
+//! A session inside an application that draws with wgpu itself: on the application's device, from one thread, and without waiting.
+//!
+//! Each frame the application calls [`Session::step`], then [`Session::draw_to`] with an encoder of its own, and submits that. Uploads and
+//! drawing are submitted by the session, before, on the same queue: into a texture of the session's own, from which `draw_to` records a
+//! single pass. What rays have seen comes back by itself, some frames later, and says of which frame it is.
+
+use crate::backend::BackendError;
+use crate::device::Device;
+use crate::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard_render::wgpu::CommandEncoder;
+use brickyard_render::{Gpu, GpuRenderer, Target};
+use brickyard_volume::Picture;
+use std::time::Duration;
+
+impl Session {
+    /// A session of several volumes that draws on an application's device, whichever backend the options choose. Nothing is read or made
+    /// before the first step.
+    ///
+    /// ```no_run
+    /// use brickyard::render::{Gpu, Target, wgpu};
+    /// use brickyard::{Scene, Session, SessionOptions, VolumeSource};
+    ///
+    /// fn draw(gpu: Gpu, device: &wgpu::Device, queue: &wgpu::Queue, texture: &wgpu::Texture) -> Result<(), Box<dyn std::error::Error>> {
+    ///     let options = SessionOptions { live: true, ..SessionOptions::default() };
+    ///     let mut session = Session::on_gpu(vec![VolumeSource::open("head-ct.zarr")?], options, gpu);
+    ///     let view = texture.create_view(&Default::default());
+    ///     loop {
+    ///         let frame = session.step(&Scene::default(), (texture.width(), texture.height()))?;
+    ///         let mut encoder = device.create_command_encoder(&Default::default());
+    ///         session.draw_to(&frame, &Target { view: &view, format: texture.format(), area_px: None }, &mut encoder)?;
+    ///         // The application's own passes follow here.
+    ///         queue.submit([encoder.finish()]);
+    ///         if frame.status.settled {
+    ///             return Ok(());
+    ///         }
+    ///     }
+    /// }
+    /// ```
+    pub fn on_gpu(volumes: Vec<VolumeSource>, options: SessionOptions, gpu: Gpu) -> Self {
+        let mut session = Self::new(volumes, options);
+        session.move_to(Device::lent(gpu));
+        session
+    }
+
+    /// Goes on with another device of the application's, as when it has lost the one before: slots are filled anew from what is decoded.
+    pub fn set_gpu(&mut self, gpu: Gpu) {
+        self.move_to(Device::lent(gpu));
+    }
+
+    /// Puts a frame on an application's texture: submits what draws it, unless the session's own texture shows it already, and records one
+    /// pass in the application's encoder. Nothing is waited for. Submit the encoder before the next call.
+    ///
+    /// Returns whether it is this frame: while the shaders of a new kind of picture are compiled by a thread the picture before stays, and
+    /// the target as it was where there is none.
+    ///
+    /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes: the same frame can be
+    /// put wherever the application likes, and is not drawn again.
+    ///
+    /// # Errors
+    /// If the session does not draw on an application's device, the frame is an earlier step's, nothing can be drawn in such a format, or the
+    /// device is lost or out of memory.
+    pub fn draw_to(
+        &mut self,
+        frame: &Frame,
+        target: &Target<'_>,
+        encoder: &mut CommandEncoder,
+    ) -> Result<bool, SessionError> {
+        let is_this = self.show(frame)?;
+        if let Some(shown) = &self.shown {
+            let stereo = shown.scene.stereo;
+            self.renderer()?.draw_to(stereo, target, encoder).map_err(BackendError::from)?;
+        }
+        Ok(is_this)
+    }
+
+    /// Has the session's own texture show a frame. Returns false while it has to be compiled for.
+    fn show(&mut self, frame: &Frame) -> Result<bool, SessionError> {
+        self.renderer()?;
+        let Some(fit) = self.fit.as_mut().filter(|_| frame.is_of(self.steps)) else {
+            return Err(SessionError::Superseded);
+        };
+        let lacks_layers = fit.backend.as_gpu().is_some_and(|gpu| gpu.lacks_layers());
+        if self.shown.as_ref().is_some_and(|shown| shown.is_copy_of(frame)) && !lacks_layers {
+            return Ok(true);
+        }
+        if !fit.is_prepared(&frame.scene) {
+            fit.prepare(&frame.scene);
+            return Ok(false);
+        }
+        fit.show(&frame.scene, self.options.live)?;
+        self.shown = Some(frame.clone());
+        Ok(true)
+    }
+
+    /// Asks for the pixels of the picture that the session's own texture shows: they come as [`Session::picture`], without waiting. Returns
+    /// false while those of an earlier one are on their way, or if nothing has been drawn.
+    ///
+    /// # Errors
+    /// If the session does not draw on an application's device, or that is lost.
+    pub fn read_back(&mut self) -> Result<bool, SessionError> {
+        Ok(self.renderer()?.read_back().map_err(BackendError::from)?)
+    }
+
+    /// The picture whose pixels were asked for, once they are there; of two eyes the right one's.
+    ///
+    /// # Errors
+    /// As [`Session::read_back`].
+    pub fn picture(&mut self) -> Result<Option<Picture>, SessionError> {
+        Ok(self.renderer()?.picture().map_err(BackendError::from)?)
+    }
+
+    /// How long the last picture took on the GPU, of which that is known: where the device has timestamps.
+    pub fn gpu_time(&self) -> Option<Duration> {
+        let ms = self.fit.as_ref()?.shown.gpu_ms?;
+        Some(Duration::from_secs_f64(ms.max(0.0) / 1e3))
+    }
+
+    /// The longest time that the session has waited for the device since this was last asked. What makes slots and tables waits: the first
+    /// step, and a scene that asks for more than those before. So do [`Session::render`] and [`Session::draw`], which return pixels. Nothing
+    /// else does.
+    ///
+    /// # Errors
+    /// If the session does not draw on an application's device.
+    pub fn take_longest_gpu_wait(&mut self) -> Result<Duration, SessionError> {
+        Ok(self.renderer()?.gpu().take_longest_wait())
+    }
+
+    /// Holds back for so many steps what is answered about pictures: for tests.
+    #[doc(hidden)]
+    pub fn answer_late(&mut self, steps: usize) {
+        self.fit.iter_mut().for_each(|fit| fit.shown.late_steps = steps);
+    }
+
+    fn renderer(&mut self) -> Result<&mut GpuRenderer, SessionError> {
+        let renderer = self.fit.as_mut().and_then(|fit| fit.backend.as_gpu());
+        renderer.filter(|renderer| renderer.never_waits()).ok_or(SessionError::NoDevice)
+    }
+}

@@ -1,0 +1,146 @@
+//! The way of a finished picture onto an application's texture: one pass, recorded in the application's encoder, that reads nothing but the
+//! renderer's own picture.
+
+use crate::buffers::entry;
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+use crate::layouts::{bind_group_layout, texture};
+use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
+use crate::targets::Targets;
+use brickyard_shaders::{Eyes, bindings, blit};
+use brickyard_volume::StereoLayout;
+use std::collections::HashMap;
+use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderStages, TextureFormat};
+
+/// A part of an application's texture, on which a picture is put.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// Of a colour texture of one sample that can be rendered to.
+    pub view: &'a wgpu::TextureView,
+    /// The view's format. What is written are the picture's colours as they are, which are sRGB codes: in a format that encodes light, too.
+    pub format: TextureFormat,
+    /// Where the picture goes, in pixels from the texture's upper left corner: x, y, width, height. It is stretched over that. What is
+    /// beside it stays as it was. `None` is the whole texture.
+    pub area_px: Option<[u32; 4]>,
+}
+
+/// What pictures are put on textures with.
+#[derive(Debug)]
+pub(crate) struct Blit {
+    layout: wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+    pipelines: HashMap<(TextureFormat, Eyes), wgpu::RenderPipeline>,
+    /// The left eye's picture, while the right eye's is drawn and afterwards.
+    left: Option<wgpu::Texture>,
+}
+
+impl Blit {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        let fragment = ShaderStages::FRAGMENT;
+        let picture = texture(wgpu::TextureViewDimension::D2, true);
+        let layout = [
+            (bindings::LEFT_PICTURE, fragment, picture),
+            (bindings::RIGHT_PICTURE, fragment, picture),
+            (bindings::PICTURE_SAMPLER, fragment, BindingType::Sampler(SamplerBindingType::Filtering)),
+        ];
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("picture"),
+            mag_filter: FilterMode::Linear,
+            min_filter: FilterMode::Linear,
+            ..Default::default()
+        });
+        let layout = bind_group_layout(gpu, "picture", &layout);
+        Self { layout, sampler, pipelines: HashMap::new(), left: None }
+    }
+
+    /// Keeps the picture that was drawn last as the left eye's.
+    ///
+    /// # Errors
+    /// If the device has no room for it.
+    pub(crate) fn keep_left(&mut self, gpu: &Gpu, targets: &Targets) -> Result<(), GpuError> {
+        let size = targets.display.size();
+        if self.left.as_ref().is_none_or(|left| left.size() != size) {
+            self.left = None;
+            let bytes = size.width as u64 * size.height as u64 * 4;
+            let descriptor = wgpu::TextureDescriptor {
+                label: Some("the left eye"),
+                size,
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: DISPLAY_FORMAT,
+                usage: wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            };
+            self.left = Some(gpu.allocate("the left eye", bytes, |device| device.create_texture(&descriptor))?);
+        }
+        if let Some(left) = &self.left {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.copy_texture_to_texture(targets.display.as_image_copy(), left.as_image_copy(), size);
+            gpu.queue.submit([encoder.finish()]);
+        }
+        Ok(())
+    }
+
+    /// Makes the pipeline for a target, if there is none.
+    fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Eyes)) -> Result<(), GpuError> {
+        if !self.pipelines.contains_key(&wanted) {
+            let (format, eyes) = wanted;
+            let (source, entries) = (blit(eyes, format.is_srgb()), ["stretched", "blit"]);
+            let make = || pipeline(gpu, &source, &[&self.layout], entries, Shape::default(), &[format.into()]);
+            let made = gpu.guarded(make)?;
+            self.pipelines.insert(wanted, made);
+        }
+        Ok(())
+    }
+
+    /// Records the pass.
+    ///
+    /// # Errors
+    /// If nothing can be drawn in such a format.
+    pub(crate) fn record(
+        &mut self,
+        gpu: &Gpu,
+        (targets, stereo): (&Targets, Option<StereoLayout>),
+        target: &Target<'_>,
+        encoder: &mut wgpu::CommandEncoder,
+    ) -> Result<(), GpuError> {
+        let wanted = (target.format, stereo.map_or(Eyes::One, eyes));
+        self.make_ready(gpu, wanted)?;
+        let left = self.left.as_ref().filter(|_| stereo.is_some()).unwrap_or(&targets.display);
+        let left = left.create_view(&Default::default());
+        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("picture"),
+            layout: &self.layout,
+            entries: &[
+                entry(bindings::LEFT_PICTURE, BindingResource::TextureView(&left)),
+                entry(bindings::RIGHT_PICTURE, BindingResource::TextureView(&targets.display_view)),
+                entry(bindings::PICTURE_SAMPLER, BindingResource::Sampler(&self.sampler)),
+            ],
+        });
+        let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+        let attachment =
+            wgpu::RenderPassColorAttachment { view: target.view, depth_slice: None, resolve_target: None, ops };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("brickyard's picture"),
+            color_attachments: &[Some(attachment)],
+            ..Default::default()
+        });
+        if let Some([x, y, width, height]) = target.area_px {
+            pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
+        }
+        pass.set_pipeline(&self.pipelines[&wanted]);
+        pass.set_bind_group(0, &bindings, &[]);
+        pass.draw(0..3, 0..1);
+        Ok(())
+    }
+}
+
+fn eyes(layout: StereoLayout) -> Eyes {
+    match layout {
+        StereoLayout::SideBySide => Eyes::SideBySide,
+        StereoLayout::TopBottom => Eyes::TopBottom,
+        StereoLayout::Anaglyph => Eyes::Anaglyph,
+        StereoLayout::Interlaced => Eyes::Interlaced,
+    }
+}

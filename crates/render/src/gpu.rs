@@ -1,0 +1,307 @@
+//! A device and its queue, ours or an application's: how it is made, what it refuses, what it is waited for, and its loss.
+//!
+//! A device of ours gets the adapter's own limits for textures and buffers, and those optional features that formats need. Errors that no
+//! scope catches and the loss of the device are remembered and turned into typed errors by the next call. An application's device keeps the
+//! handlers that it has: every call is in error scopes of its own there.
+
+use crate::adapter::{self, AdapterReport, GpuPreference};
+use crate::error::GpuError;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use wgpu::Features;
+
+/// How long a device that has refused something may take to say whether it is lost.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// The error that no scope caught, or the loss of the device, kept for the next call.
+#[derive(Debug, Default)]
+struct Fault(Mutex<Option<GpuError>>);
+
+impl Fault {
+    fn lock(&self) -> MutexGuard<'_, Option<GpuError>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, error: GpuError) {
+        let mut slot = self.lock();
+        if !matches!(*slot, Some(GpuError::DeviceLost(_))) {
+            *slot = Some(error);
+        }
+    }
+}
+
+/// A device that layers are drawn with: one that is opened for them, or an application's own.
+///
+/// What the renderer sends goes to the device's queue from the thread that calls, in submissions of its own; pipelines are compiled on
+/// another thread. A clone is the same device.
+///
+/// ```no_run
+/// use brickyard_render::{Gpu, wgpu};
+///
+/// # async fn device(adapter: wgpu::Adapter) -> Result<(), Box<dyn std::error::Error>> {
+/// let mut wanted = Gpu::required(&adapter);
+/// wanted.label = Some("the application");
+/// let (device, queue) = adapter.request_device(&wanted).await?;
+/// let gpu = Gpu::from_device(&adapter, device, queue)?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) report: AdapterReport,
+    fault: Arc<Fault>,
+    /// Whether it is the application's, which is told of errors in calls of its own alone, and never waited for.
+    pub(crate) is_lent: bool,
+    pub(crate) refuse_above_bytes: u64,
+    longest_wait_us: Arc<AtomicU64>,
+}
+
+/// Storage buffers that a shader sees at most: rays see the most of them.
+const STORAGE_BUFFERS: u32 = 7;
+
+impl Gpu {
+    /// What a device for the renderer is made with: features that it can use of those that the adapter has, and limits. An application
+    /// adds what it needs itself. Without `TEXTURE_FORMAT_16BIT_NORM` 16-bit codes become half floats of 11 significant bits, without
+    /// `FLOAT32_BLENDABLE` layers blend in half floats, and without `TIMESTAMP_QUERY` nothing is known of the GPU's time.
+    pub fn required(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+        let useful = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_BLENDABLE | Features::TIMESTAMP_QUERY;
+        let most = adapter.limits();
+        let required_limits = wgpu::Limits {
+            max_texture_dimension_2d: most.max_texture_dimension_2d,
+            max_texture_dimension_3d: most.max_texture_dimension_3d,
+            max_buffer_size: most.max_buffer_size,
+            max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
+            max_storage_buffers_per_shader_stage: most.max_storage_buffers_per_shader_stage.min(8),
+            // An atlas for each of several volumes.
+            max_sampled_textures_per_shader_stage: most.max_sampled_textures_per_shader_stage.min(64),
+            ..wgpu::Limits::downlevel_defaults()
+        };
+        wgpu::DeviceDescriptor {
+            label: Some("brickyard"),
+            required_features: adapter.features() & useful,
+            required_limits,
+            ..Default::default()
+        }
+    }
+
+    /// An application's device, which the application goes on using as it likes. Its handlers for errors and for its loss stay the
+    /// application's: what goes wrong in the renderer's calls is an error of those, and a lost device is not made anew.
+    ///
+    /// # Errors
+    /// If the device has lower limits than the renderer's shaders need; [`Gpu::required`] lists them.
+    pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, GpuError> {
+        let limits = device.limits();
+        let report = AdapterReport::new(adapter, device.features(), &limits);
+        let least = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: STORAGE_BUFFERS,
+            ..wgpu::Limits::downlevel_defaults()
+        };
+        let mut lacking = Vec::new();
+        least.check_limits_with_fail_fn(&limits, false, |name, least, given| {
+            lacking.push(format!("{name} is {given}, at least {least} is needed"));
+        });
+        if !lacking.is_empty() {
+            return Err(GpuError::Device { adapter: report.to_string(), reason: lacking.join("; ") });
+        }
+        Ok(Self::of(device, queue, report, true, u64::MAX))
+    }
+
+    /// The best adapter's device. Allocations of more than `refuse_above_bytes` will be refused whatever it says.
+    pub(crate) fn open(preference: GpuPreference, refuse_above_bytes: u64) -> Result<Self, GpuError> {
+        let adapter = adapter::best(preference)?;
+        let wanted = Self::required(&adapter);
+        let report = AdapterReport::new(&adapter, wanted.required_features, &wanted.required_limits);
+        let (device, queue) = pollster::block_on(adapter.request_device(&wanted))
+            .map_err(|e| GpuError::Device { adapter: report.to_string(), reason: e.to_string() })?;
+        let gpu = Self::of(device, queue, report, false, refuse_above_bytes);
+        let (uncaught, lost) = (gpu.fault.clone(), gpu.fault.clone());
+        gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            tracing::error!("GPU: {error}");
+            uncaught.set(GpuError::Refused(error.to_string()));
+        }));
+        gpu.device.set_device_lost_callback(move |reason, message| {
+            lost.set(GpuError::DeviceLost(format!("{reason:?} {message}").trim().to_string()));
+        });
+        Ok(gpu)
+    }
+
+    fn of(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        report: AdapterReport,
+        is_lent: bool,
+        refuse_above_bytes: u64,
+    ) -> Self {
+        let (fault, longest_wait_us) = Default::default();
+        Self { device, queue, report, fault, is_lent, refuse_above_bytes, longest_wait_us }
+    }
+
+    /// The adapter, and what the renderer makes of it.
+    pub fn adapter(&self) -> &AdapterReport {
+        &self.report
+    }
+
+    /// The longest time that a call has waited for the device since this was last asked.
+    pub fn take_longest_wait(&self) -> Duration {
+        Duration::from_micros(self.longest_wait_us.swap(0, Ordering::Relaxed))
+    }
+
+    /// The error that has come up since the last check, if any. A lost device stays lost.
+    pub(crate) fn check(&self) -> Result<(), GpuError> {
+        if matches!(*self.fault.lock(), Some(GpuError::Refused(_))) {
+            // A lost device refuses all kinds of things before it says why. Its answer is asked for here, and kept.
+            let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };
+            let _ = self.poll(all);
+        }
+        let mut slot = self.fault.lock();
+        match &*slot {
+            None => Ok(()),
+            Some(lost @ GpuError::DeviceLost(_)) => Err(lost.clone()),
+            Some(_) => slot.take().map_or(Ok(()), Err),
+        }
+    }
+
+    /// Makes something of `requested_bytes`, with running out of memory as a typed error.
+    pub(crate) fn allocate<T>(
+        &self,
+        label: &str,
+        requested_bytes: u64,
+        make: impl FnOnce(&wgpu::Device) -> T,
+    ) -> Result<T, GpuError> {
+        let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let made = make(&self.device);
+        match pollster::block_on(scope.pop()) {
+            None if requested_bytes <= self.refuse_above_bytes => self.check().map(|()| made),
+            _ => Err(GpuError::OutOfMemory { label: label.to_string(), requested_bytes }),
+        }
+    }
+
+    /// Makes something that is not of memory, on any thread. What the device has against it is this call's own error, and no other's.
+    pub(crate) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+        let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        // A thread that ends here would leave those who wait for it without a word.
+        let made = catch_unwind(AssertUnwindSafe(make)).map_err(|_| "the driver gave it up".to_string());
+        let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
+        match errors.first() {
+            Some(error) => Err(GpuError::Refused(error.to_string())),
+            None => made.map_err(GpuError::Refused),
+        }
+    }
+
+    /// Carries out calls from which an application's handler is to hear nothing: what the device has against them is their error.
+    pub(crate) fn scoped<T>(&self, calls: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        if !self.is_lent {
+            return calls();
+        }
+        self.guarded(calls)?
+    }
+
+    /// What is behind an error of something guarded: the loss of the device, if that is it.
+    pub(crate) fn reason(&self, error: GpuError) -> GpuError {
+        self.fault.set(error.clone());
+        self.check().err().unwrap_or(error)
+    }
+
+    /// Waits until a submission is done.
+    pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        self.wait_for(Some(submission))
+    }
+
+    /// Waits until everything is done that was submitted, and given back what that has used.
+    pub(crate) fn wait_for_all(&self) -> Result<(), GpuError> {
+        self.wait_for(None)
+    }
+
+    fn wait_for(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        let begun = Instant::now();
+        self.poll(wgpu::PollType::Wait { submission_index, timeout: None })?;
+        self.longest_wait_us.fetch_max(begun.elapsed().as_micros() as u64, Ordering::Relaxed);
+        self.check()
+    }
+
+    /// Has the device report what is done, without waiting.
+    pub(crate) fn look(&self) -> Result<(), GpuError> {
+        self.poll(wgpu::PollType::Poll)?;
+        self.check()
+    }
+
+    /// A lent device that fails in this way is taken for lost: its loss is told to the application alone.
+    pub(crate) fn lost(&self, sign: &dyn std::fmt::Display) -> GpuError {
+        self.fault.set(GpuError::DeviceLost(sign.to_string()));
+        self.check().err().unwrap_or_else(|| GpuError::DeviceLost(sign.to_string()))
+    }
+
+    /// Lets the device report what is done, and its loss.
+    fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
+        // wgpu 30 panics, with none of its locks held, where the driver's answer to a wait is that the device is gone.
+        let lost = match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
+            // A device that is still at work is not lost.
+            Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => return Ok(()),
+            Ok(Err(error)) => error.to_string(),
+            Err(_) => "the driver gave it up".to_string(),
+        };
+        let lost = GpuError::DeviceLost(lost);
+        self.fault.set(lost.clone());
+        Err(lost)
+    }
+
+    /// Gives the device up, which frees what it holds. Queued work is finished first; from then on it is lost.
+    pub(crate) fn destroy(&self) {
+        self.device.destroy();
+        let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };
+        if let Err(error) = self.poll(all) {
+            tracing::debug!(%error, "giving a device up");
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "../../../tests/support/missing.rs"]
+#[expect(unreachable_pub, reason = "the whole-system tests have it in a library")]
+mod missing;
+
+#[cfg(test)]
+mod tests {
+    use super::missing::leave_out;
+    use super::*;
+    use wgpu::TextureFormat;
+
+    #[test]
+    fn a_lost_device_is_a_typed_error() {
+        let Ok(gpu) = Gpu::open(GpuPreference::Any, u64::MAX) else {
+            return leave_out("gpu", "no device was lost or refused");
+        };
+        assert_eq!(gpu.check(), Ok(()));
+        gpu.destroy();
+        for _ in 0..2 {
+            assert!(matches!(gpu.check(), Err(GpuError::DeviceLost(_))));
+        }
+    }
+
+    #[test]
+    fn an_impossible_texture_is_an_error_and_not_a_panic() {
+        let Ok(gpu) = Gpu::open(GpuPreference::Any, u64::MAX) else {
+            return leave_out("gpu", "no device was lost or refused");
+        };
+        let edge = gpu.report.max_texture_3d + 1;
+        let made = gpu.allocate("test", 0, |device| {
+            device.create_texture(&wgpu::TextureDescriptor {
+                label: None,
+                size: wgpu::Extent3d { width: edge, height: 1, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D3,
+                format: TextureFormat::R8Unorm,
+                usage: wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            })
+        });
+        assert!(matches!(made, Err(GpuError::Refused(_))), "{made:?}");
+        assert_eq!(gpu.check(), Ok(()), "a refused command does not outlive its report");
+    }
+}

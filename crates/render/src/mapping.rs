@@ -1,0 +1,57 @@
+//! A buffer on its way to the CPU: mapped when the submissions before are done, read once, and used again.
+
+use crate::error::GpuError;
+use crate::gpu::Gpu;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use wgpu::{BufferAsyncError, MapMode};
+
+/// A buffer that is being mapped.
+#[derive(Debug)]
+pub(crate) struct Mapping {
+    buffer: wgpu::Buffer,
+    mapped: Receiver<Result<(), BufferAsyncError>>,
+    is_there: bool,
+}
+
+impl Mapping {
+    /// Begins to map a buffer that the last submission has written.
+    pub(crate) fn begin(buffer: wgpu::Buffer) -> Self {
+        let (send, mapped) = channel();
+        buffer.map_async(MapMode::Read, .., move |result| {
+            // If nobody waits for the answer any more, the receiver is gone.
+            let _ = send.send(result);
+        });
+        Self { buffer, mapped, is_there: false }
+    }
+
+    /// Whether it is there, as far as the device has been looked at.
+    ///
+    /// # Errors
+    /// If it will never be: the device is lost.
+    pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
+        if !self.is_there {
+            match self.mapped.try_recv() {
+                Ok(Ok(())) => self.is_there = true,
+                Ok(Err(error)) => return Err(gpu.lost(&error)),
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Disconnected) => return Err(gpu.lost(&"a buffer that was asked for never came")),
+            }
+        }
+        Ok(self.is_there)
+    }
+
+    /// What is in a buffer that is there, and the buffer.
+    ///
+    /// # Errors
+    /// If it is not there, or the device is lost.
+    pub(crate) fn read<T>(mut self, gpu: &Gpu, read: impl FnOnce(&[u8]) -> T) -> Result<(T, wgpu::Buffer), GpuError> {
+        if !self.is_there(gpu)? {
+            return Err(GpuError::Refused("a buffer is not there after the work before it".into()));
+        }
+        let bytes = self.buffer.get_mapped_range(..).map_err(|error| gpu.lost(&error))?;
+        let found = read(&bytes);
+        drop(bytes);
+        self.buffer.unmap();
+        Ok((found, self.buffer))
+    }
+}

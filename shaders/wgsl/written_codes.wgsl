@@ -1,0 +1,4 @@
+// Colours are written as they are.
+fn written(color: vec3f) -> vec3f {
+    return color;
+}

@@ -1,0 +1,481 @@
+//! A session on an application's device: what it puts on the application's textures is its picture, nothing waits for the GPU, and what rays
+//! saw is told of the frame that it was seen in, however late.
+
+use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::render::{Gpu, GpuError, Target, wgpu};
+use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::volume::{
+    Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Sampling, Scene, Stereo,
+    StereoLayout, TransferFunction,
+};
+use brickyard_tests::{FunctionSource, TestStore, leave_out, oracle};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+use wgpu::TextureFormat;
+
+const SIZE: (u32, u32) = (128, 96);
+const EXTENT: Extent = Extent::new(90, 77, 83);
+/// A colour that no picture has.
+const UNTOUCHED: [u8; 4] = [7, 77, 177, 77];
+
+/// A program that draws with wgpu, and counts what its handler for errors hears.
+struct Application {
+    adapter: wgpu::Adapter,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    errors: Arc<AtomicUsize>,
+}
+
+impl Application {
+    fn new() -> Option<Self> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let Some(adapter) = adapters.into_iter().next() else {
+            leave_out("gpu", "nothing was drawn on an application's device");
+            return None;
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::required(&adapter))).expect("a device");
+        let errors = Arc::new(AtomicUsize::new(0));
+        let heard = errors.clone();
+        device.on_uncaptured_error(Arc::new(move |error| {
+            eprintln!("the application hears: {error}");
+            heard.fetch_add(1, Ordering::Relaxed);
+        }));
+        Some(Self { adapter, device, queue, errors })
+    }
+
+    fn gpu(&self) -> Gpu {
+        Gpu::from_device(&self.adapter, self.device.clone(), self.queue.clone()).expect("it has what is required")
+    }
+
+    fn session(&self, store: &TestStore, live: bool) -> Session {
+        let options = SessionOptions {
+            gpu_memory_bytes: 64 << 20,
+            host_memory_bytes: 64 << 20,
+            threads: 2,
+            live,
+            ..SessionOptions::default()
+        };
+        Session::on_gpu(vec![VolumeSource::of_store(&store.store)], options, self.gpu())
+    }
+
+    fn texture(&self, format: TextureFormat, (width, height): (u32, u32)) -> wgpu::Texture {
+        let texture = self.device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::COPY_SRC
+                | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: None };
+        self.queue.write_texture(
+            texture.as_image_copy(),
+            &UNTOUCHED.repeat((width * height) as usize),
+            layout,
+            texture.size(),
+        );
+        texture
+    }
+
+    /// The texture's bytes, four a pixel.
+    fn read(&self, texture: &wgpu::Texture) -> Vec<[u8; 4]> {
+        let wgpu::Extent3d { width, height, .. } = texture.size();
+        let row_bytes = (4 * width).next_multiple_of(256);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: (row_bytes * height) as u64,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes), rows_per_image: None };
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo { buffer: &buffer, layout },
+            texture.size(),
+        );
+        self.queue.submit([encoder.finish()]);
+        buffer.map_async(wgpu::MapMode::Read, .., |mapped| mapped.expect("mapped"));
+        self.device.poll(wgpu::PollType::wait_indefinitely()).expect("done");
+        let bytes = buffer.get_mapped_range(..).expect("mapped");
+        let rows = bytes.chunks_exact(row_bytes as usize);
+        rows.flat_map(|row| row[..4 * width as usize].chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]])).collect()
+    }
+
+    /// One frame of the application's: puts the session's on a texture. Whether it was this one.
+    fn draw(&self, session: &mut Session, frame: &Frame, target: &Target<'_>) -> bool {
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let is_this = session.draw_to(frame, target, &mut encoder).expect("drawn");
+        self.queue.submit([encoder.finish()]);
+        is_this
+    }
+
+    /// Frame by frame until nothing more comes and the picture is there.
+    fn settle(&self, session: &mut Session, scene: &Scene, size_px: (u32, u32), target: &Target<'_>) -> Frame {
+        let begun = Instant::now();
+        loop {
+            let frame = session.step(scene, size_px).expect("a step");
+            if self.draw(session, &frame, target) && frame.status.settled {
+                return frame;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(120), "not settled: {:?}", frame.status);
+            if !frame.status.awaits_feedback {
+                session.wait(Duration::from_millis(5));
+            }
+        }
+    }
+}
+
+/// Waves without a flat part.
+fn store() -> TestStore {
+    let waves = |[x, y, z]: [u32; 3]| {
+        let [u, v, w] = [x, y, z].map(f64::from);
+        (127.0 + 60.0 * (0.11 * u + 0.07 * v).sin() + 60.0 * (0.09 * v - 0.08 * w).cos()) as u8
+    };
+    TestStore::pack(&FunctionSource::new(EXTENT, Geometry::default(), move |_, _, v| waves(v)), 16)
+}
+
+fn transfer(opacity: f64) -> TransferFunction {
+    TransferFunction {
+        color: vec![[0.0, 0.9, 0.1, 0.4], [255.0, 0.3, 0.8, 0.2]],
+        opacity: vec![[0.0, 0.2 * opacity], [255.0, opacity]],
+        unit_distance: 4.0,
+        ..TransferFunction::default()
+    }
+}
+
+fn scene(opacity: f64, turn_deg: f64) -> Scene {
+    let camera = Camera::looking_at_box(Geometry::default().world_box(EXTENT)).orbited(turn_deg);
+    Scene { camera: Some(camera), ..Scene::of(transfer(opacity)) }
+}
+
+/// The same by a session on a device of its own, which waits for its pixels.
+fn rendered(store: &TestStore, scene: &Scene, size_px: (u32, u32)) -> Picture {
+    let options = SessionOptions {
+        backend: BackendChoice::Gpu,
+        gpu_memory_bytes: 64 << 20,
+        host_memory_bytes: 64 << 20,
+        threads: 2,
+        ..SessionOptions::default()
+    };
+    let mut session = Session::new(vec![VolumeSource::of_store(&store.store)], options);
+    session.render(scene, size_px).expect("a picture").picture
+}
+
+fn rgb(pixels: &[[u8; 4]]) -> Vec<[u8; 3]> {
+    pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect()
+}
+
+/// The greatest difference of any value.
+fn most(found: &[[u8; 3]], expected: &[[u8; 3]]) -> u8 {
+    assert_eq!(found.len(), expected.len());
+    let values = found.as_flattened().iter().zip(expected.as_flattened());
+    values.map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
+}
+
+#[test]
+fn what_an_application_shows_is_the_picture_in_every_format() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let scene = scene(0.5, 20.0);
+    let expected = rendered(&store, &scene, SIZE);
+    assert!(most(&expected.rgb, &oracle(&store.store, &scene, SIZE).rgb) <= 2);
+    let formats = [TextureFormat::Rgba8Unorm, TextureFormat::Rgba8UnormSrgb, TextureFormat::Bgra8Unorm];
+    for live in [false, true] {
+        let mut session = app.session(&store, live);
+        for format in formats {
+            let texture = app.texture(format, SIZE);
+            let view = texture.create_view(&Default::default());
+            app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+            let mut found = rgb(&app.read(&texture));
+            if format == TextureFormat::Bgra8Unorm {
+                found.iter_mut().for_each(|p| p.reverse());
+            }
+            // Bricks may come to other slots, where texture coordinates are rounded otherwise.
+            assert!(most(&found, &expected.rgb) <= 1, "{format:?}, live: {live}: {}", most(&found, &expected.rgb));
+        }
+    }
+    assert_eq!(app.errors.load(Ordering::Relaxed), 0);
+}
+
+/// The copy beside it, of the same frame, costs no drawing; what is beside both stays as it was.
+#[test]
+fn a_frame_goes_where_the_application_wants_it() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let texture = app.texture(format, (300, 120));
+    let view = texture.create_view(&Default::default());
+    let mut session = app.session(&store, true);
+    let (width, height) = SIZE;
+    let target = |x, scale| Target { view: &view, format, area_px: Some([x, 10, width / scale, height / scale]) };
+    let frame = app.settle(&mut session, &scene(0.5, 20.0), SIZE, &target(20, 1));
+    assert!(app.draw(&mut session, &frame, &target(200, 2)));
+    let pixels = app.read(&texture);
+    let at = |x: u32, y: u32| pixels[(y * 300 + x) as usize];
+    let expected = rendered(&store, &scene(0.5, 20.0), SIZE);
+    for (y, x) in (0..120).flat_map(|y| (0..300).map(move |x| (y, x))) {
+        let is_in =
+            |left: u32, scale: u32| (left..left + width / scale).contains(&x) && (10..10 + height / scale).contains(&y);
+        let [r, g, b, a] = at(x, y);
+        if is_in(20, 1) {
+            let own = expected.rgb[((y - 10) * width + x - 20) as usize];
+            assert!(most(&[[r, g, b]], &[own]) <= 1 && a == 255);
+        } else if is_in(200, 2) {
+            // Half the size: the mean of four.
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                .map(|(i, j)| expected.rgb[((2 * (y - 10) + j) * width + 2 * (x - 200) + i) as usize]);
+            let mean = [0, 1, 2].map(|c| (four.iter().map(|p| p[c] as u32).sum::<u32>() / 4) as u8);
+            assert!(most(&[[r, g, b]], &[mean]) <= 2, "{x}, {y}: {:?} instead of {mean:?}", [r, g, b]);
+        } else {
+            assert_eq!(at(x, y), UNTOUCHED, "{x}, {y}");
+        }
+    }
+}
+
+#[test]
+fn two_eyes_are_shown_in_every_layout() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let mut session = app.session(&store, true);
+    for layout in StereoLayout::ALL {
+        let texture = app.texture(format, SIZE);
+        let view = texture.create_view(&Default::default());
+        let scene = Scene { stereo: Some(Stereo::new(layout)), ..scene(0.5, 20.0) };
+        app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+        let expected = rendered(&store, &scene, SIZE);
+        let found = rgb(&app.read(&texture));
+        // A code of either eye, by factors of up to 1.3 in light.
+        let allowed = if layout == StereoLayout::Anaglyph { 4 } else { 1 };
+        assert!(most(&found, &expected.rgb) <= allowed, "{layout:?}: {}", most(&found, &expected.rgb));
+    }
+}
+
+/// Translucent layers are counted by answers that come later: a picture that had too few is drawn again.
+#[test]
+fn layers_of_meshes_are_all_there_in_the_end() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let (texture, mut session) = (app.texture(format, SIZE), app.session(&store, true));
+    let view = texture.create_view(&Default::default());
+    // Nine sheets, one behind the other.
+    let (low, high) = Geometry::default().world_box(EXTENT);
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for i in 0..9u32 {
+        let y = low.y + (high.y - low.y) * (i as f64 + 0.5) / 9.0;
+        for (x, z) in [(low.x, low.z), (high.x, low.z), (high.x, high.z), (low.x, high.z)] {
+            positions.push([x as f32, y as f32, z as f32]);
+        }
+        triangles.extend([[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
+    }
+    let mesh = Arc::new(Mesh::new(positions, triangles, vec![], vec![]).expect("a mesh"));
+    let look = MeshLook { opacity: 0.2, mesh: Some(mesh), ..MeshLook::new("sheets") };
+    let scene = Scene { meshes: vec![look], ..scene(0.05, 20.0) };
+    app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    let found = rgb(&app.read(&texture));
+    let expected = rendered(&store, &scene, SIZE);
+    assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
+}
+
+/// However late the answers, a flight through opaque waves ends with the picture that a session shows which waits for each, and has not
+/// fetched what is hidden. On the way the transfer function changes: what was seen through the one before says nothing any more.
+#[test]
+fn late_answers_are_of_the_frame_that_they_were_asked_of() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let texture = app.texture(format, SIZE);
+    let view = texture.create_view(&Default::default());
+    let target = Target { view: &view, format, area_px: None };
+    // Waves that hide what is behind them, and fog.
+    let dense = TransferFunction { unit_distance: 0.05, ..transfer(1.0) };
+    let seen = |transfer: &TransferFunction, turn_deg| {
+        let camera = scene(1.0, turn_deg).camera;
+        Scene { camera, pixel_error: 0.25, ..Scene::of(transfer.clone()) }
+    };
+    let last = seen(&dense, 100.0);
+    let expected = rendered(&store, &last, SIZE);
+    let mut wanted = Vec::new();
+    for late in [0, 1, 3] {
+        let mut session = app.session(&store, true);
+        app.settle(&mut session, &seen(&dense, 0.0), SIZE, &target);
+        session.answer_late(late);
+        for turn in 0..30 {
+            let shown = if turn % 10 >= 5 { &dense } else { &transfer(0.01) };
+            let moving = seen(shown, 3.0 * turn as f64);
+            let frame = session.step(&moving, SIZE).expect("a step");
+            app.draw(&mut session, &frame, &target);
+            session.wait(Duration::from_millis(5));
+        }
+        let frame = app.settle(&mut session, &last, SIZE, &target);
+        assert!(frame.status.covered && frame.status.wanted == frame.status.resident, "{:?}", frame.status);
+        let found = rgb(&app.read(&texture));
+        assert!(most(&found, &expected.rgb) <= 1, "late by {late}: {}", most(&found, &expected.rgb));
+        wanted.push(frame.status.wanted);
+    }
+    let all = brickyard::volume::Pyramid::new(EXTENT, [1.0; 3], 16).level(brickyard::volume::Level(0)).bricks.volume();
+    assert!(wanted.iter().all(|&wanted| (wanted as u64) < all / 2), "what is hidden is wanted: {wanted:?} of {all}");
+}
+
+/// A flight, with pictures as large as a frame's budget makes felt, and little room for bricks: once it is under way nothing waits for
+/// the GPU; and uploads keep to the staging memory that there is.
+#[test]
+fn nothing_waits_for_the_gpu() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let size = (400, 300);
+    let texture = app.texture(format, size);
+    let view = texture.create_view(&Default::default());
+    let target = Target { view: &view, format, area_px: None };
+    let mut session = app.session(&store, true);
+    let frame = session.step(&scene(0.02, 0.0), size).expect("a step");
+    app.draw(&mut session, &frame, &target);
+    assert!(session.take_longest_gpu_wait().expect("a device") > Duration::ZERO, "slots are made, and waited for");
+    for turn in 0..60 {
+        let moving = Scene { pixel_error: 0.25, ..scene(0.02, 6.0 * turn as f64) };
+        let frame = session.step(&moving, size).expect("a step");
+        app.draw(&mut session, &frame, &target);
+    }
+    assert_eq!(session.take_longest_gpu_wait().expect("a device"), Duration::ZERO);
+    // Who asks for pixels waits.
+    let frame = session.step(&scene(0.02, 0.0), size).expect("a step");
+    session.draw(&frame).expect("a picture");
+    assert!(session.take_longest_gpu_wait().expect("a device") > Duration::ZERO);
+}
+
+#[test]
+fn pixels_come_when_they_are_asked_for() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let texture = app.texture(format, SIZE);
+    let view = texture.create_view(&Default::default());
+    let target = Target { view: &view, format, area_px: None };
+    let mut session = app.session(&store, true);
+    app.settle(&mut session, &scene(0.5, 20.0), SIZE, &target);
+    assert_eq!(session.picture().expect("a device"), None, "nobody has asked");
+    assert!(session.read_back().expect("a device"));
+    assert!(!session.read_back().expect("a device"), "one is on its way");
+    let begun = Instant::now();
+    let picture = loop {
+        if let Some(picture) = session.picture().expect("a device") {
+            break picture;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "the pixels do not come");
+    };
+    assert_eq!(picture.rgb, rgb(&app.read(&texture)));
+    // One that is on its way does not hinder a picture that is waited for.
+    assert!(session.read_back().expect("a device"));
+    let frame = session.step(&scene(0.5, 20.0), SIZE).expect("a step");
+    assert!(session.draw(&frame).expect("drawn").difference(&picture).max <= 1);
+    assert!(session.read_back().expect("a device"), "the later one counts");
+}
+
+/// What makes slots anew keeps the device, what is compiled for it, and what is decoded.
+#[test]
+fn scenes_that_ask_for_more_stay_on_the_device() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let texture = app.texture(format, SIZE);
+    let view = texture.create_view(&Default::default());
+    let target = Target { view: &view, format, area_px: None };
+    let mut session = app.session(&store, true);
+    let plain = scene(0.5, 20.0);
+    let cubic = Scene { sampling: Sampling { filter: Filter::Tricubic, ..plain.sampling }, ..plain.clone() };
+    let lit = Scene { lighting: Lighting { model: LightingModel::Phong, ..Lighting::default() }, ..plain.clone() };
+    let mut decoded = 0;
+    for scene in [plain.clone(), cubic, lit, Scene { mode: Mode::Mip, ..plain.clone() }, plain] {
+        let frame = app.settle(&mut session, &scene, SIZE, &target);
+        let found = rgb(&app.read(&texture));
+        assert!(most(&found, &oracle(&store.store, &scene, SIZE).rgb) <= 2);
+        let counters = frame.status.counters;
+        assert!(decoded == 0 || counters.decoded == decoded, "{} decoded after {decoded}", counters.decoded);
+        decoded = counters.decoded;
+    }
+}
+
+/// It is an error of the next call and stays lost; with another device the session goes on, and decodes nothing again.
+#[test]
+fn a_lost_device_is_the_applications_to_make_anew() {
+    let (Some(app), Some(next), store) = (Application::new(), Application::new(), store()) else { return };
+    let format = TextureFormat::Rgba8Unorm;
+    let (scene, texture) = (scene(0.5, 20.0), app.texture(format, SIZE));
+    let view = texture.create_view(&Default::default());
+    let mut session = app.session(&store, true);
+    let settled = app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    let expected = rgb(&app.read(&texture));
+    app.device.destroy();
+    let begun = Instant::now();
+    let lost = loop {
+        let drawn = session.step(&scene, SIZE).and_then(|frame| {
+            let mut encoder = app.device.create_command_encoder(&Default::default());
+            session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder)
+        });
+        if let Err(error) = drawn {
+            break error;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(20), "the loss is never told");
+    };
+    assert!(matches!(lost, SessionError::Backend(BackendError::Gpu(GpuError::DeviceLost(_)))), "{lost}");
+    assert!(session.step(&scene, SIZE).is_err() && session.device_losses() == 0, "it is not ours to make anew");
+
+    session.set_gpu(next.gpu());
+    let texture = next.texture(format, SIZE);
+    let view = texture.create_view(&Default::default());
+    let anew = next.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    assert!(most(&rgb(&next.read(&texture)), &expected) <= 1);
+    assert_eq!(anew.status.counters.decoded, settled.status.counters.decoded);
+}
+
+/// What goes wrong in a session's calls is their error, and not heard by the application's handler.
+#[test]
+fn errors_are_the_calls_own() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let mut session = app.session(&store, true);
+    let frame = session.step(&scene(0.5, 20.0), SIZE).expect("a step");
+    let too_large = session.step(&scene(0.5, 20.0), (1 << 20, 64)).expect_err("no texture is so large");
+    assert!(
+        matches!(too_large, SessionError::Backend(BackendError::Gpu(GpuError::PictureTooLarge { .. }))),
+        "{too_large}"
+    );
+    let format = TextureFormat::Rgba8Unorm;
+    let texture = app.texture(format, SIZE);
+    let view = texture.create_view(&Default::default());
+    let mut encoder = app.device.create_command_encoder(&Default::default());
+    let superseded = session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder);
+    assert!(superseded.is_err(), "the frame is of slots that are gone");
+    // A depth format has no colours.
+    let (frame, format) = (session.step(&scene(0.5, 20.0), SIZE).expect("a step"), TextureFormat::Depth32Float);
+    let begun = Instant::now();
+    let refused = loop {
+        match session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder) {
+            Ok(is_this) => assert!(!is_this && begun.elapsed() < Duration::from_secs(60), "drawn in a depth format"),
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(refused, SessionError::Backend(BackendError::Gpu(GpuError::Refused(_)))), "{refused}");
+    assert_eq!(app.errors.load(Ordering::Relaxed), 0);
+    // A session of its own has no texture of the application's to draw on.
+    let mut own = Session::new(
+        vec![VolumeSource::of_store(&store.store)],
+        SessionOptions { backend: BackendChoice::Cpu, ..SessionOptions::default() },
+    );
+    let frame = own.step(&scene(0.5, 20.0), SIZE).expect("a step");
+    let drawn = own.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder);
+    assert!(matches!(drawn, Err(SessionError::NoDevice)));
+}
+
+#[test]
+fn a_device_that_lacks_what_shaders_need_is_refused_with_its_limits() {
+    let Some(app) = Application::new() else { return };
+    let mut wanted = Gpu::required(&app.adapter);
+    wanted.required_limits.max_storage_buffers_per_shader_stage = 4;
+    wanted.required_limits.max_texture_dimension_3d = 128;
+    let (device, queue) = pollster::block_on(app.adapter.request_device(&wanted)).expect("a lesser device");
+    let error = Gpu::from_device(&app.adapter, device, queue).expect_err("too little");
+    let words = error.to_string();
+    assert!(words.contains("max_storage_buffers_per_shader_stage is 4, at least 7 is needed"), "{words}");
+    assert!(words.contains("max_texture_dimension_3d is 128"), "{words}");
+}
