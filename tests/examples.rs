@@ -1,7 +1,7 @@
 //! The library's examples, run as a newcomer runs them: they are what its users copy.
 
 use brickyard::volume::{Extent, Geometry, Picture};
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, command, program, read_png};
+use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, command, program, read_png};
 use std::process::Command;
 
 fn example(name: &str, arguments: &[&str], sandbox: &Sandbox) -> String {
@@ -52,5 +52,14 @@ fn bricks_of_its_own_cost_what_the_picture_shows() {
     let said = example("own_bricks", &["gyroid.png"], &sandbox);
     let computed = said.split(' ').nth(1).and_then(|mib| mib.parse::<u64>().ok());
     assert!(computed.is_some_and(|mib| mib < 1000) && said.contains("of 64 GiB"), "{said}");
-    assert!(colors(&read_png(&sandbox.path("gyroid.png"))) > 50, "a flat picture");
+    let alone = read_png(&sandbox.path("gyroid.png"));
+    assert!(colors(&alone) > 50, "a flat picture");
+    // The same on a device of the program's own, beside its triangles.
+    let said = example("embed", &["embed.png", "1"], &sandbox);
+    assert!(said.contains("waited for the GPU in these calls: at most 0.0 ms"), "{said}");
+    let beside = read_png(&sandbox.path("embed.png"));
+    let rows = beside.rgb.chunks_exact(beside.width as usize);
+    let rgb = rows.flat_map(|row| &row[..alone.width as usize]).copied().collect();
+    assert_same(&Picture { rgb, ..alone.clone() }, &alone, "embedded");
+    assert!(beside.rgb.contains(&[255, 128, 0]), "no triangles");
 }

@@ -2,9 +2,9 @@
 
 mod bricks;
 
-use bricks::{Bricks, COMPOSITORS, transfer};
-use brickyard_pager::{DrawList, Layer};
-use brickyard_render::{Compositor, GpuError, GpuRenderer};
+use bricks::{Bricks, COMPOSITORS, MEMORY_BYTES, transfer};
+use brickyard_pager::{DrawList, Layer, VolumeNeeds};
+use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use std::time::{Duration, Instant};
 
@@ -113,6 +113,30 @@ fn a_device_may_go_while_a_thread_makes_something_for_it() {
     // And the renderer may go.
     let last = stage.look(Method::Asm, LightingModel::Tone);
     stage.prepare(&last);
+}
+
+/// A renderer of larger pictures on the same device has what was compiled for the one before, and one of stored gradients has not.
+#[test]
+fn what_is_compiled_serves_the_next_renderer_of_the_device() {
+    for compositor in COMPOSITORS {
+        let Some(mut stage) = Stage::new(compositor) else { return };
+        let look = stage.look(Method::Udvr, LightingModel::Phong);
+        let first = stage.render(&look).expect("a picture");
+        let Stage { bricks, renderer, .. } = stage;
+        let options = GpuOptions { compositor, ..GpuOptions::default() };
+        let on = |compiled, needs| {
+            GpuRenderer::on(compiled, &options, &[needs; LAYERS], MEMORY_BYTES, (100, 80)).expect("room")
+        };
+        let mut renderer = on(renderer.into_compiled().expect("the device is there"), bricks.needs);
+        let draw = bricks.upload(&mut renderer);
+        let mut stage = Stage { bricks: Bricks::new(), renderer, draw };
+        assert!(stage.is_prepared(&look));
+        assert_eq!(stage.render(&look).expect("a picture"), first);
+        let with_gradients = Needs { gradient_layers: 1, ..stage.bricks.needs.bricks };
+        let needs = VolumeNeeds { bricks: with_gradients, ..stage.bricks.needs };
+        let renderer = on(stage.renderer.into_compiled().expect("the device is there"), needs);
+        assert!(!Stage { renderer, ..stage }.is_prepared(&look), "its shaders see other textures");
+    }
 }
 
 #[test]
