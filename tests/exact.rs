@@ -50,7 +50,15 @@ fn surfaces() -> Scene {
 
 fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     let (backend, compositor) = (BackendChoice::Auto, CompositorChoice::Auto);
-    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, leaps: true, live: false }
+    SessionOptions {
+        backend,
+        compositor,
+        gpu_memory_bytes,
+        host_memory_bytes,
+        threads: 2,
+        skips_empty: true,
+        live: false,
+    }
 }
 
 /// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.

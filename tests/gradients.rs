@@ -1,11 +1,13 @@
 //! Transfer functions of value and gradient, end to end: what they show is what formulas say, by every method, step, spacing and
-//! level, and no less for what is leapt over.
+//! level, and no less for what is skipped.
 
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Method, Picture, Projection,
     Region, Sampling, Scene, Shape, TransferFunction, Voxel,
 };
-use brickyard_tests::{FunctionSource, TestStore, WAYS, assert_same, oracle, session, session_without_leaps, settled};
+use brickyard_tests::{
+    FunctionSource, TestStore, WAYS, assert_same, oracle, session, session_without_skipping, settled,
+};
 use glam::DVec3;
 
 const SIZE: (u32, u32) = (33, 25);
@@ -125,7 +127,7 @@ fn steep() -> Vec<TransferFunction> {
 }
 
 #[test]
-fn a_rim_is_shown_and_what_is_flat_is_leapt_over_or_not_alike() {
+fn a_rim_is_shown_and_what_is_flat_is_skipped_or_not_alike() {
     let test = ball();
     for (i, transfer) in steep().into_iter().enumerate() {
         // A rectangle ends abruptly, where a rounded gradient decides; smooth ones are the oracle's to the last code.
@@ -143,9 +145,9 @@ fn a_rim_is_shown_and_what_is_flat_is_leapt_over_or_not_alike() {
                 } else {
                     assert!(difference.psnr_db > 40.0, "{what}: {difference:?}");
                 }
-                let Some(mut session) = session_without_leaps(&test.store, way) else { continue };
+                let Some(mut session) = session_without_skipping(&test.store, way) else { continue };
                 let (found, _) = settled(&mut session, &scene, SIZE);
-                assert!(found.difference(&picture).max <= 1, "{what}: leaps show");
+                assert!(found.difference(&picture).max <= 1, "{what}: skipping shows");
                 // The corner looks past the ball, through flat voxels with colours of their own.
                 assert_eq!(picture.pixel(0, 0), [0; 3], "{what}");
                 assert_ne!(picture.pixel(SIZE.0 / 2, SIZE.1 / 2), [0; 3], "{what}");

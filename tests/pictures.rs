@@ -8,7 +8,7 @@ use brickyard::volume::{
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, in_mode, oracle, read_png,
-    session, session_within, session_without_leaps, settled,
+    session, session_within, session_without_skipping, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -204,7 +204,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
 
 /// A clip box cuts through bricks and voxels; what is outside of it is neither shown nor read.
 #[test]
-fn leaps_change_no_picture() {
+fn skipping_changes_no_picture() {
     let extent = Extent::new(61, 53, 67);
     let geometry = Geometry { spacing: DVec3::new(0.5, 0.8, 1.1), ..Geometry::default() };
     let value = |v| u8::from_f64_rounded(shells(extent, v) * 255.0);
@@ -218,10 +218,10 @@ fn leaps_change_no_picture() {
         for way in WAYS {
             let Some(mut with) = session(&test.store, way) else { continue };
             let (_, with) = settled(&mut with, &scene, SIZE);
-            let mut without = session_without_leaps(&test.store, way).expect("the same backend");
+            let mut without = session_without_skipping(&test.store, way).expect("the same backend");
             let (picture, without) = settled(&mut without, &scene, SIZE);
             assert_same(&picture, &expected, &format!("{mode:?} {way:?}"));
-            // Bricks that show nothing are wanted only where nothing is leapt over. (How many are uploaded besides, to stand in for
+            // Bricks that show nothing are wanted only where nothing is skipped. (How many are uploaded besides, to stand in for
             // them, is a matter of which come first.)
             let (with, without) = (with.bricks.wanted, without.bricks.wanted);
             let leaves_out = matches!(mode, Mode::Dvr | Mode::Isosurface);

@@ -133,11 +133,11 @@ fn layers_come_and_go_in_a_live_session() {
     let stores = two();
     let volumes = volumes(&stores);
     let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
-    let glow = SceneLayer { blend: Blend::Add, opacity: 0.5, ..transfer([0.1, 0.4, 0.9], 0.5).into() };
+    let emission = SceneLayer { blend: Blend::Add, opacity: 0.5, ..transfer([0.1, 0.4, 0.9], 0.5).into() };
     let surface = Isosurface { value: 170.0, color: Some([0.9, 0.9, 0.2]), opacity: 0.5 };
     let solid = SceneLayer { isosurfaces: vec![surface], ..transfer([0.2, 0.9, 0.1], 0.1).into() };
     let all = |visible: [bool; 4], count: usize| {
-        let layers = [plain(), solid.clone(), glow.clone(), SceneLayer { source: Some(1), ..askew() }];
+        let layers = [plain(), solid.clone(), emission.clone(), SceneLayer { source: Some(1), ..askew() }];
         let layers = layers.into_iter().zip(visible).enumerate().map(|(i, (layer, visible))| SceneLayer {
             source: Some((i == 3) as usize),
             visible,

@@ -35,7 +35,7 @@ bindings! {
     /// Group 0 of marches: how bricks were entered.
     MARKS = 9;
     /// Group 0 of the pass that shows joined projections: of what adds, the sum.
-    GLOW = 10;
+    EMISSION = 10;
     /// Group 0 of the pass over meshes: vertices.
     VERTICES = 11;
     /// Group 0 of the pass over meshes: triangles' corners.

@@ -12,7 +12,7 @@ macro_rules! files {
 
 /// All files, by name.
 pub(crate) const FILES: &[(&str, &str)] = files! {
-    "alone" "average" "axes" "axes_own" "blit" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "eyes_anaglyph" "eyes_interlaced"
+    "layer_medium" "average" "axes" "axes_own" "blit" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "eyes_anaglyph" "eyes_interlaced"
     "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "frame"
     "fullscreen" "gathered" "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "lattice" "light" "lighting"
     "limits_none" "limits_slab" "macrocells" "march_joint" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour"
@@ -20,7 +20,7 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
     "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined"
     "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_valid" "sample_valid"
     "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
-    "sorted" "surface" "surfaces" "surfaces_none" "through" "together" "tree" "value_lit" "value_unlit" "way" "written_codes" "written_light"
+    "sorted" "surface" "surfaces" "surfaces_none" "through" "joint_medium" "tree" "value_lit" "value_unlit" "way" "written_codes" "written_light"
 };
 
 const IMPORT: &str = "//!import";

@@ -86,7 +86,7 @@ impl JointVariant {
             .text("layers", self.layers())
             .text("asking", self.asking())
             .file("world", "axes")
-            .file("pixel", "alone")
+            .file("pixel", "layer_medium")
             .file("gradient", self.medium.gradient.file())
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" });
         match &self.expression {
@@ -174,7 +174,7 @@ impl JointVariant {
             layers.map(|(i, _)| line.replace('#', &i.to_string())).collect::<String>()
         };
         format!(
-            "//!import part see together\nfn shares_between(start: f32, end: f32) -> Together {{\n    var together: Together;\n{}    \
+            "//!import part see joint_medium\nfn shares_between(start: f32, end: f32) -> JointMedium {{\n    var together: JointMedium;\n{}    \
              return together;\n}}\n\n\
              fn next_crossing() -> f32 {{\n    var next = 1e30;\n{}    return next;\n}}\n\n\
              fn pass_surfaces(before: Light, next: f32) -> Light {{\n    var light = before;\n{}    become_0();\n    \

@@ -393,7 +393,9 @@ pub fn peel() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{TransferGrid, gradients, integrals, jitter, lighting, look, mesh, sampling, surface};
+    use brickyard_volume::{
+        TransferGrid, compositing, gradients, jitter, lighting, mesh, preintegration, sampling, surface,
+    };
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
 
@@ -679,9 +681,9 @@ mod tests {
         let of_gradients = [("GRADIENT_SCALE", single(gradients::SCALE as f64))];
         let of_media = [
             ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
-            ("CLOSE_CODES", single(integrals::CLOSE_CODES)),
-            ("MAX_DEPTH", single(integrals::MAX_DEPTH)),
-            ("OPAQUE", single(look::OPAQUE)),
+            ("CLOSE_CODES", single(preintegration::CLOSE_CODES)),
+            ("MAX_DEPTH", single(preintegration::MAX_DEPTH)),
+            ("OPAQUE", single(compositing::OPAQUE)),
             ("GRID_COLUMNS", naga::Literal::U32(TransferGrid::COLUMNS as u32)),
         ];
         let of_media = of_media.map(|(name, value)| (&lit, name, value));

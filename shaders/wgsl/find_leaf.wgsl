@@ -79,7 +79,7 @@ fn look(walk: Walk) {
         way.is_seen = may_show(cell_range(brick.first_range, u32((at.z * along + at.y) * along + at.x)));
         way.until = min(way.found.leave, leaving(way.ray, brick.low + at * size, size));
     }
-    // What is leapt over may have no value.
+    // What is skipped may have no value.
     way.known.length = select(0.0, way.known.length, way.is_seen);
     way.rank = select(way.rank, -1, HAS_INVALID && !way.is_seen);
 }

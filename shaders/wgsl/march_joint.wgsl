@@ -1,5 +1,5 @@
 // Adds up the segments of a cell of layers that share their grid: in each segment every layer takes its part (`way`), and all that is there
-// is seen together. The rule is written down beside its CPU twin, the volume crate's `look`.
+// is seen together. The rule is written down beside its CPU twin, the volume crate's `compositing`.
 //!import frame jitter lattice layers limits see sorted way
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {

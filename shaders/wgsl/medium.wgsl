@@ -1,5 +1,5 @@
 // Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
-// twins, the volume crate's `sampling`, `integrals` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
+// twins, the volume crate's `sampling`, `preintegration` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
 // `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
 // Values of CURVE.
 //!import classify context field gradient grid pixel shade world

@@ -1,6 +1,6 @@
 // Maximum and minimum intensity, as (value, 1) where something was sampled, else (0, 0). The minimum is
 // the maximum of 1 - value (`frame.invert` 1), so both blend by max over a target cleared to zero.
-// A ray takes its far half first: from the middle of things an extreme is soon found, and what is around them leapt over, before
+// A ray takes its far half first: from the middle of things an extreme is soon found, and what is around them skipped, before
 // and behind.
 //!import frame
 const FIRST_SHARE: f32 = 0.5;

@@ -1,5 +1,5 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, and the side that the ray is
-// on goes with it from brick to brick, also over what is leapt over.
+// on goes with it from brick to brick, also over what is skipped.
 //!import bricks dither field lattice macrocells feedback runs sees sight surface tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);

@@ -1,9 +1,9 @@
 // The projection of one of several layers, to be added to those of the others: of what mixes colour times depth and depth, of what
-// adds colour times opacity. The rule is written down beside its CPU twin, the volume crate's `Together`.
+// adds colour times opacity. The rule is written down beside its CPU twin, the volume crate's `JointMedium`.
 //!import frame fullscreen seen
 struct Sums {
     @location(0) mixed: vec4f,
-    @location(1) glow: vec4f,
+    @location(1) emission: vec4f,
 }
 
 @fragment

@@ -2,7 +2,7 @@
 //
 // A ray goes from segment to segment of its lattice. The leaf that holds a segment's midpoint takes it and those that follow
 // up to where the ray leaves the leaf; so every segment is sampled at most once, whatever is rounded. Leaves where nothing
-// is drawn, bricks and macro-cells that cannot change the pixel are leapt over.
+// is drawn, bricks and macro-cells that cannot change the pixel are skipped.
 //!import bricks macrocells pixel sees
 
 // Macro-cells of a brick that are seen, one after the other along the ray.

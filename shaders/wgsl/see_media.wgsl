@@ -1,5 +1,5 @@
 // Media of all layers, seen together between the surfaces of all.
-//!import context layers together way
+//!import context layers joint_medium way
 fn see_all(before: Light) -> Light {
     if (!IS_CUT) {
         return see(before, shares_between(-1e30, 1e30));
@@ -20,7 +20,7 @@ fn see_all(before: Light) -> Light {
 }
 
 // With the share that a piece has of an interval.
-fn with_piece(before: Together, shown: Pixel, piece: vec2f, interval: vec2f) -> Together {
+fn with_piece(before: JointMedium, shown: Pixel, piece: vec2f, interval: vec2f) -> JointMedium {
     if (!IS_CUT) {
         return with_share(before, shown, 1.0);
     }

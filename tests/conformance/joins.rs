@@ -53,7 +53,7 @@ fn mixed(settings: &FrameSettings) -> VolumeFrame {
 /// A stage with room for all of this.
 fn stage<'a>(volumes: &[&'a Volume]) -> Stage<'a> {
     let has_all = Needs { apron: 4, gradient_layers: 2, is_pre_integrated: true, has_grid: true, ..Needs::PLAIN };
-    Stage::with_room(volumes, [Needs { meshes: MeshRoom::of([&*slanted_wall().mesh]), ..has_all }])
+    Stage::with_room(volumes, [Needs { meshes: MeshCapacity::of([&*slanted_wall().mesh]), ..has_all }])
 }
 
 /// A picture of all bricks; `None` where there is no adapter.

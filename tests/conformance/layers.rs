@@ -7,7 +7,7 @@ use crate::scenery::{u8_codes, waves};
 use crate::shot::{Shot, assert_telling};
 use crate::stage::{ALL, COMPUTE, CPU, MOST, RAYCAST, SORTED, Stage, Way};
 use crate::volume::Volume;
-use brickyard::pager::Pixels;
+use brickyard::pager::PixelShare;
 use brickyard::volume::*;
 use glam::DVec3;
 
@@ -54,7 +54,7 @@ fn float_codes() -> SlotEncoding {
     SlotEncoding::new(VoxelType::F32, (-1.0, 1.0), true)
 }
 
-/// Three volumes: 8 bits where its store says, 16 bits turned, leaning and stretched, floats with holes that glow.
+/// Three volumes: 8 bits where its store says, 16 bits turned, leaning and stretched, floats with holes that adds light.
 fn members() -> [Member; 3] {
     let u16_codes = SlotEncoding::new(VoxelType::U16, (0.0, 65535.0), false);
     let geometry =
@@ -156,8 +156,8 @@ fn entries(channel: usize, cell: BrickId) -> Vec<Entry> {
     match (x + 2 * y + 3 * z + channel as u32) % 4 {
         _ if is_empty => Vec::new(),
         0 | 1 => vec![OWN],
-        2 => vec![(1, Pixels::ALL)],
-        _ => vec![(1, Pixels { from: share, ..Pixels::ALL }), (0, Pixels { to: share, ..Pixels::ALL })],
+        2 => vec![(1, PixelShare::ALL)],
+        _ => vec![(1, PixelShare { from: share, ..PixelShare::ALL }), (0, PixelShare { to: share, ..PixelShare::ALL })],
     }
 }
 

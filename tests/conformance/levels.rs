@@ -5,7 +5,7 @@ use crate::scenery::{scaled, u8_codes, uneven, views, vivid, waves, wavy};
 use crate::shot::{Shot, assert_telling};
 use crate::stage::{CPU, MOST, RAYCAST, SORTED, Stage, fill, open};
 use crate::volume::Volume;
-use brickyard::pager::{DrawCell, DrawList, Layer, Pixels, VolumeNeeds};
+use brickyard::pager::{DrawCell, DrawList, Layer, PixelShare, VolumeNeeds};
 use brickyard::volume::*;
 use glam::DVec3;
 
@@ -16,7 +16,7 @@ fn mixed(volume: &Volume, frame: &FrameSettings) -> DrawList {
     let stop = |id: BrickId| (id.level.0 as u32 + id.index.x + 2 * id.index.y + id.index.z) % 3 == 2;
     let coarser =
         |id: BrickId| (id.index.x + id.index.y + id.index.z).is_multiple_of(3) as u8 * (1 + id.index.z as u8 % 2);
-    let list = list(volume, frame, &stop, &|id| vec![(coarser(id), Pixels::ALL)]);
+    let list = list(volume, frame, &stop, &|id| vec![(coarser(id), PixelShare::ALL)]);
     let levels: std::collections::BTreeSet<_> = list.cells.iter().map(|c| c.brick.level).collect();
     assert!(levels.len() >= 3 && list.cells.iter().any(|c| c.brick.level > c.cell.level), "{levels:?}");
     list
@@ -65,7 +65,7 @@ fn mixed_levels_and_stand_ins_match_the_oracle() {
     }
 }
 
-/// Cells that the cut leaves out are leapt over, and are as good as cells that show nothing.
+/// Cells that the cut leaves out are skipped, and are as good as cells that show nothing.
 #[test]
 fn cells_that_are_not_there_show_nothing() {
     let volume = Volume::new([61, 70, 52], 16, uneven(), u8_codes(), |p| {
@@ -106,8 +106,8 @@ fn an_empty_list_is_the_background() {
 
 /// The list in which cells with two entries have the one or the other alone.
 fn one_of_two(list: &DrawList, is_taken: impl Fn(&DrawCell) -> bool) -> DrawList {
-    let taken = list.cells.iter().filter(|entry| entry.pixels == Pixels::ALL || is_taken(entry));
-    DrawList { cells: taken.map(|entry| DrawCell { pixels: Pixels::ALL, ..*entry }).collect() }
+    let taken = list.cells.iter().filter(|entry| entry.pixels == PixelShare::ALL || is_taken(entry));
+    DrawList { cells: taken.map(|entry| DrawCell { pixels: PixelShare::ALL, ..*entry }).collect() }
 }
 
 /// Pixel by pixel, a brick that fades in is drawn as if it were there, or as if it were not.
@@ -120,7 +120,8 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
         for (share, (name, rays)) in [1, 20, 32, 63].into_iter().cycle().zip(views(&volume)) {
             for mode in Mode::ALL {
                 let frame = volume.frame_in(mode, rays, &vivid(U8), Lattice::uniform(0.7, 0));
-                let (before, after) = (Pixels { from: share, ..Pixels::ALL }, Pixels { to: share, ..Pixels::ALL });
+                let (before, after) =
+                    (PixelShare { from: share, ..PixelShare::ALL }, PixelShare { to: share, ..PixelShare::ALL });
                 // Not all at once: there are no more entries than slots.
                 let fades = |id: BrickId| (id.index.x + 2 * id.index.y + id.index.z) % 4 == 1;
                 let entries = |id| if fades(id) { vec![(1, before), (0, after)] } else { vec![OWN] };
@@ -146,7 +147,7 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
 fn a_list_may_have_more_entries_than_there_are_slots() {
     let volume = Volume::new([30; 3], 8, Geometry::default(), u8_codes(), scaled(u8_codes(), waves));
     let frame = volume.frame(views(&volume)[0].1, &vivid(U8), Lattice::uniform(0.7, 0));
-    let draw = list(&volume, &frame, &|_| false, &|_| vec![(1, Pixels::ALL)]);
+    let draw = list(&volume, &frame, &|_| false, &|_| vec![(1, PixelShare::ALL)]);
     let expected = Shot::new(&frame, draw.clone(), &vivid(U8)).oracle(&[&volume]);
     assert_telling(&expected, "coarse bricks");
     for way in MOST {
@@ -162,7 +163,7 @@ fn a_list_may_have_more_entries_than_there_are_slots() {
     }
 }
 
-/// What is in a slot is what was put there last, and what a frame shows is by its own transfer function: no leap may outlive either.
+/// What is in a slot is what was put there last, and what a frame shows is by its own transfer function: nothing skipped may outlive either.
 #[test]
 fn nothing_is_left_of_bricks_and_functions_before() {
     let fill_of = |value: f64| Volume::new([30, 30, 30], 32, uneven(), u8_codes(), move |_| value);

@@ -1,15 +1,15 @@
 //! Draw lists, as a pager makes them: the cells of a cut back to front as rays see them, with the bricks that stand for them.
 
 use crate::volume::Volume;
-use brickyard_pager::{DrawCell, DrawList, Pixels};
+use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_volume::*;
 use glam::DVec3;
 
 /// How a cell is drawn: with the ancestor so many levels up, in these pixels.
-pub(crate) type Entry = (u8, Pixels);
+pub(crate) type Entry = (u8, PixelShare);
 
 /// With its own brick.
-pub(crate) const OWN: Entry = (0, Pixels::ALL);
+pub(crate) const OWN: Entry = (0, PixelShare::ALL);
 
 /// The finest bricks of all of a volume.
 pub(crate) fn finest(volume: &Volume, frame: &FrameSettings) -> DrawList {

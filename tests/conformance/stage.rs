@@ -74,8 +74,8 @@ impl<'a> Stage<'a> {
 pub(crate) fn open(way: Way, needs: &[VolumeNeeds]) -> Option<Box<dyn Renderer>> {
     let compositor = match way {
         (BackendChoice::Cpu, _) => {
-            let (max_picture_px, leaps) = (SIZE.into(), true);
-            let options = SoftwareOptions { memory_bytes: 1 << 30, max_picture_px, threads: 2, leaps };
+            let (max_picture_px, skips_empty) = (SIZE.into(), true);
+            let options = SoftwareOptions { memory_bytes: 1 << 30, max_picture_px, threads: 2, skips_empty };
             return Some(Box::new(SoftwareRenderer::new(needs, &options).expect("a gibibyte is enough")));
         }
         (_, CompositorChoice::Sorted) => Compositor::Sorted,

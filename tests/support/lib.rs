@@ -129,9 +129,9 @@ pub fn session(store: &Arc<Store>, way: Way) -> Option<Session> {
     session_within(store, way, 256 << 20, 256 << 20)
 }
 
-/// The same, leaping over nothing.
-pub fn session_without_leaps(store: &Arc<Store>, way: Way) -> Option<Session> {
-    open_session(store, SessionOptions { leaps: false, ..options(way, 256 << 20, 256 << 20) })
+/// The same, skipping nothing.
+pub fn session_without_skipping(store: &Arc<Store>, way: Way) -> Option<Session> {
+    open_session(store, SessionOptions { skips_empty: false, ..options(way, 256 << 20, 256 << 20) })
 }
 
 /// Opens a session under budgets.

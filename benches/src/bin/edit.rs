@@ -65,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             gpu_memory_bytes: 1 << 30,
             host_memory_bytes: 1 << 30,
             threads: arguments.threads,
-            leaps: true,
+            skips_empty: true,
             live: false,
         };
         let mut session = Session::new(vec![VolumeSource::of_store(&store)], options);

@@ -48,7 +48,7 @@ impl Slots {
             most_slots: u32::MAX,
         };
         let max_picture_px = PICTURE_PX.into();
-        let options = SoftwareOptions { memory_bytes: MEMORY_BYTES, max_picture_px, threads: 1, leaps: true };
+        let options = SoftwareOptions { memory_bytes: MEMORY_BYTES, max_picture_px, threads: 1, skips_empty: true };
         let cpu = SoftwareRenderer::new(&[needs], &options);
         let mut all = vec![("cpu".into(), Self::Cpu(Box::new(cpu.map_err(|error| error.to_string())?)))];
         for compositor in [Compositor::Sorted, Compositor::Raycast] {

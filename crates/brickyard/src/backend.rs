@@ -233,7 +233,7 @@ fn software(
         memory_bytes: options.gpu_memory_bytes,
         max_picture_px: max_size_px.into(),
         threads: options.threads,
-        leaps: options.leaps,
+        skips_empty: options.skips_empty,
     };
     Ok(SoftwareRenderer::new(layers, &options)?)
 }

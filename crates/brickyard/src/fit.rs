@@ -16,8 +16,8 @@ use crate::resolve::{ResolvedLayer, ResolvedScene};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{
-    BrickSource, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status, UploadLimits, View,
-    VolumeNeeds, Wish, pools, share,
+    BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status,
+    UploadLimits, View, VolumeNeeds, pools, share,
 };
 use brickyard_volume::{Needs, Picture};
 #[cfg(feature = "gpu")]
@@ -328,10 +328,10 @@ fn pools_of(
     let shares = match count {
         1 => vec![given],
         _ => {
-            let wishes =
-                members.iter().zip(&configs).map(|(layers, config)| Pager::host_wish(&of_pool(layers), config));
-            let wishes = wishes.collect::<Result<Vec<Wish>, _>>()?;
-            share(given, &wishes).map_err(|least| PagerError::HostMemory { given, least })?
+            let requests =
+                members.iter().zip(&configs).map(|(layers, config)| Pager::host_request(&of_pool(layers), config));
+            let requests = requests.collect::<Result<Vec<BudgetRequest>, _>>()?;
+            share(given, &requests).map_err(|least| PagerError::HostMemory { given, least })?
         }
     };
     let pool = |((layers, config), host_bytes): ((Vec<usize>, PagerConfig), u64)| {

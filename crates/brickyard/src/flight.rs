@@ -2,8 +2,8 @@
 //! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
 
 use crate::backend::Renderer;
+use crate::frame_governor::{Change, Quality, QualityControl};
 use crate::memory::ProcessMemory;
-use crate::quality::{Change, Quality, QualityControl};
 use crate::scenario::{Scenario, Setting};
 use crate::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};

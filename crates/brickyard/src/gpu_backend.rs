@@ -39,8 +39,8 @@ pub(crate) fn open_gpu(
         CompositorChoice::Raycast => Compositor::Raycast,
         CompositorChoice::Compute => Compositor::Compute,
     };
-    let leaps = options.leaps;
-    let gpu = GpuOptions { preference, compositor, leaps, expressions, two_eyes, ..GpuOptions::default() };
+    let skips_empty = options.skips_empty;
+    let gpu = GpuOptions { preference, compositor, skips_empty, expressions, two_eyes, ..GpuOptions::default() };
     let renderer = match device.take() {
         Some(compiled) => GpuRenderer::on(compiled, &gpu, layers, options.gpu_memory_bytes, size_px)?,
         None => GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, size_px)?,

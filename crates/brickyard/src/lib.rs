@@ -66,22 +66,22 @@
 
 pub mod backend;
 mod device;
+mod device_losses;
 #[cfg(feature = "gpu")]
 mod embedding;
 #[cfg(feature = "gpu")]
 pub mod exact;
 mod fit;
 pub mod flight;
+pub mod frame_governor;
 #[cfg(feature = "gpu")]
 mod gpu_backend;
-mod losses;
 pub mod memory;
 pub mod offline;
 mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
 pub mod picture_file;
-pub mod quality;
 mod resolve;
 pub mod scenario;
 pub mod session;
@@ -89,7 +89,7 @@ mod session_error;
 pub mod stats;
 #[cfg(feature = "survey")]
 pub mod survey;
-mod tables;
+mod table_cache;
 pub mod tiles;
 mod volume_source;
 

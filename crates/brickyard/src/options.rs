@@ -50,7 +50,7 @@ pub struct SessionOptions {
     /// Decode workers, and threads of the CPU backend.
     pub threads: usize,
     /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
-    pub leaps: bool,
+    pub skips_empty: bool,
     /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
     /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
     pub live: bool,
@@ -71,7 +71,7 @@ impl Default for SessionOptions {
             gpu_memory_bytes: share_bytes.min(GPU_MEMORY_BYTES),
             host_memory_bytes: share_bytes,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
-            leaps: true,
+            skips_empty: true,
             live: false,
         }
     }

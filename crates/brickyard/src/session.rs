@@ -7,14 +7,14 @@
 
 use crate::backend::{BackendError, Renderer};
 use crate::device::Device;
+use crate::device_losses::Losses;
 use crate::fit::{Demand, Fit};
-use crate::losses::Losses;
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
-use crate::tables::Tables;
+use crate::table_cache::Tables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
 use brickyard_volume::{FrameSettings, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// The scene, resolved. What takes no other bricks may be changed before it is drawn: jitter, the length of steps, the resolution
-    /// ([`Quality::frame`](crate::quality::Quality::frame)).
+    /// ([`Quality::frame`](crate::frame_governor::Quality::frame)).
     pub scene: Arc<ResolvedScene>,
     /// How far the view is.
     pub status: Status,
@@ -139,7 +139,7 @@ impl Session {
         let mut resolved = resolve_with(&self.volumes, scene, size_px, table)?;
         self.check_order(&resolved)?;
         for layer in &mut resolved.layers {
-            layer.view.opaque = layer.view.opaque.filter(|_| self.options.leaps);
+            layer.view.opaque = layer.view.opaque.filter(|_| self.options.skips_empty);
         }
         Ok(resolved)
     }

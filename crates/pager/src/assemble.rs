@@ -8,9 +8,9 @@
 //! voxel is repeated; so it is towards a neighbour that cannot be read. Where a stored apron cannot be read, its voxels come
 //! from the neighbours' cores. Cost: the copy of one padded brick, plus decoding what the cache does not hold.
 
-use crate::blocks::{Block, paste, paste_apron};
+use crate::apron_copy::{Block, paste, paste_apron};
 use crate::layout::Layout;
-use crate::parts::{Part, Span, spans};
+use crate::neighbourhood::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Whole};
 use crate::retry::Failure;
 use crate::source::BrickError;

@@ -4,8 +4,8 @@
 //! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
-use crate::governor::UploadLimits;
 use crate::planner::Planning;
+use crate::upload_budget::UploadLimits;
 use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;

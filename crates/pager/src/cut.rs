@@ -3,7 +3,7 @@
 //! What is in the frustum, not empty under the transfer function and not known to be hidden is split until its screen-space
 //! error is below the target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for
 //! what another camera sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see
-//! [`Sight`](crate::sight::Sight)).
+//! [`VisibleCells`](crate::visible_cells::VisibleCells)).
 //!
 //! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
 //! it in linear passes. Volumes that stand on one grid in one place, as the channels of an image do, share one tree: a node is split for

@@ -5,9 +5,9 @@
 //! takes the place of: of the pixels, each of the two has some.
 
 use crate::cut::{Cut, NodeId};
+use crate::dither::PixelShare;
 use crate::fade::Fading;
-use crate::pixels::Pixels;
-use crate::sight::{Ranked, Sight};
+use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 use std::collections::HashMap;
 
@@ -23,7 +23,7 @@ pub struct DrawCell {
     /// The cell's half-open box in level-0 voxels: where this entry draws.
     pub region: VoxelBox,
     /// The pixels that it draws: all, but where a brick fades in.
-    pub pixels: Pixels,
+    pub pixels: PixelShare,
     /// The brick whose voxels are drawn: the cell's own, or its nearest resident ancestor.
     pub brick: BrickId,
     /// Where that brick is.
@@ -49,7 +49,7 @@ impl DrawList {
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,
-        sight: &Sight,
+        sight: &VisibleCells,
         stand_ins: &StandIns,
         mut fading: impl FnMut(BrickId, usize) -> Option<(Fading, Slot)>,
     ) -> Self {
@@ -58,9 +58,14 @@ impl DrawList {
             let Some((stand_in, slot)) = stand_ins.of(cell) else { continue };
             let (cell, brick) = (cut.id(cell), cut.id(stand_in));
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
-            let mut own = DrawCell { cell, region, pixels: Pixels::ALL, brick, slot, rank };
+            let mut own = DrawCell { cell, region, pixels: PixelShare::ALL, brick, slot, rank };
             if let Some((Fading { before, share }, slot)) = fading(brick, pairs) {
-                cells.push(DrawCell { pixels: Pixels { from: share, ..Pixels::ALL }, brick: before, slot, ..own });
+                cells.push(DrawCell {
+                    pixels: PixelShare { from: share, ..PixelShare::ALL },
+                    brick: before,
+                    slot,
+                    ..own
+                });
                 own.pixels.to = share;
                 pairs += 1;
             }
@@ -80,7 +85,7 @@ impl DrawList {
 
     /// Whether any brick fades in.
     pub(crate) fn is_fading(&self) -> bool {
-        self.cells.iter().any(|cell| cell.pixels != Pixels::ALL)
+        self.cells.iter().any(|cell| cell.pixels != PixelShare::ALL)
     }
 }
 
@@ -123,13 +128,13 @@ mod tests {
 
     #[test]
     fn thresholds_are_spread_evenly() {
-        let of = |n: u32| (0..n).flat_map(move |y| (0..n).map(move |x| Pixels::threshold(x + 40, y + 24)));
+        let of = |n: u32| (0..n).flat_map(move |y| (0..n).map(move |x| PixelShare::threshold(x + 40, y + 24)));
         let mut all: Vec<u8> = of(8).collect();
         all.sort_unstable();
-        assert!(all.into_iter().eq(0..Pixels::THRESHOLDS), "each once in 8 by 8");
+        assert!(all.into_iter().eq(0..PixelShare::THRESHOLDS), "each once in 8 by 8");
         // Each quarter of them once in 2 by 2.
         assert_eq!(of(2).map(|threshold| threshold / 16).collect::<Vec<_>>(), [0, 2, 3, 1]);
-        let half = Pixels { from: 0, to: 32 };
+        let half = PixelShare { from: 0, to: 32 };
         assert!((0..8).all(|i| half.hold(i, i) && !half.hold(i, i + 1)), "a chequered half");
     }
 }

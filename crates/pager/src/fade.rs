@@ -7,7 +7,7 @@
 //!
 //! Cost: a map entry for each brick of the last fifth of a second or so; nothing while nothing comes.
 
-use crate::pixels::Pixels;
+use crate::dither::PixelShare;
 use brickyard_volume::BrickId;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -64,7 +64,7 @@ impl Fades {
     pub(crate) fn of(&self, brick: BrickId) -> Option<Fading> {
         let &(since, before) = self.since.get(&brick)?;
         let done = self.now.saturating_sub(since).as_secs_f64() / self.time?.as_secs_f64();
-        let last = Pixels::THRESHOLDS - 1;
+        let last = PixelShare::THRESHOLDS - 1;
         // Something of it from the first frame on, and not all before its time.
         Some(Fading { before, share: ((1.0 + done * last as f64) as u8).min(last) })
     }
@@ -75,9 +75,9 @@ mod tests {
     use super::*;
     use crate::cut::{Cut, View, roots};
     use crate::residency::{Arrival, Residency, Wants};
-    use crate::sight::Sight;
     use crate::source::BrickSource;
     use crate::test_source::{TestSource, box_view};
+    use crate::visible_cells::VisibleCells;
     use brickyard_volume::{BrickIndex, Extent, Level, LevelPolicy, Projection, Pyramid, VoxelType};
     use std::sync::Arc;
 
@@ -110,7 +110,7 @@ mod tests {
             let view = box_view(source, Projection::Orthographic { height: 99.0 });
             let view = View { level: LevelPolicy::Locked(level), ..view };
             let cut = Cut::new(source, &view, 99);
-            let mut sight = Sight::new(source, &cut, &view);
+            let mut sight = VisibleCells::new(source, &cut, &view);
             sight.cells.retain(|_| is_seen);
             let (pyramid, roots) = (source.pyramid(), &roots(source, 0, 0));
             let wants = Wants { pyramid, cut: &cut, sight: &sight, roots };
@@ -119,7 +119,7 @@ mod tests {
             assert!(!(step.settled && draw.is_fading()));
             let mut cells: Vec<Vec<_>> = draw.cells.chunk_by(|a, b| a.cell == b.cell).map(<[_]>::to_vec).collect();
             cells.sort_by_key(|entries| entries[0].cell.index.x);
-            let entry = |pixels: Pixels| if pixels.from > 0 { pixels.from } else { pixels.to };
+            let entry = |pixels: PixelShare| if pixels.from > 0 { pixels.from } else { pixels.to };
             let named = |id: BrickId| (id.level.0, id.index.x);
             cells.iter().map(|c| c.iter().map(|e| (named(e.brick), entry(e.pixels))).collect()).collect()
         }

@@ -8,23 +8,23 @@
 //! them slots and hands them to the renderer as uploads. What the renderer saw of the cells comes back as feedback.
 //! Everything up to the workers is pure or a plain state machine; only [`Pager`] joins the two.
 
+mod apron_copy;
 mod assemble;
-mod blocks;
 mod budget;
+mod buffer_lru;
 mod cut;
+mod dither;
 mod draw_list;
-mod ensemble;
+mod layers;
+mod exact;
 mod fade;
-mod governor;
 mod layout;
 mod motion;
+mod neighbourhood;
 mod order;
 mod paged_occupancy;
 mod paged_volume;
 mod pager;
-mod parts;
-mod passes;
-mod pixels;
 mod plan;
 mod planner;
 #[cfg(test)]
@@ -32,8 +32,6 @@ mod properties;
 mod ram_cache;
 mod residency;
 mod retry;
-mod shelf;
-mod sight;
 mod slots;
 mod source;
 mod split;
@@ -42,21 +40,23 @@ mod store_source;
 #[cfg(test)]
 mod test_source;
 mod tier;
+mod upload_budget;
 mod visibility;
+mod visible_cells;
 mod workers;
 
 pub use assemble::PaddedReader;
 pub use budget::{PagerConfig, PagerError};
 pub use cut::{Cut, View, cut_capacity};
+pub use dither::PixelShare;
 pub use draw_list::{DrawCell, DrawList, Slot};
-pub use ensemble::{Layer, VolumeNeeds, Wish, pools, share};
-pub use governor::UploadLimits;
+pub use layers::{BudgetRequest, Layer, VolumeNeeds, pools, share};
+pub use exact::{ExactError, ExactPasses, Next};
 pub use paged_volume::DrawnCells;
 pub use pager::{Frame, Pager, VolumeDraw};
-pub use passes::{ExactError, ExactPasses, Next};
-pub use pixels::Pixels;
 pub use planner::Planning;
 pub use ram_cache::{DecodeCounters, KeptCores, RamCache};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};
 pub use status::{Counters, Status};
+pub use upload_budget::UploadLimits;

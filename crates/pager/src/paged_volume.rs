@@ -8,11 +8,11 @@ use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
 use crate::ram_cache::{KeptCores, RamCache, encoding_of, scratch_bytes};
 use crate::residency::{Residency, Wants};
-use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
 use crate::tier::Tier;
 use crate::visibility::Visibility;
+use crate::visible_cells::VisibleCells;
 use crate::workers::Workers;
 use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
@@ -161,7 +161,7 @@ impl PagedVolume {
     }
 
     /// The bricks that a frame wants of a cut that it sees so.
-    pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a Sight) -> Wants<'a> {
+    pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
         Wants { pyramid: self.source.pyramid(), cut, sight, roots: &self.roots }
     }
 
@@ -180,7 +180,7 @@ impl PagedVolume {
     pub(crate) fn seen<'a>(
         &self,
         cut: &Cut,
-        sight: &Sight,
+        sight: &VisibleCells,
         is_resident: &[bool],
         failure: impl Fn(BrickId) -> Option<&'a BrickError>,
     ) -> Seen {

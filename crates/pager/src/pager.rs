@@ -7,17 +7,17 @@
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host};
 use crate::cut::{Cut, View};
 use crate::draw_list::DrawList;
-use crate::ensemble::{Wish, share};
-use crate::governor::Governor;
+use crate::layers::{BudgetRequest, share};
 use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{KeptCores, layout_of};
 use crate::residency::{Residency, Step, Upload, UploadLimit, VolumeStep};
-use crate::sight::Sight;
 use crate::source::BrickSource;
 use crate::status::{Counters, Status};
+use crate::upload_budget::Governor;
+use crate::visible_cells::VisibleCells;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
@@ -55,7 +55,7 @@ const FADE_STEP: Duration = Duration::from_millis(16);
 struct LastFrame {
     views: Vec<View>,
     cuts: Vec<Arc<Cut>>,
-    sights: Vec<Sight>,
+    sights: Vec<VisibleCells>,
 }
 
 impl LastFrame {
@@ -116,8 +116,8 @@ impl Pager {
         let shares = match sources {
             [_] => vec![given.saturating_sub(tables)],
             _ => {
-                let wishes = sources.iter().map(|source| volume_wish(&**source, &config));
-                share(given.saturating_sub(tables), &wishes.collect::<Result<Vec<_>, _>>()?)
+                let requests = sources.iter().map(|source| volume_request(&**source, &config));
+                share(given.saturating_sub(tables), &requests.collect::<Result<Vec<_>, _>>()?)
                     .map_err(|least| PagerError::HostMemory { given, least: least + tables })?
             }
         };
@@ -152,11 +152,11 @@ impl Pager {
     ///
     /// # Errors
     /// If the apron does not fit.
-    pub fn host_wish(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<Wish, PagerError> {
+    pub fn host_request(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
         let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
-        sources.iter().try_fold(Wish { bytes: 1, least: tables, most: tables }, |all, source| {
-            let Wish { least, most, .. } = volume_wish(&**source, config)?;
-            Ok(Wish { least: all.least + least, most: all.most.saturating_add(most), ..all })
+        sources.iter().try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, source| {
+            let BudgetRequest { least, most, .. } = volume_request(&**source, config)?;
+            Ok(BudgetRequest { least: all.least + least, most: all.most.saturating_add(most), ..all })
         })
     }
 
@@ -180,7 +180,7 @@ impl Pager {
         });
         let sights = match self.last.take() {
             Some(last) if last.is_of(views, &cuts) => last.sights,
-            _ => Sight::all(&planned_sources(&self.volumes), &cuts, views),
+            _ => VisibleCells::all(&planned_sources(&self.volumes), &cuts, views),
         };
         let wants = self.volumes.iter().zip(&cuts).zip(&sights).map(|((volume, cut), sight)| volume.wants(cut, sight));
         let limit = UploadLimit {
@@ -342,7 +342,7 @@ fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
 }
 
 /// What a volume needs of a host budget at least, besides the tables of the slots, and more than what is of no use to it.
-fn volume_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, PagerError> {
+fn volume_request(source: &dyn BrickSource, config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
     let layout = layout_of(source, config.apron, config.gradient_layers)?;
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
@@ -350,7 +350,7 @@ fn volume_wish(source: &dyn BrickSource, config: &PagerConfig) -> Result<Wish, P
     // A cache of every brick, and an eighth of it all for those on their way.
     let cores = source.pyramid().brick_count().saturating_mul(core);
     let most = cores.saturating_add(fixed + workers * (scratch + core + padded)).saturating_mul(8) / 7;
-    Ok(Wish { bytes: 1, least: least_host(sizes), most })
+    Ok(BudgetRequest { bytes: 1, least: least_host(sizes), most })
 }
 
 /// Whether the coarsest bricks, which are always resident, have room.

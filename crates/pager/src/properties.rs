@@ -3,18 +3,18 @@
 
 use crate::budget::{PagerConfig, TABLE_BYTES_PER_SLOT};
 use crate::cut::{Cut, View, cut_capacity, roots, world_box};
+use crate::dither::PixelShare;
 use crate::draw_list::DrawList;
 use crate::pager::Pager;
-use crate::pixels::Pixels;
 use crate::planner::Planning;
 use crate::residency::{Arrival, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
 use crate::retry::Failure;
-use crate::sight::{Ranked, Sight};
 use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
 use crate::split::{KEEP, Subject, cuts};
 use crate::test_source::TestSource;
 use crate::tier::Tier;
+use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{
     BrickId, BrickIndex, Camera, Clip, ClipPlane, Extent, Filter, Level, LevelPolicy, Occupancy, Placement, Projection,
     Pyramid, Ray, VoxelBox, VoxelType,
@@ -281,7 +281,7 @@ proptest! {
         let own = shots.len() - 1;
         let cut = later.iter().fold(Cut::new(&source, first, max_cells), |cut, view| cut.next(&source, view, max_cells));
         prop_assert!(cut.wanted() <= max_cells.max(cut.roots));
-        prop_assert_eq!(Sight::new(&source, &cut, &views[own]).cells.len(), cut.wanted());
+        prop_assert_eq!(VisibleCells::new(&source, &cut, &views[own]).cells.len(), cut.wanted());
         for (position, node) in cut.nodes.iter().enumerate() {
             prop_assert!(position < cut.roots || node.parent.index() < position);
         }
@@ -290,7 +290,7 @@ proptest! {
         prop_assert_eq!(voxels, source.pyramid().levels()[0].extent.volume());
         let mut dice = Dice(seed);
         for (shot, view) in shots.iter().zip(&views) {
-            let sight = Sight::new(&source, &cut, view);
+            let sight = VisibleCells::new(&source, &cut, view);
             let seen = |order: &[Ranked]| order.iter().map(|ranked| cut.id(ranked.cell)).collect::<Vec<_>>();
             check_rays(&volume, &source, view, shot.cull_empty, &cells, &seen(&sight.cells), &mut dice)?;
             if let Some(order) = &sight.for_other_eye {
@@ -471,7 +471,7 @@ const PADDED: u64 = 10;
 /// What is wanted of a volume.
 struct Wanted<'a> {
     cut: &'a Cut,
-    sight: Sight,
+    sight: VisibleCells,
     roots: Vec<BrickId>,
 }
 
@@ -480,7 +480,7 @@ impl Bench<'_> {
         let all = cuts.iter().zip(self.sources).zip(views);
         let of = |((cut, source), view): ((&'a Cut, &TestSource), &View)| Wanted {
             cut,
-            sight: Sight::new(source, cut, view),
+            sight: VisibleCells::new(source, cut, view),
             roots: roots(source, 0, 0),
         };
         all.map(of).collect()
@@ -601,7 +601,7 @@ impl Bench<'_> {
             let nearest = lineage(source.pyramid(), cell).find(|id| slot_of.contains_key(id));
             let Some(nearest) = nearest else { continue };
             let mut entry = drawn.next().expect("a cell with a resident brick is not drawn");
-            let mut rest = Pixels::THRESHOLDS;
+            let mut rest = PixelShare::THRESHOLDS;
             if entry.brick != nearest {
                 let mut ancestors = lineage(source.pyramid(), nearest).skip(1);
                 assert!(ancestors.any(|id| id == entry.brick) && slot_of.get(&entry.brick) == Some(&entry.slot.0));
@@ -609,10 +609,10 @@ impl Bench<'_> {
                 let came = self.came[&VolumeBrick { volume, id: nearest }];
                 assert!(self.fade.is_some_and(|time| self.now - came < time), "it was there long ago");
                 rest = entry.pixels.from;
-                assert!(rest > 0 && entry.pixels == Pixels { from: rest, ..Pixels::ALL });
+                assert!(rest > 0 && entry.pixels == PixelShare { from: rest, ..PixelShare::ALL });
                 entry = drawn.next().expect("only what gives way is drawn");
             }
-            assert_eq!(entry.pixels, Pixels { to: rest, ..Pixels::ALL });
+            assert_eq!(entry.pixels, PixelShare { to: rest, ..PixelShare::ALL });
             assert_eq!((entry.cell, entry.brick, entry.slot.0), (cell, nearest, slot_of[&nearest]));
             assert_eq!(entry.region, region(source, cell));
         }

@@ -12,12 +12,12 @@
 //! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
 //! read are remembered, logged once, and read again where the reason may pass (`retry.rs`). Cost: one lock for all parts of a padded brick that are there.
 
-use crate::blocks::copy_shell;
+use crate::apron_copy::copy_shell;
 use crate::budget::{Meter, PagerError};
+use crate::buffer_lru::Shelf;
 use crate::layout::Layout;
-use crate::parts::Part;
+use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
-use crate::shelf::Shelf;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{BrickId, GradientNodes, SlotEncoding, VoxelType};

@@ -14,10 +14,10 @@ use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
 use crate::plan::{self, State};
 use crate::retry::Failure;
-use crate::sight::{Ranked, Sight};
 use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
 use crate::tier::Tier;
+use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -70,7 +70,7 @@ pub(crate) struct VolumeStep {
 pub(crate) struct Wants<'a> {
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) cut: &'a Cut,
-    pub(crate) sight: &'a Sight,
+    pub(crate) sight: &'a VisibleCells,
     /// The coarsest bricks: pinned.
     pub(crate) roots: &'a [BrickId],
 }

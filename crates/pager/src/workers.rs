@@ -8,9 +8,9 @@
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
+use crate::buffer_lru::zeroed;
 use crate::ram_cache::RamCache;
 use crate::residency::Arrival;
-use crate::shelf::zeroed;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};

@@ -1,8 +1,8 @@
-//! What all layers show together of a slab of a ray, as [`brickyard_volume::look`] says.
+//! What all layers show together of a slab of a ray, as [`brickyard_volume::compositing`] says.
 
 use crate::layer::{Piece, Way, segments};
 use crate::surface::Crossings;
-use brickyard_volume::look::Together;
+use brickyard_volume::compositing::JointMedium;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
 use glam::DVec3;
 
@@ -19,7 +19,7 @@ pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: 
 
 /// Every layer projected by itself.
 fn projections(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
-    let mut together = Together::default();
+    let mut together = JointMedium::default();
     for way in ways {
         if let Some(value) = way.projection(limits) {
             together.put(way.frame.blend, way.volume.transfer.rgb(value), way.frame.opacity, 1.0);
@@ -67,7 +67,7 @@ fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
 
 /// What pieces show between two distances.
 fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
-    let mut together = Together::default();
+    let mut together = JointMedium::default();
     for Piece { ends, alone } in pieces {
         let length = ends.end.min(end) - ends.start.max(start);
         if length > 0.0 {
@@ -82,7 +82,7 @@ fn combined(combination: &Combination, ways: &[Way<'_>], limits: [f64; 2]) -> (D
     let (transfer, first) = (&combination.transfer, &ways[0]);
     let mut light = Light::WHOLE;
     for segment in segments(ways, limits) {
-        let (mut together, mut longest) = (Together::default(), 0.0f64);
+        let (mut together, mut longest) = (JointMedium::default(), 0.0f64);
         let (mut values, mut gradients) = ([f64::NAN; MAX_VOLUMES], [DVec3::ZERO; MAX_VOLUMES]);
         for way in ways {
             let Some((Segment { start, end }, value)) = way.middle(segment) else { continue };
@@ -155,9 +155,9 @@ mod tests {
                 let left = (-depth * length).exp2();
                 let color: DVec3 = (0..2).filter(|&i| mixes[i]).map(|i| colors[i] * depths[i]).sum();
                 let mixed = if depth > 0.0 { color / depth * (1.0 - left) } else { DVec3::ZERO };
-                let glow = if inside[1] && blend == Blend::Add { colors[1] * 0.15 } else { DVec3::ZERO };
+                let emission = if inside[1] && blend == Blend::Add { colors[1] * 0.15 } else { DVec3::ZERO };
                 let dimmed = if depth > 0.0 { (1.0 - left) / (depth * 2f64.ln()) } else { length };
-                (mixed + glow * dimmed, left)
+                (mixed + emission * dimmed, left)
             };
             let parts = [segment([true, false], 5.0), segment([true, true], 3.0), segment([false, true], 5.0)];
             let expected = parts.iter().rev().fold(background, |behind, (seen, left)| *seen + behind * *left);
@@ -250,7 +250,7 @@ mod tests {
                 let found = pixel(&frames, &volumes, None, 16, 16);
                 let ray = frames[0].settings.rays.ray(16.5, 16.5);
                 let (from, to) = chord(&ray, target - 3.0, target + 3.0).unwrap();
-                let mut together = Together::default();
+                let mut together = JointMedium::default();
                 for (i, frame) in frames.iter().enumerate() {
                     let color = DVec3::from_array(transfers[i].rgb(0.0));
                     let lit = lighting.shade(color, Some(gradient(i)), ray.direction, ray.origin);
@@ -330,7 +330,7 @@ mod tests {
                 light *= left;
             };
             let fogs = |length: f64| {
-                let mut together = Together::default();
+                let mut together = JointMedium::default();
                 for (transfer, frame) in transfers.iter().zip(&frames) {
                     together.put(frame.blend, transfer.rgb(0.0), transfer.alpha(0.0), length / transfer.unit_distance);
                 }

@@ -4,7 +4,7 @@ use crate::ReferenceVolume;
 use crate::medium::Field;
 use crate::path::Path;
 use crate::surface::Crossings;
-use brickyard_volume::look::Alone;
+use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, surface};
 use glam::DVec3;
 
@@ -27,7 +27,7 @@ pub(crate) struct Way<'a> {
 /// What a layer shows by itself between two of its own surfaces.
 pub(crate) struct Piece {
     pub(crate) ends: Segment,
-    pub(crate) alone: Alone,
+    pub(crate) alone: LayerMedium,
 }
 
 /// A surface that a ray meets: where, and what it shows.

@@ -1,6 +1,6 @@
 //! The oracle: renders whole arrays in f64, one pixel after the other, with no bricks, no caches and no tricks.
 //!
-//! It states the sampling rule of [`brickyard_volume::lattice`], and what layers show together ([`brickyard_volume::look`]), as plainly
+//! It states the sampling rule of [`brickyard_volume::lattice`], and what layers show together ([`brickyard_volume::compositing`]), as plainly
 //! as possible, so that every fast renderer can be tested against it. A volume is a list of levels held whole in memory; which level
 //! a place is drawn at is the caller's function, so pictures of mixed levels have an oracle too. Costs about a microsecond a sample.
 //!

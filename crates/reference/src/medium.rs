@@ -2,8 +2,8 @@
 
 use crate::Array;
 use crate::path::Path;
+use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::lighting::SMOOTH;
-use brickyard_volume::look::Alone;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
 use brickyard_volume::{
@@ -38,9 +38,9 @@ impl Field<'_> {
     }
 
     /// What a layer shows of a piece of a segment by itself.
-    pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> Alone {
+    pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> LayerMedium {
         let integrals = self.frame.sampling.method.is_pre_integrated().then(|| self.frame.table.integrals());
-        let mut alone = Alone::default();
+        let mut alone = LayerMedium::default();
         for part in self.parts(piece) {
             let medium = match (integrals, part.ends) {
                 (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),

@@ -16,7 +16,7 @@ pub struct Answer {
     pub picture: u64,
     /// Layer by layer, of all that the renderer was made for, for each entry of the list drawn, in its order, the greatest transmittance
     /// with which a ray entered it: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` where that is not known.
-    pub entered: Option<Vec<Vec<f32>>>,
+    pub visibility: Option<Vec<Vec<f32>>>,
     /// Milliseconds that the picture took on the GPU, where it has timestamps.
     pub gpu_ms: Option<f64>,
 }

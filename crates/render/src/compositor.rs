@@ -5,7 +5,7 @@
 pub enum Compositor {
     /// Cells as boxes, back to front, blended.
     Sorted,
-    /// A ray per pixel, front to back, with early termination and leaps over what shows nothing.
+    /// A ray per pixel, front to back, with early termination and skips what shows nothing.
     #[default]
     Raycast,
     /// The same rays, cast by a compute shader instead of a fragment shader.

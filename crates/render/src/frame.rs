@@ -1,9 +1,9 @@
 //! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
 
 use crate::atlas::{Atlas, AtlasPlan, texel_placement};
-use crate::table::last_place;
-use crate::tree::{root_size, splits};
-use brickyard_pager::{DrawCell, Layer, Pixels};
+use crate::leaf_octree::{root_size, splits};
+use crate::transfer_table::last_place;
+use brickyard_pager::{DrawCell, Layer, PixelShare};
 use brickyard_shaders::{CellBrick, CellInstance, FrameUniform};
 use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
@@ -196,7 +196,7 @@ fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
 }
 
 /// A cell's box, drawn in these pixels.
-pub(crate) fn cell_instance(region: &VoxelBox, pixels: Pixels) -> CellInstance {
+pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstance {
     CellInstance {
         region_min: region.min.to_array().map(|v| v as f32),
         pixels_from: pixels.from as u32,
@@ -224,7 +224,7 @@ mod tests {
         let id = |level, x, y, z| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, y, z) };
         let brick = id(1, 4, 2, 1);
         let region = VoxelBox::new([256, 128, 64], [300, 192, 100]);
-        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(17), rank: 0 };
+        let cell = DrawCell { cell: brick, region, pixels: PixelShare::ALL, brick, slot: Slot(17), rank: 0 };
         let instance = cell_brick(&cell, &pyramid, &atlas, 1);
         // Voxel (5, 0, 31) of the brick, level 1: its centre in level-0 voxels.
         let voxel = [4 * 32 + 5, 2 * 32, 32 + 31].map(|v| (v as f32 + 0.5) * 2.0);

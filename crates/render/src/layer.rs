@@ -3,13 +3,13 @@
 //! In its parts everything counts from the part's beginning, so that a layer's bind group shows the shaders of one layer what they know;
 //! the shaders of several add where the parts begin.
 
+use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{RayBuffers, SharedBuffers};
 use crate::error::GpuError;
 use crate::frame::{Framed, TableInUse, frame_uniform};
 use crate::gpu::Gpu;
-use crate::parts::{Part, Parts};
 use crate::pool::Pool;
-use crate::table::{self, Room};
+use crate::transfer_table::{self, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
 use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, TransferTable};
@@ -69,7 +69,7 @@ impl GpuLayer {
         if self.table.as_ref().is_some_and(|table| Arc::ptr_eq(table, wanted) || table == wanted) {
             return;
         }
-        let words = table::words(wanted, self.room());
+        let words = transfer_table::words(wanted, self.room());
         gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words.words));
         self.sum_unit = words.sum_unit;
         if let Some(rays) = rays {
@@ -80,8 +80,8 @@ impl GpuLayer {
         self.table = Some(wanted.clone());
     }
 
-    fn room(&self) -> Room {
-        Room::new(self.needs.encoding.format, &self.needs.bricks)
+    fn room(&self) -> TableCapacity {
+        TableCapacity::new(self.needs.encoding.format, &self.needs.bricks)
     }
 
     /// A frame's uniform, where the layer's bricks are in this pool.

@@ -66,14 +66,14 @@ impl Layouts {
         let fragment = ShaderStages::FRAGMENT;
         let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));
         let frames = (bindings::FRAMES, fragment, storage());
-        let glow = (bindings::GLOW, fragment, texture(TextureViewDimension::D2, false));
+        let emission = (bindings::EMISSION, fragment, texture(TextureViewDimension::D2, false));
         let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
         Self {
             of: (pools, has_gradients),
             march: march_layout(gpu, compositor, 1, has_gradients),
             joint: march_layout(gpu, compositor, pools, has_gradients),
             resolve: bind_group_layout(gpu, "resolve", &resolve),
-            joined: bind_group_layout(gpu, "joined", &[frames, gathered, glow]),
+            joined: bind_group_layout(gpu, "joined", &[frames, gathered, emission]),
         }
     }
 }

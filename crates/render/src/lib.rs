@@ -7,37 +7,37 @@
 //! ```
 //! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
 //! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`. What of several layers is
-//! gathered one by one, and what together, is said in `course`.
-//! Pipelines can be made ahead by a thread (`ahead`). All else of one [`GpuRenderer`] is done on one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
+//! gathered one by one, and what together, is said in `gather_plan`.
+//! Pipelines can be made ahead by a thread (`pipeline_cache`). All else of one [`GpuRenderer`] is done on one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
-mod ahead;
 mod answers;
 mod atlas;
 mod blit;
+mod buffer_parts;
 mod buffers;
 mod compositor;
-mod course;
 mod error;
 mod frame;
-mod gathering;
+mod frame_pass;
+mod gather_plan;
 mod gpu;
 mod layer;
 mod layouts;
+mod leaf_octree;
 mod mapping;
+mod march;
 mod memory;
 mod meshes;
-mod parts;
-mod passes;
+mod pipeline_cache;
 mod pipelines;
 mod pool;
 mod raycast;
 mod renderer;
 mod showing;
 mod sorted;
-mod table;
 mod targets;
-mod tree;
+mod transfer_table;
 mod upload;
 mod variant;
 
@@ -47,7 +47,7 @@ pub use atlas::AtlasPlan;
 pub use blit::Target;
 pub use compositor::Compositor;
 pub use error::GpuError;
+pub use frame_pass::Passes;
 pub use gpu::Gpu;
-pub use passes::Passes;
 pub use renderer::{Compiled, GpuOptions, GpuRenderer};
 pub use wgpu;

@@ -4,11 +4,11 @@
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
 use crate::error::GpuError;
-use crate::table::{COMBINED, Room};
+use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
-use brickyard_pager::{VolumeNeeds, Wish, pools, share};
+use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};
 use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVertex};
-use brickyard_volume::{MeshRoom, SlotFormat};
+use brickyard_volume::{MeshCapacity, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Bricks of cells drawn per submission, those of all layers: longer draw lists take several. Short enough that no watchdog sees one as a hang.
@@ -58,8 +58,8 @@ pub(crate) struct RaycastPlan {
     pub(crate) levels: u32,
     /// Layers of the pool.
     pub(crate) layers: u32,
-    /// Whether macro-cells are to be leapt over.
-    pub(crate) leaps: bool,
+    /// Whether macro-cells are to be skipped.
+    pub(crate) skips_empty: bool,
 }
 
 impl RaycastPlan {
@@ -98,7 +98,7 @@ pub(crate) struct MemoryNeeds<'a> {
     pub(crate) max_texture_3d: u32,
     /// The greatest buffer that a shader can see.
     pub(crate) max_binding_bytes: u64,
-    /// Where the compositor casts rays, whether they leap.
+    /// Where the compositor casts rays, whether they skip what shows nothing.
     pub(crate) casts_rays: Option<bool>,
     /// Whether there is room for what expressions show.
     pub(crate) has_expressions: bool,
@@ -157,7 +157,7 @@ pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
 
 /// What the meshes' triangles take on the GPU.
-pub(crate) fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
+pub(crate) fn geometry_bytes(room: MeshCapacity) -> [u64; 3] {
     let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
     let counts = [room.vertices, room.triangles, room.meshes];
     std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
@@ -165,7 +165,7 @@ pub(crate) fn geometry_bytes(room: MeshRoom) -> [u64; 3] {
 
 /// What meshes take in all: triangles on the GPU and in staging, the answer to the query, and per pixel two distances and numbers, a
 /// layer's colour, and what is in front.
-pub(crate) fn mesh_bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u64 {
+pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) -> u64 {
     if room.is_none() {
         return 0;
     }
@@ -174,7 +174,7 @@ pub(crate) fn mesh_bytes(room: MeshRoom, pixels: u64, front: TextureFormat) -> u
 }
 
 /// The greatest buffer that a shader has to see.
-pub(crate) fn largest_mesh_bytes(room: MeshRoom) -> u64 {
+pub(crate) fn largest_mesh_bytes(room: MeshCapacity) -> u64 {
     geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
@@ -186,7 +186,8 @@ impl MemoryNeeds<'_> {
         let (codes, gradients) = (encoding.format, bricks.gradients(edge));
         let (slot_edge, format) = (edge + 2 * bricks.apron, self.formats.atlas(codes));
         let levels = layers.iter().map(|layer| layer.levels).max().unwrap_or(0);
-        let raycast = self.casts_rays.map(|leaps| RaycastPlan { edge, levels, layers: layers.len() as u32, leaps });
+        let raycast =
+            self.casts_rays.map(|skips_empty| RaycastPlan { edge, levels, layers: layers.len() as u32, skips_empty });
         let bindable = raycast.map_or(u64::MAX, |plan| plan.max_slots(self.max_binding_bytes / pools as u64));
         // One layer can be drawn in passes, with as few slots as there are.
         let is_alone = self.layers.len() == 1;
@@ -210,7 +211,7 @@ impl MemoryNeeds<'_> {
     fn layer_bytes(&self, layer: &VolumeNeeds) -> u64 {
         let codes = layer.encoding.format;
         let counts = if self.casts_rays.is_some() { 3 * opaque_bytes(codes) } else { 0 };
-        Room::new(codes, &layer.bricks).bytes_staged() + counts + GAP_BYTES + size_of::<FrameUniform>() as u64
+        TableCapacity::new(codes, &layer.bricks).bytes_staged() + counts + GAP_BYTES + size_of::<FrameUniform>() as u64
     }
 
     /// Everything that depends neither on slots nor on batches.
@@ -225,7 +226,7 @@ impl MemoryNeeds<'_> {
             None => (CELLS_PER_SUBMISSION * (size_of::<CellInstance>() + size_of::<CellBrick>())) as u64,
             Some(_) => 0,
         };
-        let combined = if self.has_expressions { Room::of_places(COMBINED).bytes_staged() } else { 0 };
+        let combined = if self.has_expressions { TableCapacity::of_places(COMBINED).bytes_staged() } else { 0 };
         let left_eye = if self.has_two_eyes { width_px as u64 * height_px as u64 * 4 } else { 0 };
         Ok(picture_bytes(&self.formats, self.max_size_px, self.layers.len() > 1)
             + left_eye
@@ -255,16 +256,19 @@ impl MemoryPlan {
         let batches = needs.batches;
         let batch = (needs.budget_bytes / (8 * batches) / staging).clamp(1, MAX_BATCH);
         let fixed_bytes = small + batches * batch * staging;
-        let wish = |ask: &Ask| Wish { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
-        let wishes: Vec<Wish> = asks.iter().map(wish).collect();
+        let request =
+            |ask: &Ask| BudgetRequest { bytes: ask.slot_bytes + ask.beside_bytes, least: ask.least, most: ask.most };
+        let requests: Vec<BudgetRequest> = asks.iter().map(request).collect();
         let too_little = || GpuError::Budget {
             given_bytes: needs.budget_bytes,
-            least_bytes: small + batches * staging + wishes.iter().map(|wish| wish.least * wish.bytes).sum::<u64>(),
+            least_bytes: small
+                + batches * staging
+                + requests.iter().map(|request| request.least * request.bytes).sum::<u64>(),
             width_px: needs.max_size_px.0,
             height_px: needs.max_size_px.1,
             slot_edge: asks.iter().map(|ask| ask.slot_edge).max().unwrap_or(0),
         };
-        let shares = share(needs.budget_bytes.saturating_sub(fixed_bytes), &wishes).map_err(|_| too_little())?;
+        let shares = share(needs.budget_bytes.saturating_sub(fixed_bytes), &requests).map_err(|_| too_little())?;
         let pool = |(ask, slots): (&Ask, u64)| {
             let most = u32::try_from(slots).unwrap_or(u32::MAX);
             let (each, edge) = (ask.slot_bytes, needs.max_texture_3d);
@@ -399,16 +403,16 @@ mod tests {
 
     #[test]
     fn meshes_are_paid_for_and_may_be_too_large() {
-        let meshes = MeshRoom { meshes: 2, vertices: 5_000, triangles: 10_000 };
+        let meshes = MeshCapacity { meshes: 2, vertices: 5_000, triangles: 10_000 };
         let of = |meshes| {
             let plain = layer(VoxelType::U8);
             MemoryPlan::new(&needs(&[VolumeNeeds { bricks: Needs { meshes, ..plain.bricks }, ..plain }], 64 << 20))
         };
-        let more = of(meshes).unwrap().fixed_bytes - of(MeshRoom::NONE).unwrap().fixed_bytes;
+        let more = of(meshes).unwrap().fixed_bytes - of(MeshCapacity::NONE).unwrap().fixed_bytes;
         // 32 bytes a vertex, 12 a triangle, twice; and two distances and numbers, a colour and a sum for each pixel.
         assert!(more > 2 * (5_000 * 32 + 10_000 * 12) + 512 * 512 * 40, "{more}");
         assert!(of(meshes).unwrap().bytes() <= 64 << 20);
-        let huge = MeshRoom { vertices: 5 << 20, ..meshes };
+        let huge = MeshCapacity { vertices: 5 << 20, ..meshes };
         assert!(matches!(of(huge), Err(GpuError::Meshes { .. })));
     }
 

@@ -9,17 +9,17 @@
 //! Triangles are sent when the meshes change, colours and opacities with every frame. Everything is made at the start, if the
 //! pictures will have meshes at all, and made anew with the device.
 
+use crate::buffer_parts::Part;
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
-use crate::gathering::attachment;
 use crate::gpu::Gpu;
 use crate::layouts::{MeshLayouts, bind_group_layout, storage, texture, texture_of};
 use crate::mapping::Mapping;
+use crate::march::attachment;
 use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
-use crate::parts::Part;
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
-use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshRoom, ShownMesh};
+use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh};
 use glam::DVec3;
 use std::ops::Range;
 use std::sync::Arc;
@@ -56,7 +56,7 @@ pub(crate) struct Meshes {
     expected: u32,
     /// Whether the last picture that was answered about had more layers.
     pub(crate) is_short: bool,
-    room: MeshRoom,
+    room: MeshCapacity,
     /// The part of the frames' buffer with theirs.
     pub(crate) frame: Part,
     /// What the buffers hold, and where the volume was then.
@@ -76,7 +76,7 @@ struct Held {
 
 impl Meshes {
     /// With a frame of their own, in the scene's world.
-    pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshRoom) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshCapacity) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
         let both = ShaderStages::VERTEX_FRAGMENT;
@@ -400,7 +400,7 @@ impl Peeled {
             };
             device.create_texture(&descriptor).create_view(&Default::default())
         };
-        let all_bytes = mesh_bytes(MeshRoom { triangles: 1, ..MeshRoom::NONE }, pixels, front_format);
+        let all_bytes = mesh_bytes(MeshCapacity { triangles: 1, ..MeshCapacity::NONE }, pixels, front_format);
         let (depths, numbers, color, front) = gpu.allocate("the meshes' layers", all_bytes, |device| {
             let two = |format| [target(device, format), target(device, format)];
             (two(DEPTH_FORMAT), two(NUMBER_FORMAT), target(device, COLOR_FORMAT), target(device, front_format))

@@ -1,5 +1,5 @@
 //! How pipelines are made: for each way to gather samples the compositor's march, and the passes that make colours of it. What makes them
-//! needs nothing of a frame, and can be on any thread (`ahead`).
+//! needs nothing of a frame, and can be on any thread (`pipeline_cache`).
 
 use crate::adapter::GpuFormats;
 use crate::compositor::Compositor;

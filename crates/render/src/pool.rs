@@ -4,13 +4,13 @@
 //! ask of its brick: the ranges of codes in its macro-cells on the GPU, and the range of all of them here.
 
 use crate::atlas::Atlas;
+use crate::buffer_parts::Part;
 use crate::buffers::RayBuffers;
 use crate::error::GpuError;
 use crate::frame::Framed;
 use crate::gpu::Gpu;
+use crate::leaf_octree::{Slots, Tree, Visibility, pack_range};
 use crate::memory::PoolPlan;
-use crate::parts::Part;
-use crate::tree::{Slots, Tree, Visibility, pack_range};
 use crate::upload::Uploader;
 use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
@@ -76,7 +76,7 @@ impl Pool {
         self.uploader.check(&self.atlas, slot, codes)?;
         if let (Some(rays), Some(plan)) = (rays, &self.plan.raycast) {
             let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
-            let cells = match plan.leaps {
+            let cells = match plan.skips_empty {
                 true => MacroCells::new(codes, encoding.format, encoding.has_invalid, edge as usize, bricks),
                 false => MacroCells::of_anything(encoding.format, edge as usize),
             };
@@ -108,8 +108,8 @@ impl Pool {
     pub(crate) fn tree(&self, framed: &Framed<'_>, draw: &DrawList, opaque: &OpaqueCodes) -> Tree {
         let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
         let slots = Slots { atlas: &self.plan.atlas, apron: self.apron(), macro_cells, ranges: &self.slot_ranges };
-        let leaps = self.plan.raycast.is_some_and(|plan| plan.leaps);
+        let skips_empty = self.plan.raycast.is_some_and(|plan| plan.skips_empty);
         let (mode, has_invalid) = (framed.settings.mode, self.needs.encoding.has_invalid);
-        Tree::new(framed.pyramid, draw, &Visibility { mode, has_invalid, opaque, leaps }, &slots)
+        Tree::new(framed.pyramid, draw, &Visibility { mode, has_invalid, opaque, skips_empty }, &slots)
     }
 }

@@ -1,5 +1,5 @@
 //! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list, ending where nothing
-//! behind can be seen and leaping over what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
+//! behind can be seen and skipping what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
 //!
 //! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
 //! come back with the picture, and say which bricks nobody could see.
@@ -7,15 +7,15 @@
 //! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
 //! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
+use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
+use crate::leaf_octree::{GROUP, Tree};
 use crate::memory::{MemoryPlan, RaycastPlan};
-use crate::parts::{Ends, Part};
 use crate::pool::Pool;
-use crate::tree::{GROUP, Tree};
 use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;

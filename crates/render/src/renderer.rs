@@ -1,13 +1,13 @@
 //! The GPU renderer: pools of slots on the GPU, layers drawn from them, a compositor that gathers their samples, and the picture read back.
 //!
-//! A frame (see `passes`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
+//! A frame (see `frame_pass`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
 //! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
 //! the budget given at the start. Everything happens on the thread that calls, but pipelines that are made ahead.
 
 use crate::adapter::{AdapterReport, GpuPreference};
-use crate::ahead::Pipelines;
 use crate::answers::{Answer, Answers};
 use crate::blit::Blit;
+use crate::buffer_parts::{Ends, Part};
 use crate::buffers::RayBuffers;
 use crate::buffers::SharedBuffers;
 use crate::compositor::Compositor;
@@ -17,7 +17,7 @@ use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
 use crate::meshes::{Meshes, Peeled};
-use crate::parts::{Ends, Part};
+use crate::pipeline_cache::Pipelines;
 use crate::pipelines::Maker;
 use crate::pool::Pool;
 use crate::raycast::Raycast;
@@ -34,8 +34,8 @@ pub struct GpuOptions {
     pub preference: GpuPreference,
     /// How frames are gathered.
     pub compositor: Compositor,
-    /// Whether rays of `raycast` leap over what shows nothing; without, pictures are the same and take longer.
-    pub leaps: bool,
+    /// Whether rays of `raycast` skip what shows nothing; without, pictures are the same and take longer.
+    pub skips_empty: bool,
     /// Whether there may be expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
     /// Whether pictures of two eyes may be shown: see [`GpuRenderer::keep_left`].
@@ -48,7 +48,14 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self { preference, compositor, leaps: true, expressions: true, two_eyes: false, refuse_above_bytes: u64::MAX }
+        Self {
+            preference,
+            compositor,
+            skips_empty: true,
+            expressions: true,
+            two_eyes: false,
+            refuse_above_bytes: u64::MAX,
+        }
     }
 }
 
@@ -79,7 +86,7 @@ pub struct GpuRenderer {
     pub(crate) combined_part: Option<Part>,
     pub(crate) combined: Option<TransferTable>,
     /// How the last frame's cells were entered, layer by layer.
-    pub(crate) entered: Option<Vec<Vec<f32>>>,
+    pub(crate) visibility: Option<Vec<Vec<f32>>>,
     pub(crate) last_frame_ms: f64,
 }
 
@@ -133,7 +140,7 @@ impl Recipe {
             max_size_px: self.max_size_px,
             max_texture_3d: gpu.report.max_texture_3d,
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
-            casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.leaps),
+            casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.skips_empty),
             has_expressions: self.options.expressions,
             has_two_eyes: self.options.two_eyes,
             // Who never waits has more under way.
@@ -289,7 +296,7 @@ impl GpuRenderer {
             reading: None,
             combined_part,
             combined: None,
-            entered: None,
+            visibility: None,
             last_frame_ms: 0.0,
             gpu,
         })
@@ -412,7 +419,7 @@ impl GpuRenderer {
     /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
     /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
-        Some(self.entered.as_ref()?.get(layer)?)
+        Some(self.visibility.as_ref()?.get(layer)?)
     }
 }
 

@@ -4,7 +4,7 @@
 use crate::answers::{Answer, Question, Said};
 use crate::blit::Target;
 use crate::error::GpuError;
-use crate::passes::no_target;
+use crate::frame_pass::no_target;
 use crate::renderer::GpuRenderer;
 use brickyard_pager::Layer;
 use brickyard_shaders::MARK_STEPS;
@@ -122,18 +122,18 @@ impl GpuRenderer {
         let tick_ms = gpu.queue.get_timestamp_period() as f64 * 1e-6;
         let answer = |Said { question: Question { picture, marked, .. }, ticks, marks, .. }: Said| {
             let mut rest = &marks[..];
-            let entered = marked.map(|marked| {
-                let mut entered = vec![Vec::new(); layers.len()];
+            let visibility = marked.map(|marked| {
+                let mut visibility = vec![Vec::new(); layers.len()];
                 for (layer, cells) in marked {
                     let (own, others) = rest.split_at(cells);
                     rest = others;
                     // Bricks are numbered from front to back, cells from back to front.
-                    entered[layer] = own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect();
+                    visibility[layer] = own.iter().rev().map(|&steps| steps as f32 / MARK_STEPS as f32).collect();
                 }
-                entered
+                visibility
             });
             let gpu_ms = has_timestamps.then(|| ticks[1].wrapping_sub(ticks[0]) as f64 * tick_ms);
-            Answer { picture, entered, gpu_ms }
+            Answer { picture, visibility, gpu_ms }
         };
         Ok(said.into_iter().map(answer).collect())
     }

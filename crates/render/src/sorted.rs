@@ -6,13 +6,13 @@
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
 use crate::frame::{cell_brick, cell_instance};
-use crate::gathering::Gathering;
 use crate::gpu::Gpu;
 use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
+use crate::march::Gathering;
 use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pool::Pool;
-use brickyard_pager::{DrawCell, DrawList, Pixels};
+use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::Pyramid;
 use wgpu::BufferUsages;
@@ -67,9 +67,9 @@ impl Boxes {
     /// Adds a cell with these entries, once for each share of the pixels in which no layer changes its brick.
     fn push(&mut self, layers: &[Drawn<'_>], entries: &[(usize, &DrawCell)]) {
         let mut from = 0;
-        while from < Pixels::THRESHOLDS {
+        while from < PixelShare::THRESHOLDS {
             let ends = entries.iter().flat_map(|(_, entry)| [entry.pixels.from, entry.pixels.to]);
-            let to = ends.filter(|&end| end > from).min().unwrap_or(Pixels::THRESHOLDS);
+            let to = ends.filter(|&end| end > from).min().unwrap_or(PixelShare::THRESHOLDS);
             let shown = entries.iter().filter(|(_, entry)| (entry.pixels.from..entry.pixels.to).contains(&from));
             let first = self.bricks.len();
             self.bricks.resize(first + layers.len(), CellBrick::default());
@@ -77,7 +77,7 @@ impl Boxes {
                 let (_, pyramid, pool) = layers[*i];
                 self.bricks[first + i] = cell_brick(entry, pyramid, &pool.atlas.plan, pool.apron());
             }
-            self.cells.push(cell_instance(&entries[0].1.region, Pixels { from, to }));
+            self.cells.push(cell_instance(&entries[0].1.region, PixelShare { from, to }));
             from = to;
         }
     }

@@ -111,7 +111,7 @@ impl<'a> Scene<'a> {
     fn new(layers: &[(&'a Volume, &FrameSettings)], threads: usize) -> Self {
         let needs: Vec<_> = layers.iter().map(|(volume, frame)| volume.needs(&frame.needs())).collect();
         let options =
-            SoftwareOptions { memory_bytes: 1 << 30, max_picture_px: [SIZE_PX, SIZE_PX], threads, leaps: true };
+            SoftwareOptions { memory_bytes: 1 << 30, max_picture_px: [SIZE_PX, SIZE_PX], threads, skips_empty: true };
         let mut renderer = SoftwareRenderer::new(&needs, &options).expect("a gibibyte is enough");
         let mut drawn = Vec::new();
         for (layer, (volume, frame)) in layers.iter().enumerate() {

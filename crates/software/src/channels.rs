@@ -4,12 +4,12 @@
 //! its samples there, of all these rays before the next layer's, which so are found in the first-level cache; and light goes through what
 //! all layers have.
 
-use crate::blend::Dvr;
 use crate::frame::{Cell, Frame};
 use crate::gather::{self, add_fog};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::Media;
+use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
 #[cfg(target_arch = "x86_64")]
@@ -150,7 +150,7 @@ impl Walks {
     ) -> bool {
         let walk = &mut self.walks[self.count];
         (walk.place, walk.pixel, walk.last) = (place, [x, y], last);
-        for part in parts.iter().filter(|part| part.cell.draws(x, y) && ray.sum.w > part.frame.entered(part.cell)) {
+        for part in parts.iter().filter(|part| part.cell.draws(x, y) && ray.sum.w > part.frame.visibility(part.cell)) {
             part.frame.enter(part.cell, ray.sum.w);
         }
         walk.begin(parts, ray, first);

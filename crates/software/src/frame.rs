@@ -6,7 +6,7 @@ use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
-use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
+use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
 use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
@@ -93,7 +93,7 @@ pub(crate) struct Cell<'a> {
     pub(crate) extremes: Box<[u16]>,
     /// The pixels that may see the cell, and those among them that draw this entry, if not all.
     pub(crate) rect: PixelRect,
-    pub(crate) pixels: Option<Pixels>,
+    pub(crate) pixels: Option<PixelShare>,
 }
 
 impl Cell<'_> {
@@ -222,7 +222,7 @@ impl Frame<'_> {
 
     /// The most light with which a ray has entered the cell so far.
     #[inline(always)]
-    pub(crate) fn entered(&self, cell: &Cell<'_>) -> f32 {
+    pub(crate) fn visibility(&self, cell: &Cell<'_>) -> f32 {
         f32::from_bits(self.light[cell.index].load(Ordering::Relaxed))
     }
 
@@ -364,7 +364,7 @@ impl<'a> Cell<'a> {
             rank: shows.rank(whole),
             extremes,
             rect,
-            pixels: (cell.pixels != Pixels::ALL).then_some(cell.pixels),
+            pixels: (cell.pixels != PixelShare::ALL).then_some(cell.pixels),
         })
     }
 }

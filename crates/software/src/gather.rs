@@ -1,13 +1,12 @@
-//! What one layer has in a chunk of a ray's segments, for [`together`](crate::together): compiled for every code width and vector unit.
+//! What one layer has in a chunk of a ray's segments, for [`compositing`](crate::compositing): compiled for every code width and vector unit.
 
-use crate::blend::{Blend, Dvr};
-use crate::entries::Entries;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
 use crate::mixture::Mixed;
+use crate::modes::{Blend, Dvr};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
@@ -16,6 +15,7 @@ use crate::ray::Ray;
 use crate::sample::Avx2;
 use crate::sample::{ALL_PACKETS, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
 use crate::stretch::{March, Stretch};
+use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::Vec4;

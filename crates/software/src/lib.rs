@@ -6,23 +6,22 @@
 //! 2. `tile`: the picture's tiles go to the threads. Where there are meshes (`meshes`), a tile does all that follows for each slab between
 //!    two layers of triangles.
 //! 3. `march`: one layer, or one of several that are projected, takes its cells one by one and the tile's rays through each, so that
-//!    neighbouring rays find a brick's voxels in the first-level cache. `together`: layers that are mixed leave what they show of some of a
+//!    neighbouring rays find a brick's voxels in the first-level cache. `compositing`: layers that are mixed leave what they show of some of a
 //!    ray's segments (`gather`) to be seen through together (`media`, `mixture`), cell by cell where they share a cut, else ray by ray.
 //!    Where they share a cut and are plain fog (`channels`), some rays go side by side and are located once for all layers.
 //! 4. `ray` and `stretch`: the segments of a ray that belong to a cell, exactly once for all cells together.
 //! 5. `macrocells`: of those, the ones in which something can be seen.
-//! 6. `sample` (or `cubic`) and `blend`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
+//! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time). For all methods but the plain one, where there is
 //!    lighting, and for surfaces in fog, `path` and `pieces` make segments media (`medium`); `surface` finds one opaque surface.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
-mod blend;
 mod channels;
+mod compositing;
 mod cubic;
 mod depths;
-mod entries;
 mod frame;
 mod gather;
 mod gradients;
@@ -32,6 +31,7 @@ mod media;
 mod medium;
 mod meshes;
 mod mixture;
+mod modes;
 mod options;
 mod packet;
 mod path;
@@ -47,7 +47,7 @@ mod surface;
 mod ticks;
 mod tile;
 mod tiles;
-mod together;
+mod transfer_table;
 
 pub use options::SoftwareOptions;
 pub use renderer::{SoftwareError, SoftwareRenderer};

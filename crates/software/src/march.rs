@@ -1,10 +1,10 @@
 //! A tile's rays through one layer, cell by cell: the hot loop, compiled for every code width, mode and vector unit.
 
-use crate::blend::{Average, Blend, Dvr, MinIp, Mip};
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
 use crate::meshes::Layers;
+use crate::modes::{Average, Blend, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
@@ -125,7 +125,7 @@ impl Work {
             }
             let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
             let (y0, y1) = (cell.rect.y0.max(tile.y0), cell.rect.y1.min(tile.y1));
-            let known = if B::OCCLUDES { frame.entered(cell) } else { 0.0 };
+            let known = if B::OCCLUDES { frame.visibility(cell) } else { 0.0 };
             let mut brightest = known;
             for y in y0..y1 {
                 for x in x0..x1 {
@@ -249,12 +249,12 @@ pub(crate) fn look<B: Blend>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blend::Blend;
     use crate::frame::Resident;
     use crate::medium::Medium;
+    use crate::modes::Blend;
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
-    use brickyard_pager::{DrawCell, DrawList, Pixels, Slot};
+    use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
@@ -299,7 +299,7 @@ mod tests {
         let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
         let region = pyramid.brick_box_voxel(brick.level, brick.index);
-        let cell = DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(0), rank: 0 };
+        let cell = DrawCell { cell: brick, region, pixels: PixelShare::ALL, brick, slot: Slot(0), rank: 0 };
         let layer = VolumeFrame::alone(settings);
         let list = DrawList { cells: vec![cell] };
         let frame = Frame::new(&layer, &pyramid, &list, &needs, true, |_| &resident);

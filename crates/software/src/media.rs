@@ -1,6 +1,6 @@
 //! The media of a chunk of segments, of all layers, and how a ray's light goes through them.
 
-use crate::mixture::{Alone, AloneChunk, Mixed, OPAQUE, Passage};
+use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
 use glam::{DVec3, Vec4, Vec4Swizzles};
@@ -27,7 +27,7 @@ pub(crate) struct Media {
     pub(crate) gradients: Vec<DVec3>,
     pub(crate) longest: [f32; PLACES],
     /// What one layer shows by itself.
-    pub(crate) alone: AloneChunk,
+    pub(crate) alone: LayerMediumChunk,
     /// Where there are surfaces: all pieces one by one, and all surfaces.
     pub(crate) found: Option<Found>,
 }
@@ -42,7 +42,7 @@ pub(crate) struct Found {
 /// What a layer shows by itself of a piece of a segment, from where to where.
 pub(crate) struct Piece {
     pub(crate) segment: usize,
-    pub(crate) alone: Alone,
+    pub(crate) alone: LayerMedium,
     pub(crate) ends: [f64; 2],
 }
 
@@ -65,7 +65,7 @@ impl Media {
             values: vec![f64::NAN; read * CHUNK],
             gradients: vec![DVec3::ZERO; if is_lit { read * CHUNK } else { 0 }],
             longest: [0.0; PLACES],
-            alone: AloneChunk::EMPTY,
+            alone: LayerMediumChunk::EMPTY,
             found: has_surfaces.then(Found::default),
         }
     }

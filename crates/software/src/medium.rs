@@ -1,8 +1,8 @@
 //! Direct volume rendering by every method but the plain one, with isosurfaces between fog or them alone.
 
-use crate::blend::Blend;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Mask, Reach};
+use crate::modes::Blend;
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::{FAINTEST, NO_RANK, Ray};

@@ -6,7 +6,7 @@
 
 use crate::ray::FAINTEST;
 use crate::tiles::{PIXELS, TILE_PX, Tile};
-use brickyard_volume::{FrameSettings, Mesh, MeshRoom, Ray, ShownMesh, ViewRays, mesh};
+use brickyard_volume::{FrameSettings, Mesh, MeshCapacity, Ray, ShownMesh, ViewRays, mesh};
 use glam::{DVec3, Vec4};
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ const ALONE: usize = 1 << 14;
 
 /// What meshes take beside themselves: each triangle its place in the order of leaves, which have more than half of [`LEAF`]
 /// each, and there are fewer inner nodes than leaves.
-pub(crate) fn bytes(room: MeshRoom) -> u64 {
+pub(crate) fn bytes(room: MeshCapacity) -> u64 {
     let nodes = room.triangles as usize * 2 / (LEAF / 2) + 1;
     let each = room.triangles as usize * size_of::<u32>() + nodes * size_of::<Node>();
     if room.is_none() { 0 } else { (each + room.meshes as usize * size_of::<Held>()) as u64 }

@@ -1,4 +1,4 @@
-//! What layers show together in one interval of a ray, in single precision: twins of [`brickyard_volume::look`]'s `Alone` and `Together`.
+//! What layers show together in one interval of a ray, in single precision: twins of [`brickyard_volume::compositing`]'s `LayerMedium` and `JointMedium`.
 
 use crate::packet::{CHUNK, exp2};
 use crate::row::Passed;
@@ -67,41 +67,41 @@ impl Mixed {
 
 /// What one layer shows of a piece of a segment by itself.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Alone {
+pub(crate) struct LayerMedium {
     /// Of a layer that mixes: premultiplied colour, and how much light is hidden.
     color: Vec3,
     hidden: f32,
     /// Halvings of the light on the way through.
     depth: f32,
     /// What a layer that adds gives.
-    glow: Vec3,
+    emission: Vec3,
 }
 
-impl Alone {
+impl LayerMedium {
     /// The media of a share of the piece: the colour that they give where no light is lost on the way, and their depth.
     #[inline(always)]
     pub(crate) fn media(&self, share: f32) -> Vec4 {
-        let glow = self.glow * share;
+        let emission = self.emission * share;
         if self.hidden > 0.0 {
             let depth = self.depth * std::f32::consts::LN_2 * share;
-            (self.color * (depth / self.hidden) + glow).extend(depth)
+            (self.color * (depth / self.hidden) + emission).extend(depth)
         } else {
-            glow.extend(0.0)
+            emission.extend(0.0)
         }
     }
 }
 
 /// The segments of a chunk as one layer shows them.
-pub(crate) struct AloneChunk {
+pub(crate) struct LayerMediumChunk {
     pub(crate) blend: Blend,
     /// The chunk's place for the stretch's first segment.
     pub(crate) first: i32,
-    pub(crate) segments: [Alone; CHUNK],
+    pub(crate) segments: [LayerMedium; CHUNK],
 }
 
-impl AloneChunk {
+impl LayerMediumChunk {
     pub(crate) const EMPTY: Self = {
-        let nothing = Alone { color: Vec3::ZERO, hidden: 0.0, depth: 0.0, glow: Vec3::ZERO };
+        let nothing = LayerMedium { color: Vec3::ZERO, hidden: 0.0, depth: 0.0, emission: Vec3::ZERO };
         Self { blend: Blend::Mix, first: 0, segments: [nothing; CHUNK] }
     };
 
@@ -123,7 +123,7 @@ impl AloneChunk {
                 alone.hidden += hidden;
                 alone.depth += depth as f32;
             }
-            Blend::Add => alone.glow += color * ((1.0 - (-depth).exp2()) * length) as f32,
+            Blend::Add => alone.emission += color * ((1.0 - (-depth).exp2()) * length) as f32,
         }
     }
 }
@@ -134,7 +134,7 @@ pub(crate) struct Projections {
     /// Of layers that mix: colour times depth, and depth.
     mixed: Vec4,
     /// What layers that add give.
-    pub(crate) glow: Vec4,
+    pub(crate) emission: Vec4,
 }
 
 impl Projections {
@@ -147,7 +147,7 @@ impl Projections {
     pub(crate) fn seen(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
-        (mixed + self.glow.xyz()).extend(left)
+        (mixed + self.emission.xyz()).extend(left)
     }
 }
 
@@ -172,7 +172,7 @@ impl Passage {
     /// Passes light through the media of a chunk or of a part of one. Returns premultiplied colour and the light that is left, and says with
     /// how much light each was entered.
     #[inline(always)]
-    pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, entered: &mut [f32]) -> Vec4 {
+    pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, visibility: &mut [f32]) -> Vec4 {
         for ((media, depth), mixed) in self.media.iter_mut().zip(&mut self.depth).zip(mixed) {
             *media = mixed.sum();
             *depth = media.w;
@@ -196,8 +196,8 @@ impl Passage {
                 seen[i] += media[i] * (left[i] * dimmed[i]);
             }
         }
-        for (entered, left) in entered.iter_mut().zip(left.as_flattened()) {
-            *entered = *left;
+        for (visibility, left) in visibility.iter_mut().zip(left.as_flattened()) {
+            *visibility = *left;
         }
         ((seen[0] + seen[1]) + (seen[2] + seen[3])).with_w(light.w)
     }

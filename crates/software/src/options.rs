@@ -9,6 +9,6 @@ pub struct SoftwareOptions {
     pub max_picture_px: [u32; 2],
     /// Threads that draw; at least 1.
     pub threads: usize,
-    /// Whether rays leap over what shows nothing; without, pictures are the same and take longer.
-    pub leaps: bool,
+    /// Whether rays skip what shows nothing; without, pictures are the same and take longer.
+    pub skips_empty: bool,
 }

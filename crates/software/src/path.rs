@@ -5,7 +5,6 @@
 //! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
 //! operator), and taken only of what has opacity; where opacity depends on it, of what has some at any gradient.
 
-use crate::entries::Entries;
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
@@ -14,6 +13,7 @@ use crate::row::{Passed, Row};
 use crate::sample::Avx2;
 use crate::sample::{Code, Portable, Unit};
 use crate::stretch::{March, Stretch};
+use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;

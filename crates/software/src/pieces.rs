@@ -2,7 +2,7 @@
 //! [`brickyard_volume::surface`]'s.
 //!
 //! The ends of many segments are sampled together. As long as all are past as many surfaces as the ray is, they are one piece for
-//! [`Path`], or leapt over where there is no fog; a segment that passes surfaces is cut at each, found as one alone is.
+//! [`Path`], or skipped where there is no fog; a segment that passes surfaces is cut at each, found as one alone is.
 
 use crate::frame::rank_of;
 use crate::packet::LANES;
@@ -75,7 +75,7 @@ impl<'a> Pieces<'a> {
             let segments = std::mem::replace(&mut self.rest, 0..0);
             return (!segments.is_empty()).then_some(Piece { path, segments, surface: None });
         }
-        self.leap::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
+        self.skip::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
         let first = self.rest.start;
         if first > from && settings.mode == Mode::Dvr {
             return Some(Piece { path, segments: from..first, surface: None });
@@ -103,9 +103,9 @@ impl<'a> Pieces<'a> {
         Some(Piece { path: path.piece(start, hit), segments: first..first + 1, surface: Some((surface, hit)) })
     }
 
-    /// Leaps over segments at whose ends the ray is past as many surfaces as it is: all of them, or as many as are looked at together.
+    /// Skips segments at whose ends the ray is past as many surfaces as it is: all of them, or as many as are looked at together.
     #[inline(always)]
-    fn leap<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
+    fn skip<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
         while self.cut.is_none() && !self.rest.is_empty() {
             let (path, first) = (self.path, self.rest.start);
             if ray.past.rank == NO_RANK {

@@ -7,7 +7,7 @@ use crate::options::SoftwareOptions;
 use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
 use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
-use brickyard_pager::{Layer, Slot, VolumeNeeds, Wish, pools, share};
+use brickyard_pager::{BudgetRequest, Layer, Slot, VolumeNeeds, pools, share};
 use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, Placement, Pyramid};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -79,9 +79,9 @@ impl SoftwareRenderer {
         }
         let (fixed_bytes, are_several) = (fixed_bytes(layers, options), layers.len() > 1);
         let pool_of = pools(layers);
-        let wish = |(pool, needs): (usize, &VolumeNeeds)| {
+        let request = |(pool, needs): (usize, &VolumeNeeds)| {
             let members = || layers.iter().zip(&pool_of).filter(move |(_, of)| **of == pool).map(|(needs, _)| needs);
-            Wish {
+            BudgetRequest {
                 bytes: bytes_per_slot(needs, options, are_several),
                 least: if are_several { members().map(|needs| needs.least_slots as u64).sum() } else { 1 },
                 most: members().map(|needs| needs.most_slots as u64).sum(),
@@ -89,18 +89,19 @@ impl SoftwareRenderer {
         };
         // The first layer of each pool.
         let firsts = (0..layers.len()).filter(|&i| !pool_of[..i].contains(&pool_of[i])).map(|i| &layers[i]);
-        let wishes: Vec<Wish> = firsts.clone().enumerate().map(wish).collect();
+        let requests: Vec<BudgetRequest> = firsts.clone().enumerate().map(request).collect();
         let too_little = |least: u64| SoftwareError::Budget {
             given_bytes: options.memory_bytes,
             least_bytes: fixed_bytes.saturating_add(least),
         };
-        let shares = share(options.memory_bytes.saturating_sub(fixed_bytes), &wishes).map_err(too_little)?;
-        let used: u64 = shares.iter().zip(&wishes).map(|(count, wish)| count * wish.bytes).sum();
+        let shares = share(options.memory_bytes.saturating_sub(fixed_bytes), &requests).map_err(too_little)?;
+        let used: u64 = shares.iter().zip(&requests).map(|(count, request)| count * request.bytes).sum();
         if fixed_bytes + used > options.memory_bytes {
             return Err(too_little(used));
         }
         let slots = firsts.zip(shares);
-        let slots = slots.map(|(needs, count)| Slots::new(needs, options.leaps, count.min(u32::MAX as u64) as u32));
+        let slots =
+            slots.map(|(needs, count)| Slots::new(needs, options.skips_empty, count.min(u32::MAX as u64) as u32));
         let threads = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1));
         let threads = threads.thread_name(|i| format!("draw-{i}")).build();
         Ok(Self {
@@ -235,7 +236,7 @@ mod tests {
     }
 
     fn options(memory_bytes: u64) -> SoftwareOptions {
-        SoftwareOptions { memory_bytes, max_picture_px: [640, 481], threads: 2, leaps: true }
+        SoftwareOptions { memory_bytes, max_picture_px: [640, 481], threads: 2, skips_empty: true }
     }
 
     #[test]

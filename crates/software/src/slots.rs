@@ -1,13 +1,13 @@
 //! A pool of slots in RAM, and what they and all that is beside them take.
 
 use crate::channels;
+use crate::compositing::{BYTES_PER_CELL_AND_THREAD, BYTES_PER_LAYER_AND_THREAD};
 use crate::frame::{Cell, Resident};
 use crate::macrocells::boxes;
 use crate::meshes;
 use crate::options::SoftwareOptions;
 use crate::tile;
 use crate::tiles::{TILE_PX, Tile, TilePixels};
-use crate::together::{BYTES_PER_CELL_AND_THREAD, BYTES_PER_LAYER_AND_THREAD};
 use crate::{depths, steps};
 use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_volume::TransferGrid;
@@ -20,15 +20,15 @@ use std::sync::atomic::AtomicU32;
 #[derive(Debug)]
 pub(crate) struct Slots {
     pub(crate) needs: VolumeNeeds,
-    leaps: bool,
+    skips_empty: bool,
     bricks: Vec<Option<Resident>>,
 }
 
 impl Slots {
-    pub(crate) fn new(needs: &VolumeNeeds, leaps: bool, count: u32) -> Self {
+    pub(crate) fn new(needs: &VolumeNeeds, skips_empty: bool, count: u32) -> Self {
         let mut bricks = Vec::new();
         bricks.resize_with(count as usize, || None);
-        Self { needs: *needs, leaps, bricks }
+        Self { needs: *needs, skips_empty, bricks }
     }
 
     pub(crate) fn len(&self) -> u32 {
@@ -40,7 +40,7 @@ impl Slots {
         assert_eq!(codes.len() as u64, slot_bytes(&self.needs), "not a padded brick");
         let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
         let voxels = &codes[..voxel_bytes(&self.needs) as usize];
-        let cells = match self.leaps {
+        let cells = match self.skips_empty {
             true => MacroCells::new(voxels, encoding.format, encoding.has_invalid, edge as usize, bricks),
             false => MacroCells::of_anything(encoding.format, edge as usize),
         };

@@ -89,7 +89,7 @@ impl Stretch {
         Blocks::new(self.origin, self.step, self.block, reach, frame.edge, frame.apron)
     }
 
-    /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was leapt over may have had none.
+    /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was skipped may have had none.
     #[inline(always)]
     pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
         if INVALID && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {

@@ -3,12 +3,12 @@
 //!
 //! The ends of segments are sampled in packets of eight, and the bits of which are inside, shifted by one, tell where the side
 //! changes. Only there the place is looked for, with a packet for each round, and lit, with a packet for the gradient.
-//! Blocks of macro-cells that are on one side are leapt over: the side that the ray was on before is the one that it is on
+//! Blocks of macro-cells that are on one side are skipped: the side that the ray was on before is the one that it is on
 //! behind them. (Where voxels may have no value it is not: then the ray finds its side anew.)
 
-use crate::blend::Blend;
 use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
+use crate::modes::Blend;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::sample::{Chunk, Code, Unit};

@@ -1,13 +1,13 @@
 //! One tile of the picture, from its rays to its pixels: slab by slab where there are meshes, by one layer alone, several projected one by
 //! one, or several together.
 
+use crate::compositing::JointMarch;
 use crate::frame::Frame;
 use crate::march::{MarchTile, Seen, Work, for_frame};
 use crate::meshes::{Layers, MeshTree};
 use crate::mixture::{OPAQUE, Projections};
 use crate::sample::Chunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
-use crate::together::Together;
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
 
@@ -27,9 +27,9 @@ pub(crate) struct Scene<'a> {
 
 /// How the layers are drawn.
 enum Drawn<'a> {
-    Alone(MarchTile),
+    Single(MarchTile),
     Projected(Vec<MarchTile>),
-    Together(Together<'a>),
+    Joint(JointMarch<'a>),
 }
 
 impl<'a> Scene<'a> {
@@ -43,11 +43,11 @@ impl<'a> Scene<'a> {
         combination: Option<&'a Combination>,
     ) -> Self {
         let drawn = if !is_mixed {
-            Drawn::Alone(for_frame(&frames[0]))
+            Drawn::Single(for_frame(&frames[0]))
         } else if frames[0].settings.mode.is_projection() {
             Drawn::Projected(frames.iter().map(for_frame).collect())
         } else {
-            Drawn::Together(Together::new(&frames, combination, is_one_cut))
+            Drawn::Joint(JointMarch::new(&frames, combination, is_one_cut))
         };
         Self { frames, meshes, drawn }
     }
@@ -88,8 +88,8 @@ impl<'a> Scene<'a> {
     /// Takes the tile's rays through the layers, in a slab between two layers of meshes where there are some.
     fn march(&self, tile: &Tile, layers: Option<&Layers>, work: &mut Work, seen: &mut Seen) {
         match &self.drawn {
-            Drawn::Alone(march) => march(&self.frames[0], tile, layers, work, seen),
-            Drawn::Together(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
+            Drawn::Single(march) => march(&self.frames[0], tile, layers, work, seen),
+            Drawn::Joint(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
             Drawn::Projected(marches) => {
                 let mut shown = [Projections::default(); PIXELS];
                 for (frame, march) in self.frames.iter().zip(marches) {
@@ -99,7 +99,7 @@ impl<'a> Scene<'a> {
                     for i in places(tile).filter(|&i| seen[i].w < 1.0) {
                         match frame.blend {
                             Blend::Mix => shown[i].mix(seen[i], depth),
-                            Blend::Add => shown[i].glow += seen[i] * frame.opacity,
+                            Blend::Add => shown[i].emission += seen[i] * frame.opacity,
                         }
                     }
                 }

@@ -1,7 +1,7 @@
 //! What is the CPU renderer's own: budgets that hold, and threads that do not show. What pictures show is in the conformance suite
 //! (`tests/conformance`).
 
-use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
+use brickyard_pager::{DrawCell, DrawList, Layer, PixelShare, Slot, VolumeNeeds};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -15,7 +15,7 @@ fn needs(edge: u32, voxel_type: VoxelType) -> VolumeNeeds {
 }
 
 fn options(memory_bytes: u64, threads: usize) -> SoftwareOptions {
-    SoftwareOptions { memory_bytes, max_picture_px: [120, 100], threads, leaps: true }
+    SoftwareOptions { memory_bytes, max_picture_px: [120, 100], threads, skips_empty: true }
 }
 
 /// Of three volumes whose bricks share no slots.
@@ -49,7 +49,7 @@ fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>
     renderer.upload(0, Slot(0), brick().into());
     let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
     let region = pyramid.brick_box_voxel(id.level, id.index);
-    let cell = DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot: Slot(0), rank: 0 };
+    let cell = DrawCell { cell: id, region, pixels: PixelShare::ALL, brick: id, slot: Slot(0), rank: 0 };
     let list = DrawList { cells: vec![cell] };
     let transfer = TransferFunction {
         color: vec![[0.0, 0.1, 0.2, 0.9], [255.0, 0.4, 0.6, 0.1]],

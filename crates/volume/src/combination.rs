@@ -5,8 +5,8 @@
 //! scene is lit, so is that, in the middle of the segment, by the expression's gradient: the chain rule makes it of the volumes' own in
 //! the scene's world, found where each is read. A volume whose field is flat there counts as constant.
 
-use crate::code::{SlotEncoding, SlotFormat};
 use crate::expression::{Expression, Range};
+use crate::slot_encoding::{SlotEncoding, SlotFormat};
 use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
 use glam::{DVec3, Vec3};

@@ -14,7 +14,7 @@
 //!
 //! Costs a byte per voxel (`8 / 2^3`), and about half a millisecond for a brick of 64^3.
 
-use crate::code::SlotFormat;
+use crate::slot_encoding::SlotFormat;
 use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
 use std::ops::Range;

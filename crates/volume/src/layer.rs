@@ -1,7 +1,7 @@
 //! A layer of a scene: which volume it shows, where, how, and how it joins the others. Its style comes to a transfer function for the
 //! volume that it shows; that is a pure function of both, and costs a copy of the points.
 
-use crate::look::Blend;
+use crate::compositing::Blend;
 use crate::placement::Placement;
 use crate::scene_error::LayerError;
 use crate::surface::Isosurface;

@@ -2,7 +2,7 @@
 //!
 //! Both sides of a surface are lit: a normal is turned to the eye. Colours are as they are written, without gamma.
 
-use crate::every::every;
+use crate::enum_all::every;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 

@@ -1,15 +1,15 @@
 //! Macro-cells: a brick's core in boxes of 8^3 voxels, each with the least and greatest code that a sample in it can have,
-//! so that a ray leaps over what cannot be seen; and which ranges of codes a transfer table shows.
+//! so that a ray skips what cannot be seen; and which ranges of codes a transfer table shows.
 //!
 //! Cells are made once when a brick arrives (0.1 to 0.2 ms for 64^3 on one core); what they mean for a picture is asked anew for every
 //! frame, so an edit of the transfer function reloads nothing. A cell's range covers half a voxel more than its box on each
 //! side: rounding in a traversal never hides a sample.
 
-use crate::code::SlotFormat;
 use crate::sampling::Needs;
+use crate::slot_encoding::SlotFormat;
 use crate::transfer::TransferTable;
 
-/// Voxels along a macro-cell's edge: smaller ones leap over more, but a ray crosses more of them.
+/// Voxels along a macro-cell's edge: smaller ones skip more, but a ray crosses more of them.
 pub const CELL_EDGE: usize = 8;
 
 /// The ranges of one brick's macro-cells.
@@ -77,7 +77,7 @@ impl MacroCells {
         Self { ranges: ranges.into(), whole }
     }
 
-    /// The macro-cells of a brick of which nothing is known: a ray leaps over none of them.
+    /// The macro-cells of a brick of which nothing is known: a ray skips none of them.
     pub fn of_anything(format: SlotFormat, edge: usize) -> Self {
         let whole = [0, format.max_code() as u16];
         Self { ranges: vec![whole; per_axis(edge).pow(3)].into(), whole }

@@ -309,7 +309,7 @@ fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
 
 /// How large meshes are in all: what a renderer makes room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MeshRoom {
+pub struct MeshCapacity {
     /// Meshes.
     pub meshes: u32,
     /// Vertices.
@@ -318,7 +318,7 @@ pub struct MeshRoom {
     pub triangles: u32,
 }
 
-impl MeshRoom {
+impl MeshCapacity {
     /// Of no mesh.
     pub const NONE: Self = Self { meshes: 0, vertices: 0, triangles: 0 };
 

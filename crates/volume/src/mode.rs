@@ -1,6 +1,6 @@
 //! What a picture shows of the samples along a ray.
 
-use crate::every::every;
+use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
 
 /// How samples along a ray become a pixel.

@@ -2,14 +2,14 @@
 
 use crate::camera::ViewRays;
 use crate::clip::Clip;
-use crate::code::SlotEncoding;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::lighting::Lighting;
-use crate::mesh::{MeshRoom, ShownMesh};
+use crate::mesh::{MeshCapacity, ShownMesh};
 use crate::mode::Mode;
 use crate::placement::Placement;
 use crate::sampling::{Needs, Sampling};
+use crate::slot_encoding::SlotEncoding;
 use crate::space::Extent;
 use crate::surface::Surface;
 use crate::transfer::{TransferGrid, TransferTable};
@@ -51,7 +51,7 @@ pub struct FrameSettings {
 impl FrameSettings {
     /// What the picture needs bricks, and what is beside them, to have.
     pub fn needs(&self) -> Needs {
-        let meshes = MeshRoom::of(self.meshes.iter().map(|shown| &*shown.mesh));
+        let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));
         let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
     }

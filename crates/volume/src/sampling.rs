@@ -4,16 +4,16 @@
 //! A method reads the field in the middle of a segment, at its ends, or at its ends and those of its neighbours, and takes
 //! the *curve* through what it has read for the field in between. A segment is cut into equal *parts*; each part is classified either
 //! by the value in its middle, or by the mean of the transfer function over the values from one of its ends to the other
-//! ([pre-integrated](crate::integrals)). Parts follow one another from front to back.
+//! ([pre-integrated](crate::preintegration)). Parts follow one another from front to back.
 //!
 //! Every place is read in the brick that owns the segment. So [`Needs::apron`] says how far methods reach out of it; steps
 //! longer than a voxel reach further, and read what is nearest in the brick.
 
-use crate::every::every;
+use crate::enum_all::every;
 use crate::gradients::GradientNodes;
 use crate::jitter::Jitter;
 use crate::lighting::{Lighting, LightingModel};
-use crate::mesh::MeshRoom;
+use crate::mesh::MeshCapacity;
 use crate::mode::Mode;
 use serde::{Deserialize, Serialize};
 
@@ -192,7 +192,7 @@ pub struct Needs {
     /// Whether the [grid](crate::TransferGrid) of a transfer function of value and gradient is among the tables.
     pub has_grid: bool,
     /// Room for meshes.
-    pub meshes: MeshRoom,
+    pub meshes: MeshCapacity,
 }
 
 impl Needs {
@@ -203,7 +203,7 @@ impl Needs {
         filter: Filter::Trilinear,
         is_pre_integrated: false,
         has_grid: false,
-        meshes: MeshRoom::NONE,
+        meshes: MeshCapacity::NONE,
     };
 
     /// Of a picture without meshes, with isosurfaces in it or not, through a transfer function of value and gradient or of value
@@ -231,7 +231,7 @@ impl Needs {
             filter,
             is_pre_integrated,
             has_grid,
-            meshes: MeshRoom::NONE,
+            meshes: MeshCapacity::NONE,
         }
     }
 

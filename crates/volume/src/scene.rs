@@ -5,7 +5,7 @@ use crate::clip::{Clip, ClipError, ClipPlane};
 use crate::geometry::Geometry;
 use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
-use crate::mesh::{MeshLook, MeshLookError, MeshRoom, ShownMesh};
+use crate::mesh::{MeshCapacity, MeshLook, MeshLookError, ShownMesh};
 use crate::mode::Mode;
 use crate::sampling::{Method, Needs, Sampling};
 use crate::slice::Slice;
@@ -173,7 +173,7 @@ impl Scene {
 impl Scene {
     /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
     pub fn needs(&self) -> Needs {
-        let meshes = MeshRoom::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
+        let meshes = MeshCapacity::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
         let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, self.is_by_gradient()) }
     }
@@ -215,9 +215,9 @@ impl Scene {
 mod tests {
     use super::*;
     use crate::camera::Projection;
+    use crate::compositing::Blend;
     use crate::jitter::Jitter;
     use crate::lighting::LightingModel;
-    use crate::look::Blend;
     use crate::placement::Placement;
     use crate::sampling::Filter;
     use crate::stereo::StereoLayout;

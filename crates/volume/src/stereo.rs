@@ -14,7 +14,7 @@
 //! sides; it is not squeezed.
 
 use crate::camera::{Camera, CameraError, ViewRays};
-use crate::every::every;
+use crate::enum_all::every;
 use crate::picture::Picture;
 use serde::{Deserialize, Serialize};
 

@@ -17,8 +17,8 @@
 //! surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its segment: the fog in front of it
 //! and that behind it are segments of their own, with the surface between them.
 
-use crate::code::SlotEncoding;
 use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
+use crate::slot_encoding::SlotEncoding;
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 

@@ -27,7 +27,7 @@ pub use imported::{Imported, Subject, shown_window};
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 
-use crate::integrals::depth;
+use crate::preintegration::depth;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::ops::RangeInclusive;

@@ -37,9 +37,9 @@ pub(crate) struct BenchArguments {
     /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it. Without, every frame is exact
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
     frame_goal: Option<u32>,
-    /// Read and sample what shows nothing, too: what leaping over it gains is the difference
+    /// Read and sample what shows nothing, too: what skipping it gains is the difference
     #[arg(long)]
-    no_leaps: bool,
+    no_skipping: bool,
     /// Seed of the random flight
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -149,7 +149,7 @@ fn flight(
         gpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
-        leaps: !arguments.no_leaps,
+        skips_empty: !arguments.no_skipping,
         live: true,
     };
     let plan = FlightPlan {

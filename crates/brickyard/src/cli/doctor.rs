@@ -125,7 +125,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         gpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
         threads: processors(),
-        leaps: true,
+        skips_empty: true,
         live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };

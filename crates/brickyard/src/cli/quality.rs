@@ -177,7 +177,7 @@ impl QualityArguments {
             gpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
-            leaps: true,
+            skips_empty: true,
             live: false,
         }
     }

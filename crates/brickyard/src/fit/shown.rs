@@ -68,8 +68,8 @@ impl Fit {
         {
             for answer in answers {
                 self.shown.gpu_ms = answer.gpu_ms.or(self.shown.gpu_ms);
-                if let Some(entered) = &answer.entered {
-                    self.tell(answer.picture, entered);
+                if let Some(visibility) = &answer.visibility {
+                    self.tell(answer.picture, visibility);
                 }
             }
         }
@@ -77,7 +77,7 @@ impl Fit {
     }
 
     /// Takes in what was seen in a picture, layer by layer; with the last picture of a scene the pagers are told.
-    fn tell(&mut self, picture: u64, entered: &[Vec<f32>]) {
+    fn tell(&mut self, picture: u64, visibility: &[Vec<f32>]) {
         let Self { pools, shown: Shown { asked, .. }, .. } = self;
         // Answers come in the order of pictures: of those before there will be none any more.
         while asked.pop_front_if(|asked| asked.pictures.end <= picture).is_some() {}
@@ -85,7 +85,7 @@ impl Fit {
         else {
             return;
         };
-        seen.iter_mut().zip(entered).for_each(|(seen, by_eye)| seen.extend(by_eye));
+        seen.iter_mut().zip(visibility).for_each(|(seen, by_eye)| seen.extend(by_eye));
         if picture + 1 < pictures.end {
             return;
         }

@@ -1,12 +1,12 @@
 //! The pager through its frames, with sources made for it: what is loaded, drawn and let go, and what fails.
 
 use super::*;
+use crate::dither::PixelShare;
 use crate::draw_list::DrawCell;
-use crate::governor::UploadLimits;
-use crate::pixels::Pixels;
 use crate::planner::Planning;
 use crate::ram_cache::encoding_of;
 use crate::test_source::{TestSource, box_view, config};
+use crate::upload_budget::UploadLimits;
 use brickyard_volume::{
     BrickId, BrickIndex, Extent, Level, LevelPolicy, Occupancy, Placement, Projection, Pyramid, ViewRays, VoxelType,
 };
@@ -367,7 +367,7 @@ fn a_view_settles_when_all_has_faded_in() {
         let (mut at, mut shares) = (Duration::ZERO, HashMap::<BrickId, Vec<u8>>::new());
         let last = loop {
             let frame = pager.frame(from_ref(&view), at);
-            let fading = frame.volumes[0].draw.cells.iter().filter(|entry| entry.pixels.to < Pixels::THRESHOLDS);
+            let fading = frame.volumes[0].draw.cells.iter().filter(|entry| entry.pixels.to < PixelShare::THRESHOLDS);
             fading.for_each(|entry| shares.entry(entry.brick).or_default().push(entry.pixels.to));
             if frame.status.settled {
                 break frame;

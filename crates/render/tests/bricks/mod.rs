@@ -1,7 +1,7 @@
 //! A volume of one level in padded bricks, to try what is the GPU renderer's own: what pictures show is in the conformance suite
 //! (`tests/conformance`).
 
-use brickyard_pager::{DrawCell, DrawList, Layer, Pixels, Slot, VolumeNeeds};
+use brickyard_pager::{DrawCell, DrawList, Layer, PixelShare, Slot, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
 use brickyard_volume::*;
 use glam::DVec3;
@@ -64,7 +64,7 @@ impl Bricks {
             let brick = BrickId { time: 0, channel: 0, level: Level(0), index };
             renderer.upload(0, slot, &self.padded(index)).expect("the slot is there");
             let region = self.pyramid.brick_box_voxel(brick.level, index);
-            cells.push(DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot, rank });
+            cells.push(DrawCell { cell: brick, region, pixels: PixelShare::ALL, brick, slot, rank });
         }
         DrawList { cells }
     }

@@ -12,7 +12,7 @@
 //! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.
 
 use super::{Region, Shape, TransferFunction, mix};
-use crate::code::SlotEncoding;
+use crate::slot_encoding::SlotEncoding;
 use std::ops::RangeInclusive;
 
 const MOST_ROWS: usize = TransferGrid::MOST_ROWS;
@@ -370,7 +370,7 @@ mod tests {
         assert_eq!(transfer.at(4.0, 10.0), [1.0, 0.0, 0.0, 0.75]);
     }
 
-    /// The promise that leaps rest on.
+    /// The promise that skipping rests on.
     #[test]
     fn what_is_clear_at_every_gradient_is_known_to_be() {
         for (voxel_type, codes) in [(VoxelType::I8, 256), (VoxelType::I16, 65536)] {

@@ -14,7 +14,7 @@
 //! ParaView's boxes, but that those have a standard deviation of 0.3 sides and are cut off: 1.8 times such a box is one here.
 
 use super::TransferError;
-use crate::every::every;
+use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
 
 /// How a region's opacity goes over its box.

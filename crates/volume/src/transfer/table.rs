@@ -1,9 +1,9 @@
 //! The table that renderers look samples up in.
 
 use super::{TransferFunction, TransferGrid};
-use crate::code::SlotEncoding;
-use crate::integrals::Integrals;
+use crate::preintegration::Integrals;
 use crate::sampling::ADAPTIVE_SHARE;
+use crate::slot_encoding::SlotEncoding;
 use std::sync::{Arc, OnceLock};
 
 /// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between

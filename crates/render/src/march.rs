@@ -1,9 +1,9 @@
 //! What all compositors share: the bindings of every march, and the pass that it draws into.
 
+use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{SharedBuffers, entry};
 use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
-use crate::parts::{Part, Parts};
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
@@ -56,7 +56,7 @@ impl SharedBuffers {
         gpu: &Gpu,
         layout: &wgpu::BindGroupLayout,
         layer: &Parts,
-        [mixed, glow]: &[wgpu::TextureView; 2],
+        [mixed, emission]: &[wgpu::TextureView; 2],
     ) -> wgpu::BindGroup {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("joined"),
@@ -64,7 +64,7 @@ impl SharedBuffers {
             entries: &[
                 entry(bindings::FRAMES, layer.frame.of(&self.frame)),
                 entry(bindings::GATHERED, BindingResource::TextureView(mixed)),
-                entry(bindings::GLOW, BindingResource::TextureView(glow)),
+                entry(bindings::EMISSION, BindingResource::TextureView(emission)),
             ],
         })
     }

@@ -2,20 +2,20 @@
 //! Where there are meshes, all of that but the way back once for each slab.
 
 use crate::answers::{COUNTS_AT, MARKS_AT, Question};
-use crate::course::Course;
+use crate::buffer_parts::{Part, Parts};
 use crate::error::GpuError;
 use crate::frame::Framed;
-use crate::gathering::{Gathering, attachment, draw_over_all};
+use crate::gather_plan::Course;
 use crate::layer::GpuLayer;
+use crate::leaf_octree::Tree;
+use crate::march::{Gathering, attachment, draw_over_all};
 use crate::meshes::{Peeled, is_counted};
-use crate::parts::{Part, Parts};
 use crate::pipelines::{Pipeline, Wanted};
 use crate::pool::Pool;
 use crate::renderer::{GpuRenderer, March, check_size};
 use crate::sorted::{Boxes, Drawn};
-use crate::table::{self, COMBINED};
 use crate::targets::{Reading, Targets};
-use crate::tree::Tree;
+use crate::transfer_table::{self, COMBINED};
 use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{Seen, Shown};
@@ -124,7 +124,7 @@ impl GpuRenderer {
         self.make_ready(&course, framed[0].settings)?;
         self.send(&framed, &course, combination);
         self.gpu.check()?;
-        self.entered = None;
+        self.visibility = None;
         let next = self.first_peeled(framed[0].settings, waits)?;
         let cells = vec![0; framed.len()];
         Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next, waits })
@@ -195,7 +195,7 @@ impl GpuRenderer {
         if let (Some(Combination { table: wanted, .. }), Some(part)) = (combination, combined_part)
             && combined.as_ref() != Some(wanted)
         {
-            let places = table::places(wanted, COMBINED);
+            let places = transfer_table::places(wanted, COMBINED);
             gpu.queue.write_buffer(&shared.table, part.at, bytemuck::cast_slice(&places));
             *combined = Some(wanted.clone());
         }
@@ -251,7 +251,7 @@ impl Passes<'_> {
                     self.join(i)?;
                 }
             }
-            Course::Joint(shader) => self.march_together(shader, draws)?,
+            Course::Joint(shader) => self.march_joint(shader, draws)?,
         }
         self.lists += 1;
         self.cells = draws.iter().map(|draw| draw.cells.len()).collect();
@@ -278,7 +278,7 @@ impl Passes<'_> {
     }
 
     /// Gathers all layers together.
-    fn march_together(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
+    fn march_joint(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
         let all = draws.iter().enumerate();
@@ -325,14 +325,14 @@ impl Passes<'_> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let targets = self.targets()?;
         let pipeline = self.resolve(Seen::Gathered(self.course.gather()), Shown::Sums)?;
-        let Some([mixed, glow]) = &targets.sums else { return Err(no_target()) };
+        let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
         let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(i).parts, targets);
         let load = if i == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         draw_over_all(
             &mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("join"),
-                color_attachments: &[attachment(mixed, load), attachment(glow, load)],
+                color_attachments: &[attachment(mixed, load), attachment(emission, load)],
                 ..Default::default()
             }),
             pipeline,
@@ -401,7 +401,7 @@ impl Passes<'_> {
         let mut answers = renderer.hear()?;
         let own = answers.pop_if(|_| is_asked);
         renderer.last_frame_ms = own.as_ref().and_then(|own| own.gpu_ms).unwrap_or(start.elapsed().as_secs_f64() * 1e3);
-        renderer.entered = own.and_then(|own| own.entered);
+        renderer.visibility = own.and_then(|own| own.visibility);
         renderer.heard.append(&mut answers);
         Ok(picture)
     }

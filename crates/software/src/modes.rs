@@ -3,7 +3,6 @@
 //! A sample's weight is its segment's length in unit distances; samples that do not exist have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
-use crate::entries::Entries;
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
@@ -11,6 +10,7 @@ use crate::ray::{FAINTEST, Ray};
 use crate::sample::{Chunk, Code, Unit};
 use crate::steps::StepTable;
 use crate::stretch::{March, Stretch};
+use crate::transfer_table::Entries;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 

@@ -4,7 +4,7 @@
 //! one cache line is copied together.
 
 use crate::layout::Layout;
-use crate::parts::{Part, Span};
+use crate::neighbourhood::{Part, Span};
 use brickyard_volume::{Apron, VoxelBox};
 
 /// Calls a function with the widths of an apron and a core in bytes, as constants where they are the usual ones.

@@ -10,7 +10,7 @@ use crate::frame::Framed;
 use crate::layer::{GpuLayer, value_bits};
 use crate::pipelines::Wanted;
 use crate::pool::Pool;
-use crate::table::{COMBINED, last_place};
+use crate::transfer_table::{COMBINED, last_place};
 use crate::variant::{Shader, gather_of, medium_of, variant_of};
 use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Shown, Variant};
 use brickyard_volume::{Blend, Combination, Filter, Method, Mode};

@@ -1,7 +1,7 @@
 //! The parts that layers have of the buffers that they share.
 
 use crate::memory::{PART_BYTES, PoolPlan, opaque_bytes};
-use crate::table::{COMBINED, Room};
+use crate::transfer_table::{COMBINED, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::FrameUniform;
 
@@ -55,7 +55,7 @@ impl Ends {
         let codes = needs.encoding.format;
         Parts {
             frame: self.frame(),
-            table: Part::next(&mut self.table, Room::new(codes, &needs.bricks).bytes()),
+            table: Part::next(&mut self.table, TableCapacity::new(codes, &needs.bricks).bytes()),
             counts: Part::next(&mut self.counts, opaque_bytes(codes)),
         }
     }
@@ -75,6 +75,6 @@ impl Ends {
 
     /// The places of an expression's values, behind all layers' tables.
     pub(crate) fn combined(&mut self) -> Part {
-        Part::next(&mut self.table, Room::of_places(COMBINED).bytes())
+        Part::next(&mut self.table, TableCapacity::of_places(COMBINED).bytes())
     }
 }

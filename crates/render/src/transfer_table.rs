@@ -2,8 +2,8 @@
 //! one entry per code and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
 //! the depth that an exponential takes.
 
+use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::look::OPAQUE;
 use brickyard_volume::{Needs, SlotFormat, TransferGrid, TransferTable};
 
 /// Bytes of a place: colour, then depth.
@@ -35,13 +35,13 @@ const MASK_PLACES: u32 = (BLUE_EDGE * BLUE_EDGE) as u32 / PLACE_BYTES as u32;
 /// What the buffer has room for: places, then, if wanted, running integrals, then the mask of [jitter](brickyard_volume::jitter),
 /// then, if wanted, entries over values and gradients.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Room {
+pub(crate) struct TableCapacity {
     pub(crate) codes: SlotFormat,
     pub(crate) has_integrals: bool,
     pub(crate) has_grid: bool,
 }
 
-impl Room {
+impl TableCapacity {
     /// For what pictures need.
     pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
         Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
@@ -86,7 +86,7 @@ pub(crate) struct Words {
 }
 
 /// A table's words.
-pub(crate) fn words(table: &TransferTable, room: Room) -> Words {
+pub(crate) fn words(table: &TransferTable, room: TableCapacity) -> Words {
     let mut words = places(table, room.codes);
     let mut sum_unit = 0.0;
     if room.has_integrals {
@@ -142,7 +142,7 @@ mod tests {
             let places = places(&table, codes);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {
-                let room = Room { codes, has_integrals, has_grid: false };
+                let room = TableCapacity { codes, has_integrals, has_grid: false };
                 assert_eq!(words(&table, room).words.len() as u64 * 8, room.bytes());
             }
             for (i, [color, depth]) in places.iter().enumerate() {
@@ -169,7 +169,7 @@ mod tests {
                 ..TransferFunction::default()
             };
             let table = TransferTable::new(&transfer, &encoding);
-            let room = Room { codes: encoding.format, has_integrals: true, has_grid: true };
+            let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
             let words = words(&table, room).words;
             assert_eq!(words.len() as u64 * 8, room.bytes(), "values of all codes fill it");
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());

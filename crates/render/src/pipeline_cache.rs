@@ -18,13 +18,13 @@ type Making = Arc<OnceLock<Result<Pipeline, GpuError>>>;
 pub(crate) struct Pipelines {
     maker: Arc<Maker>,
     all: HashMap<Wanted, Making>,
-    wishes: Arc<Wishes>,
+    requests: Arc<Requests>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// What the thread is to make.
 #[derive(Debug, Default)]
-struct Wishes {
+struct Requests {
     list: Mutex<List>,
     changed: Condvar,
 }
@@ -35,7 +35,7 @@ struct List {
     is_over: bool,
 }
 
-impl Wishes {
+impl Requests {
     fn lock(&self) -> MutexGuard<'_, List> {
         self.list.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -56,7 +56,7 @@ impl Wishes {
 impl Pipelines {
     /// Those that another renderer has left, if this maker would make the same; else none yet.
     pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
-        let of_maker = |maker| Self { maker, all: HashMap::new(), wishes: Default::default(), thread: None };
+        let of_maker = |maker| Self { maker, all: HashMap::new(), requests: Default::default(), thread: None };
         kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))
     }
 
@@ -90,9 +90,9 @@ impl Pipelines {
             return;
         }
         if self.thread.is_none() {
-            let (maker, wishes) = (self.maker.clone(), self.wishes.clone());
+            let (maker, requests) = (self.maker.clone(), self.requests.clone());
             let run = move || {
-                while let Some((wanted, making)) = wishes.next() {
+                while let Some((wanted, making)) = requests.next() {
                     making.get_or_init(|| maker.make(&wanted));
                 }
             };
@@ -107,7 +107,7 @@ impl Pipelines {
                 }
             }
         }
-        self.wishes.set(List { wanted, is_over: false });
+        self.requests.set(List { wanted, is_over: false });
     }
 
     /// Whether a picture that needs these has nothing to wait for.
@@ -119,7 +119,7 @@ impl Pipelines {
 impl Drop for Pipelines {
     /// Waits for what the thread is at: drivers do not survive the end of a process in the middle of it.
     fn drop(&mut self) {
-        self.wishes.set(List { wanted: Vec::new(), is_over: true });
+        self.requests.set(List { wanted: Vec::new(), is_over: true });
         if let Some(thread) = self.thread.take() {
             // What it makes is guarded; had it died all the same, there is nobody left to tell.
             let _ = thread.join();

@@ -2,9 +2,9 @@
 //!
 //! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
 //! segment a layer has the part that is inside of its volume, of its crop and of what is shown. It takes that part as if it were alone, by the
-//! scene's method: its surfaces cut the part, and each *piece* between them shows a colour and takes some light ([`Alone`]). Together, all
+//! scene's method: its surfaces cut the part, and each *piece* between them shows a colour and takes some light ([`LayerMedium`]). Together, all
 //! layers' surfaces cut the segment, in the order of their distances; in each interval between two cuts every layer has the share of its
-//! pieces that lies there, as a medium of the piece's colour spread evenly over it ([`Together`]). So a list of one layer is that layer's own
+//! pieces that lies there, as a medium of the piece's colour spread evenly over it ([`JointMedium`]). So a list of one layer is that layer's own
 //! picture, nothing depends on the order of layers, and media that do not change are exact at any step.
 //!
 //! Of layers that *mix*, extinctions add and colours mix by extinction, as of media that fill the same place. A layer that *adds* glows: it
@@ -13,10 +13,10 @@
 //! placement is affine, so gradients go by the inverse transpose. What adds is not lit. Surfaces are lit, whatever their layer's fog does.
 //!
 //! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Those that mix are joined as media of
-//! the layers' opacities ([`Together::put`] over length 1: of opaque ones the mean colour, which hides what is behind). Those that add give their
-//! colour times their opacity on top ([`Together::flat`]).
+//! the layers' opacities ([`JointMedium::put`] over length 1: of opaque ones the mean colour, which hides what is behind). Those that add give their
+//! colour times their opacity on top ([`JointMedium::flat`]).
 
-use crate::every::every;
+use crate::enum_all::every;
 use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
 use glam::DVec3;
@@ -65,19 +65,19 @@ impl VolumeFrame {
 
 /// What one layer shows of a piece of a segment by itself, part by part from front to back.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Alone {
+pub struct LayerMedium {
     /// Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through.
     color: DVec3,
     depth: f64,
     /// What a layer that adds gives.
-    glow: DVec3,
+    emission: DVec3,
 }
 
 /// The depth of what lets no light through: finite, so that sums and shares of it are numbers, and more than any picture can tell from
 /// opaque after a billionth of a unit distance.
 pub const OPAQUE: f64 = 1e30;
 
-impl Alone {
+impl LayerMedium {
     /// Adds the next part behind those so far: a straight colour, halvings of the light over a unit distance, and unit distances.
     pub fn add(&mut self, blend: Blend, rgb: DVec3, depth: f64, length: f64) {
         let depth = depth.min(OPAQUE);
@@ -87,37 +87,37 @@ impl Alone {
                 self.color += rgb * ((-self.depth).exp2() * (1.0 - left));
                 self.depth += depth * length;
             }
-            Blend::Add => self.glow += rgb * ((1.0 - (-depth).exp2()) * length),
+            Blend::Add => self.emission += rgb * ((1.0 - (-depth).exp2()) * length),
         }
     }
 }
 
 /// What several media are together in one interval of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Together {
+pub struct JointMedium {
     /// Of those that mix: colour times depth, and depth, in halvings of the light over the interval.
     color: DVec3,
     depth: f64,
     /// Of those that add.
-    glow: DVec3,
+    emission: DVec3,
 }
 
-impl Together {
+impl JointMedium {
     /// Adds a uniform medium of this straight colour and opacity, of so many unit distances.
     pub fn put(&mut self, blend: Blend, rgb: [f64; 3], alpha: f64, length: f64) {
-        let mut alone = Alone::default();
+        let mut alone = LayerMedium::default();
         alone.add(blend, DVec3::from_array(rgb), -(1.0 - alpha).log2(), length);
         self.put_share(&alone, 1.0);
     }
 
     /// Adds a share, 0 to 1, of what a layer shows of a piece.
-    pub fn put_share(&mut self, alone: &Alone, share: f64) {
+    pub fn put_share(&mut self, alone: &LayerMedium, share: f64) {
         let hidden = 1.0 - (-alone.depth).exp2();
         if hidden > 0.0 {
             self.color += alone.color * (alone.depth / hidden * share);
             self.depth += alone.depth * share;
         }
-        self.glow += alone.glow * share;
+        self.emission += alone.emission * share;
     }
 
     /// The premultiplied colour that the interval shows, and the share of the light that passes it.
@@ -126,13 +126,13 @@ impl Together {
         // The mean, from the interval's front to its back, of the light that passes from there.
         let nats = self.depth * std::f64::consts::LN_2;
         let dimmed = if self.depth > 0.0 { ((1.0 - left) / nats).min(1.0) } else { 1.0 };
-        (mixed + self.glow * dimmed, left)
+        (mixed + self.emission * dimmed, left)
     }
 
     /// What projections show together, and the share of the light that passes: what adds is not dimmed.
     pub fn flat(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
-        (mixed + self.glow, left)
+        (mixed + self.emission, left)
     }
 
     /// What those that mix show.
@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn media_together_do_not_depend_on_how_a_stretch_is_cut() {
         let all = |length: f64| {
-            let mut together = Together::default();
+            let mut together = JointMedium::default();
             together.put(Blend::Mix, [1.0, 0.2, 0.0], 0.3, length);
             together.put(Blend::Mix, [0.0, 0.5, 1.0], 0.6, length);
             together.put(Blend::Add, [0.1, 0.9, 0.3], 0.2, length);
@@ -167,15 +167,15 @@ mod tests {
 
     #[test]
     fn a_medium_alone_is_what_it_is_without_others() {
-        let mut alone = Together::default();
+        let mut alone = JointMedium::default();
         alone.put(Blend::Mix, [0.4, 0.8, 0.1], 0.3, 0.7);
         let (seen, left) = alone.seen();
         assert!((left - 0.7f64.powf(0.7)).abs() < 1e-12);
         assert!((seen - DVec3::new(0.4, 0.8, 0.1) * (1.0 - left)).length() < 1e-12);
-        let mut glow = Together::default();
-        glow.put(Blend::Add, [0.4, 0.8, 0.1], 1.0, 0.5);
-        assert_eq!(glow.seen(), (DVec3::new(0.2, 0.4, 0.05), 1.0), "no number is past all numbers");
-        let mut opaque = Together::default();
+        let mut emission = JointMedium::default();
+        emission.put(Blend::Add, [0.4, 0.8, 0.1], 1.0, 0.5);
+        assert_eq!(emission.seen(), (DVec3::new(0.2, 0.4, 0.05), 1.0), "no number is past all numbers");
+        let mut opaque = JointMedium::default();
         opaque.put(Blend::Mix, [0.4, 0.8, 0.1], 1.0, 0.5);
         assert_eq!(opaque.seen().1, 0.0);
     }

@@ -1,4 +1,4 @@
-// What a layer shows of a piece of a segment by itself. The rule is written down beside its CPU twin, the volume crate's `Alone`.
+// What a layer shows of a piece of a segment by itself. The rule is written down beside its CPU twin, the volume crate's `LayerMedium`.
 //!import classify context
 struct Pixel {
     // Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through. Of a single sample
@@ -6,7 +6,7 @@ struct Pixel {
     color: vec3f,
     depth: f32,
     // What a layer that adds gives.
-    glow: vec3f,
+    emission: vec3f,
 }
 
 // Below so many natural logarithms of the light a difference to all of it would be what rounding leaves.
@@ -26,7 +26,7 @@ fn hidden_by(depth: f32) -> f32 {
 fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
     let distance = length * frame.per_unit_distance;
     if (ADDS) {
-        return Pixel(vec3f(0.0), 0.0, pixel.glow + color * (hidden_by(medium.depth) * distance));
+        return Pixel(vec3f(0.0), 0.0, pixel.emission + color * (hidden_by(medium.depth) * distance));
     }
     let depth = medium.depth * distance;
     if (IS_ONE_SAMPLE) {

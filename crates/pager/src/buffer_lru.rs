@@ -1,6 +1,6 @@
 //! A shelf of the RAM cache: buffers of one size under brick ids, at most so many, and which of them goes first.
 //!
-//! Each entry knows which of its parts (see [`Part`](crate::parts::Part)) nobody has taken yet. One whose parts have all
+//! Each entry knows which of its parts (see [`Part`](crate::neighbourhood::Part)) nobody has taken yet. One whose parts have all
 //! been taken is *done*: in a sweep over a volume nobody will ask for it again, so the done ones go first, the least
 //! recently used before the others; then the rest, likewise. An entry that somebody holds is passed over, so nothing is
 //! overwritten in use. Buffers are used again, so a shelf allocates nothing once it is full; a buffer counts from its

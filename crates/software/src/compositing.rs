@@ -1,4 +1,4 @@
-//! Layers that are drawn together in direct volume rendering, fog and surfaces, as [`brickyard_volume::look`] says; or an expression over
+//! Layers that are drawn together in direct volume rendering, fog and surfaces, as [`brickyard_volume::compositing`] says; or an expression over
 //! them.
 //!
 //! Layers that share a cut are met alike by every ray: a tile's rays are taken cell by cell, as through one layer, and find their segments
@@ -24,7 +24,7 @@ use brickyard_volume::Combination;
 use glam::{DVec3, Vec4};
 
 /// The layers of a frame, and what is done with them.
-pub(crate) struct Together<'a> {
+pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
     see: See,
     has_surfaces: bool,
@@ -92,7 +92,7 @@ struct Work {
     pasts: Vec<[Past; PIXELS]>,
 }
 
-impl<'a> Together<'a> {
+impl<'a> JointMarch<'a> {
     pub(crate) fn new(frames: &[Frame<'_>], combination: Option<&'a Combination>, is_one_cut: bool) -> Self {
         let has_surfaces = frames.iter().any(|frame| !frame.settings.surfaces.is_empty());
         let gather = |frame| gather_of(frame, has_surfaces, combination.is_some());
@@ -174,7 +174,7 @@ impl Work {
     /// the light that is left.
     fn march_cells(
         &mut self,
-        together: &Together<'_>,
+        together: &JointMarch<'_>,
         frames: &[Frame<'_>],
         cells: &[Shared],
         tile: &Tile,
@@ -291,7 +291,7 @@ impl Work {
     }
 
     /// Goes along them, front to back. Returns premultiplied colour and the light that is left.
-    fn march(&mut self, together: &Together<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
+    fn march(&mut self, together: &JointMarch<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
         // The same for all.
         let ticks = &frames[0].ticks;
         let mut next = self.ways.iter().filter_map(|way| Some(self.runs.get(way.runs.clone())?.first()?.first)).min();
@@ -309,10 +309,10 @@ impl Work {
             }
             light = (together.see.0)(&mut self.media, count, light);
             for Entry { layer, cell, segment } in self.entries.drain(..) {
-                let (frame, entered) = (&frames[layer], self.media.light[segment]);
+                let (frame, visibility) = (&frames[layer], self.media.light[segment]);
                 let cell = &frame.cells[cell as usize];
-                if entered >= FAINTEST && entered > frame.entered(cell) {
-                    frame.enter(cell, entered);
+                if visibility >= FAINTEST && visibility > frame.visibility(cell) {
+                    frame.enter(cell, visibility);
                 }
             }
         }
@@ -322,7 +322,7 @@ impl Work {
     /// Leaves in the media what all layers have in a chunk of segments. Returns where something may follow.
     fn gather(
         &mut self,
-        together: &Together<'_>,
+        together: &JointMarch<'_>,
         frames: &[Frame<'_>],
         ticks: std::ops::Range<u32>,
         zone: usize,
@@ -381,5 +381,5 @@ fn shade<'a>(
 /// Whether a cell shows nothing, and has been entered with so much light.
 fn is_done(frame: &Frame<'_>, cell: &Cell<'_>, light: f32) -> bool {
     let is_clear = frame.settings.surfaces.is_empty() && cell.mask.coverage() == Coverage::None;
-    is_clear && frame.entered(cell) >= light
+    is_clear && frame.visibility(cell) >= light
 }

@@ -63,7 +63,7 @@ pub struct Layer<'a> {
 
 /// A number of things of one size that somebody wants.
 #[derive(Clone, Copy, Debug)]
-pub struct Wish {
+pub struct BudgetRequest {
     /// Bytes of each.
     pub bytes: u64,
     /// Without so many there is nothing.
@@ -77,17 +77,19 @@ pub struct Wish {
 ///
 /// # Errors
 /// The least budget that works.
-pub fn share(budget_bytes: u64, wishes: &[Wish]) -> Result<Vec<u64>, u64> {
-    let least: u64 = wishes.iter().map(|wish| wish.least * wish.bytes).sum();
-    let besides: u128 =
-        wishes.iter().map(|wish| (wish.most.max(wish.least) - wish.least) as u128 * wish.bytes as u128).sum();
+pub fn share(budget_bytes: u64, requests: &[BudgetRequest]) -> Result<Vec<u64>, u64> {
+    let least: u64 = requests.iter().map(|request| request.least * request.bytes).sum();
+    let besides: u128 = requests
+        .iter()
+        .map(|request| (request.most.max(request.least) - request.least) as u128 * request.bytes as u128)
+        .sum();
     let left = budget_bytes.checked_sub(least).ok_or(least)? as u128;
-    let share = |wish: &Wish| {
-        let more = (wish.most.max(wish.least) - wish.least) as u128;
+    let share = |request: &BudgetRequest| {
+        let more = (request.most.max(request.least) - request.least) as u128;
         // No number of voxels that fits 64 bits makes a product of two such overflow.
-        wish.least + if left >= besides { more } else { more * left / besides } as u64
+        request.least + if left >= besides { more } else { more * left / besides } as u64
     };
-    Ok(wishes.iter().map(share).collect())
+    Ok(requests.iter().map(share).collect())
 }
 
 #[cfg(test)]
@@ -96,23 +98,23 @@ mod tests {
 
     #[test]
     fn everybody_gets_what_it_needs_and_nothing_is_overspent() {
-        let wishes = [
-            Wish { bytes: 100, least: 1, most: 11 },
-            Wish { bytes: 7, least: 2, most: 1000 },
-            Wish { bytes: 30, least: 3, most: 3 },
+        let requests = [
+            BudgetRequest { bytes: 100, least: 1, most: 11 },
+            BudgetRequest { bytes: 7, least: 2, most: 1000 },
+            BudgetRequest { bytes: 30, least: 3, most: 3 },
         ];
         let least = 100 + 14 + 90;
-        assert_eq!(share(least - 1, &wishes), Err(least));
-        assert_eq!(share(least, &wishes), Ok(vec![1, 2, 3]));
-        assert_eq!(share(1 << 40, &wishes), Ok(vec![11, 1000, 3]));
+        assert_eq!(share(least - 1, &requests), Err(least));
+        assert_eq!(share(least, &requests), Ok(vec![1, 2, 3]));
+        assert_eq!(share(1 << 40, &requests), Ok(vec![11, 1000, 3]));
         for budget in least..10_000 {
-            let shares = share(budget, &wishes).unwrap();
-            let spent: u64 = shares.iter().zip(&wishes).map(|(n, wish)| n * wish.bytes).sum();
+            let shares = share(budget, &requests).unwrap();
+            let spent: u64 = shares.iter().zip(&requests).map(|(n, request)| n * request.bytes).sum();
             assert!(spent <= budget);
             // What is left over is a part of one of each, or everybody has all.
             assert!(budget - spent <= 137 || shares == [11, 1000, 3], "{budget}: {shares:?}");
         }
         // Half of what is wanted besides the least.
-        assert_eq!(share(least + (1000 + 998 * 7) / 2, &wishes), Ok(vec![6, 501, 3]));
+        assert_eq!(share(least + (1000 + 998 * 7) / 2, &requests), Ok(vec![6, 501, 3]));
     }
 }

@@ -19,8 +19,8 @@ pub(crate) struct Visibility<'a> {
     pub(crate) mode: Mode,
     pub(crate) has_invalid: bool,
     pub(crate) opaque: &'a OpaqueCodes,
-    /// Whether macro-cells are to be leapt over.
-    pub(crate) leaps: bool,
+    /// Whether macro-cells are to be skipped.
+    pub(crate) skips_empty: bool,
 }
 
 impl Visibility<'_> {
@@ -32,12 +32,12 @@ impl Visibility<'_> {
         }
     }
 
-    /// Whether no macro-cell of a brick with these codes is worth leaping over.
+    /// Whether no macro-cell of a brick with these codes is worth skipping.
     fn all(&self, range: [u16; 2]) -> bool {
         match self.mode {
             // A surface's rays ask every macro-cell.
             Mode::Isosurface => false,
-            _ if !self.leaps => true,
+            _ if !self.skips_empty => true,
             Mode::Dvr => self.opaque.all(range),
             Mode::Mip | Mode::MinIp => false,
             Mode::Average => !self.has_invalid,
@@ -147,7 +147,7 @@ pub(crate) fn pack_range([low, high]: [u16; 2]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_pager::Pixels;
+    use brickyard_pager::PixelShare;
     use brickyard_volume::{BrickId, BrickIndex, Extent, Level, TransferTable, macrocells};
 
     fn table(alpha: impl Fn(usize) -> f32) -> OpaqueCodes {
@@ -182,7 +182,7 @@ mod tests {
             let id = BrickId { time: 0, channel: 0, level, index };
             let slot = Slot(cells.len() as u32);
             let region = pyramid.brick_box_voxel(level, index);
-            cells.push(DrawCell { cell: id, region, pixels: Pixels::ALL, brick: id, slot, rank: 0 });
+            cells.push(DrawCell { cell: id, region, pixels: PixelShare::ALL, brick: id, slot, rank: 0 });
         };
         for i in 0..grid.volume() as u32 {
             let index = BrickIndex::new(i % grid.x, i / grid.x % grid.y, i / grid.x / grid.y);
@@ -209,7 +209,7 @@ mod tests {
             let tree = Tree::new(
                 &pyramid,
                 &list,
-                &Visibility { mode: Mode::Dvr, has_invalid: false, opaque: &opaque, leaps: true },
+                &Visibility { mode: Mode::Dvr, has_invalid: false, opaque: &opaque, skips_empty: true },
                 &slots,
             );
             assert!(tree.nodes.len() / GROUP <= 1 + list.cells.len() * splits(&pyramid).len());
@@ -257,7 +257,7 @@ mod tests {
             .map(|(index, slot)| {
                 let brick = BrickId { time: 0, channel: 0, level: Level(0), index };
                 let region = pyramid.brick_box_voxel(brick.level, index);
-                DrawCell { cell: brick, region, pixels: Pixels::ALL, brick, slot: Slot(slot), rank: slot }
+                DrawCell { cell: brick, region, pixels: PixelShare::ALL, brick, slot: Slot(slot), rank: slot }
             })
             .collect();
         let list = DrawList { cells };
@@ -267,8 +267,12 @@ mod tests {
         let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 4, ranges: &ranges };
         let opaque = table(|i| (10..=30).contains(&i) as u8 as f32);
         let firsts = |mode, has_invalid| {
-            let tree =
-                Tree::new(&pyramid, &list, &Visibility { mode, has_invalid, opaque: &opaque, leaps: true }, &slots);
+            let tree = Tree::new(
+                &pyramid,
+                &list,
+                &Visibility { mode, has_invalid, opaque: &opaque, skips_empty: true },
+                &slots,
+            );
             tree.bricks.iter().rev().map(|b| b.first_range).collect::<Vec<_>>()
         };
         assert_eq!(firsts(Mode::Dvr, false), [0, 4, 8, NO_RANGES, 16, 20, 24, NO_RANGES]);
@@ -285,7 +289,7 @@ mod tests {
             let index = pyramid.ancestor(Level(0), cell.index, Level(level));
             let brick = BrickId { level: Level(level), index, ..cell };
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
-            DrawCell { cell, region, pixels: Pixels { from, to }, brick, slot: Slot(slot), rank: slot }
+            DrawCell { cell, region, pixels: PixelShare { from, to }, brick, slot: Slot(slot), rank: slot }
         };
         // Far away the one fades in, nearer the other is whole.
         let list = DrawList { cells: vec![entry(1, 1, 0, 20, 64), entry(1, 0, 1, 0, 20), entry(0, 0, 2, 0, 64)] };
@@ -295,7 +299,7 @@ mod tests {
         for (mode, of_ancestor) in [(Mode::Dvr, [0, 9]), (Mode::Mip, [0, 9]), (Mode::Mip, macrocells::NONE)] {
             let ranges = [of_ancestor, [1, 2], [3, 4]];
             let slots = Slots { atlas: &atlas, apron: 1, macro_cells: 1, ranges: &ranges };
-            let visibility = Visibility { mode, has_invalid: false, opaque: &opaque, leaps: true };
+            let visibility = Visibility { mode, has_invalid: false, opaque: &opaque, skips_empty: true };
             let tree = Tree::new(&pyramid, &list, &visibility, &slots);
             let number = |x| find(&tree, root_size(&pyramid), [x, 0, 0]).2;
             assert_eq!((number(0), number(9)), (1, 2));

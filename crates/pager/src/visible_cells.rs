@@ -1,4 +1,4 @@
-//! Sight: what a frame's own view sees of a cut, which may have been made for an earlier one.
+//! VisibleCells: what a frame's own view sees of a cut, which may have been made for an earlier one.
 //!
 //! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
 //! there is to draw. Volumes that share a tree are looked at together: their cells have their ranks in one order. Two eyes see the same
@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// The visible cells of a cut.
 #[derive(Clone, Debug)]
-pub(crate) struct Sight {
+pub(crate) struct VisibleCells {
     /// Back to front.
     pub(crate) cells: Vec<Ranked>,
     /// The same cells, back to front for the view's other eye, if it has one.
@@ -63,7 +63,7 @@ impl<'a> Looked<'a> {
     }
 }
 
-impl Sight {
+impl VisibleCells {
     /// What `view` sees of `cut`, which must be of the same time step and channel.
     pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
         of_tree(&[Looked { source, cut, view }], 0).swap_remove(0)
@@ -88,7 +88,7 @@ impl Sight {
 }
 
 /// What volumes that stand in one place, seen by the same eyes, see of the tree that they share.
-fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<Sight> {
+fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let sees: Vec<_> = volumes.iter().map(|volume| volume.sees()).collect();
     let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);
     let Looked { source, cut, view } = volumes[0];
@@ -104,7 +104,7 @@ fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<Sight> {
         };
         let (cells, for_other_eye) = (own(&order), for_other_eye.as_deref().map(own));
         let areas = cells.iter().map(area).collect();
-        Sight { cells, for_other_eye, areas, is_planned: volume.is_planned(), first }
+        VisibleCells { cells, for_other_eye, areas, is_planned: volume.is_planned(), first }
     };
     volumes.iter().zip(0..).map(sight).collect()
 }

@@ -2,14 +2,14 @@
 
 /// Some of the picture's pixels, spread evenly: those whose [threshold](Pixels::threshold) is in `from..to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pixels {
+pub struct PixelShare {
     /// The least threshold.
     pub from: u8,
     /// The first that is too great, at most [`Pixels::THRESHOLDS`].
     pub to: u8,
 }
 
-impl Pixels {
+impl PixelShare {
     /// How many thresholds there are; an equal share of the pixels has each.
     pub const THRESHOLDS: u8 = 64;
     /// All of them.

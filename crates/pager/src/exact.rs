@@ -8,15 +8,15 @@
 
 use crate::assemble::PaddedReader;
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
+use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
+use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::pixels::Pixels;
 use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
 use crate::residency::Upload;
-use crate::shelf::zeroed;
-use crate::sight::Sight;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
+use crate::visible_cells::VisibleCells;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
@@ -104,7 +104,7 @@ impl ExactPasses {
         if cut.memory_bound() || cut.wanted() > max_cells {
             return Err(ExactError::TooManyCells { cells: max_cells, host_bytes });
         }
-        let back_to_front = Sight::new(&*source, &cut, view).cells;
+        let back_to_front = VisibleCells::new(&*source, &cut, view).cells;
         let cells: Arc<[BrickId]> = back_to_front.into_iter().map(|ranked| cut.id(ranked.cell)).collect();
         let effective_error_px = cut.effective_error_px();
         drop(cut);
@@ -213,7 +213,7 @@ impl ExactPasses {
         let (cell, place) = (self.cells[at], at - self.start);
         let slot = Slot(place as u32);
         let region = self.source.pyramid().brick_box_voxel(cell.level, cell.index);
-        self.draw[place] = Some(DrawCell { cell, region, pixels: Pixels::ALL, brick, slot, rank: at as u32 });
+        self.draw[place] = Some(DrawCell { cell, region, pixels: PixelShare::ALL, brick, slot, rank: at as u32 });
         self.placed += 1;
         self.counters.uploaded += 1;
         self.counters.bytes_uploaded += codes.len() as u64;
@@ -362,7 +362,7 @@ mod tests {
         let source = Arc::new(TestSource::cube(64));
         let view = finest(&source);
         let cut = Cut::new(&*source, &view, usize::MAX);
-        let back_to_front = Sight::new(&*source, &cut, &view).cells;
+        let back_to_front = VisibleCells::new(&*source, &cut, &view).cells;
         let expected: Vec<BrickId> = back_to_front.into_iter().map(|ranked| cut.id(ranked.cell)).collect();
         assert_eq!(expected.len(), 512);
         let mut codes = None;
