@@ -30,17 +30,17 @@ const IMPORT: &str = "//!import";
 pub(crate) struct Parts(HashMap<&'static str, String>);
 
 impl Parts {
-    /// With what is bound where.
+    /// Parts with the numbers of what is bound where.
     pub(crate) fn new() -> Self {
         Self::default().text("bindings", bindings::wgsl())
     }
 
-    /// With a file for a part, which has another name than any file.
+    /// Adds a file for a part, which has another name than any file.
     pub(crate) fn file(self, part: &'static str, file: &str) -> Self {
         self.text(part, format!("{IMPORT} {file}\n"))
     }
 
-    /// With text for a part, which may import what it needs.
+    /// Adds text for a part, which may import what it needs.
     pub(crate) fn text(mut self, part: &'static str, text: String) -> Self {
         self.0.insert(part, text);
         self

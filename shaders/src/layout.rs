@@ -91,9 +91,9 @@ pub struct FrameUniform {
     pub grid_at: u32,
     /// The first of the picture's rows that a dispatch draws.
     pub first_row: u32,
-    /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
+    /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
     pub adaptive_step: f32,
-    /// Of projections: 1 of what adds, 0 of what mixes.
+    /// In projections, 1 for what adds and 0 for what mixes.
     pub adds: f32,
     /// A projection's opacity.
     pub opacity: f32,
@@ -104,9 +104,9 @@ pub struct FrameUniform {
     /// Of entries over values and gradients the first row's code, rows from one code to the next, columns from one gradient to the
     /// next where that is the differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
     pub grid: [f32; 4],
-    /// Of each surface the normalised code from which on a place is past it, ascending; where there is none, more than any.
+    /// The normalised code from which on a place is past each surface, ascending; more than any code where there is no surface.
     pub thresholds: [[f32; 4]; 2],
-    /// Of each surface its colour and opacity.
+    /// Each surface's colour and opacity.
     pub surfaces: [[f32; 4]; 8],
     /// Where the lights are from the volume's corner, in the scene's world.
     pub light_places: [[f32; 4]; 4],
@@ -118,7 +118,7 @@ pub struct FrameUniform {
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
     pub planes: [[f32; 4]; 12],
-    /// Of the layer's draw list the word of the octree's root and the first brick, in the buffers of all lists.
+    /// The word of the octree's root and the first brick of the layer's draw list, in the buffers of all lists.
     pub list_at: [u32; 4],
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
     pub spare: [[f32; 4]; 6],
@@ -132,7 +132,7 @@ pub struct MeshVertex {
     pub place: [f32; 3],
     /// Red, green and blue in 8 bits each, from the lowest.
     pub color: u32,
-    /// In the world, of any length.
+    /// The normal in the world, of any length.
     pub normal: [f32; 3],
     /// Padding.
     pub spare: f32,

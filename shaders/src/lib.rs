@@ -55,9 +55,9 @@ pub enum Curve {
 pub enum Light {
     /// Not at all.
     Unlit,
-    /// By Phong's reflection.
+    /// Phong's reflection.
     Phong,
-    /// By Blinn's.
+    /// Blinn's reflection.
     BlinnPhong,
     /// From cool to warm.
     Tone,
@@ -180,7 +180,7 @@ pub fn sorted(variant: &Variant) -> String {
     variant.parts().compose(&[march])
 }
 
-/// By what shader rays are cast.
+/// The kind of shader that casts rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// A fragment shader: entry points `fullscreen` and `raycast`.
@@ -197,7 +197,7 @@ impl Stage {
         }
     }
 
-    /// With what it writes, if it is a compute shader.
+    /// Adds what the stage writes, if it is a compute shader.
     fn part(self, parts: Parts) -> Parts {
         match self {
             Self::Fragment => parts,
@@ -242,7 +242,7 @@ pub fn sorted_joint(variant: &JointVariant) -> String {
 }
 
 impl JointVariant {
-    /// With what casts rays.
+    /// Adds what casts rays.
     fn casting(&self, stage: Stage, marks: bool) -> Parts {
         let feedback = if marks { "mark" } else { "mark_none" };
         stage.part(self.parts().file("cast", "cast_joint").file("find", "find_leaf").file("feedback", feedback))
@@ -310,11 +310,11 @@ fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
 /// What a resolving pass makes its colours of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Seen {
-    /// Of what has been gathered.
+    /// What has been gathered.
     Gathered(Gather),
-    /// Of what has been composed of all slabs.
+    /// What has been composed of all slabs.
     Slabs,
-    /// Of projections of several layers, joined.
+    /// Projections of several layers, joined.
     Joined,
 }
 
@@ -354,9 +354,9 @@ pub enum Eyes {
     SideBySide,
     /// The left eye's in the top half, the right eye's below.
     TopBottom,
-    /// For red-cyan glasses.
+    /// Colours for red-cyan glasses.
     Anaglyph,
-    /// In rows, in turns.
+    /// Rows in turns.
     Interlaced,
 }
 

@@ -140,12 +140,11 @@ impl Renderer for SoftwareRenderer {
     }
 
     fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
-        self.upload(layer, upload.slot, upload.codes.clone());
-        Ok(())
+        Ok(self.upload(layer, upload.slot, upload.codes.clone())?)
     }
 
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError> {
-        Ok(self.render(layers, combination))
+        Ok(self.render(layers, combination)?)
     }
 
     fn visibility(&self, layer: usize) -> Option<&[f32]> {
@@ -178,8 +177,6 @@ pub(crate) struct Pictures {
     pub(crate) size_px: (u32, u32),
     /// Whether there may be expressions over the layers.
     pub(crate) has_expressions: bool,
-    /// Whether there may be two eyes.
-    pub(crate) has_two_eyes: bool,
 }
 
 /// Makes the chosen backend for layers and pictures, and says which in one line. A device that is lent is used whatever is chosen.
@@ -200,7 +197,7 @@ pub(crate) fn open(
     let (is_lent, mut gpu) =
         (device.is_lent(), |preference| gpu_backend::open(preference, device, layers, pictures, options));
     #[cfg(not(feature = "gpu"))]
-    let _ = (device, pictures.has_expressions, pictures.has_two_eyes);
+    let _ = (device, pictures.has_expressions);
     match options.backend {
         #[cfg(feature = "gpu")]
         _ if is_lent => gpu(GpuPreference::Any),

@@ -80,7 +80,7 @@ impl ExactRenderer {
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
         let needs = layer_needs(&*source, bricks);
-        let pictures = Pictures { size_px: max_size_px, has_expressions: false, has_two_eyes: false };
+        let pictures = Pictures { size_px: max_size_px, has_expressions: false };
         let (renderer, backend_line) =
             open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;
         let config = PagerConfig {

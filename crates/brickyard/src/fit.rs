@@ -57,11 +57,7 @@ impl Demand {
         Self {
             layers,
             bricks: scene.needs,
-            pictures: Pictures {
-                size_px: (room(whole.x1), room(whole.y1)),
-                has_expressions: !scene.is_alone(),
-                has_two_eyes: scene.stereo.is_some(),
-            },
+            pictures: Pictures { size_px: (room(whole.x1), room(whole.y1)), has_expressions: !scene.is_alone() },
         }
     }
 
@@ -74,7 +70,6 @@ impl Demand {
             pictures: Pictures {
                 size_px: (own.size_px.0.max(other.size_px.0), own.size_px.1.max(other.size_px.1)),
                 has_expressions: own.has_expressions || other.has_expressions,
-                has_two_eyes: own.has_two_eyes || other.has_two_eyes,
             },
         }
     }
@@ -147,7 +142,7 @@ impl Fit {
 
     /// Whether a scene can be shown with it.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
-        let Demand { bricks, pictures: Pictures { size_px, has_expressions, has_two_eyes }, .. } = self.demand;
+        let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
         let is_of_volume = |own: &FitLayer, (place, volume)| (own.place, own.volume) == (place, volume);
         let shown = scene.layers.iter().map(|layer| (layer.place, layer.volume));
         let hidden = scene.hidden.iter().map(|layer| (layer.place, layer.volume));
@@ -156,7 +151,6 @@ impl Fit {
             && self.layers.iter().all(|own| of_scene.iter().any(|&layer| is_of_volume(own, layer)))
             && bricks.satisfy(&asked.bricks)
             && (has_expressions || scene.combination.is_none())
-            && (has_two_eyes || scene.stereo.is_none())
             && size_px.0 >= asked.pictures.size_px.0
             && size_px.1 >= asked.pictures.size_px.1
     }

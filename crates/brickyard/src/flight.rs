@@ -35,7 +35,7 @@ pub struct FlightReport {
     pub frames: u32,
     /// A frame: taking in bricks, planning, uploading, drawing.
     pub frame_ms: Percentiles,
-    /// Of that, all but drawing.
+    /// The part of [`Self::frame_ms`] before drawing: taking in bricks, planning, uploading.
     pub step_ms: Percentiles,
     /// Mean share of an exact frame's work, pixels over step length, that frames were drawn with.
     pub quality: f64,
@@ -47,7 +47,7 @@ pub struct FlightReport {
     pub frames_over_budget: u32,
     /// Mean share of the screen drawn at the level that the view wanted.
     pub completeness: f64,
-    /// Of the flight, the first view not included.
+    /// Bricks of the flight, the first view not included.
     pub bricks: BrickCounts,
     /// Uploads in it of bricks that no view wanted yet.
     pub uploaded_ahead: u64,

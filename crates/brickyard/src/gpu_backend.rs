@@ -30,7 +30,7 @@ pub(crate) fn open_gpu(
     preference: GpuPreference,
     device: &mut Device,
     layers: &[VolumeNeeds],
-    &Pictures { size_px, has_expressions: expressions, has_two_eyes: two_eyes }: &Pictures,
+    &Pictures { size_px, has_expressions: expressions }: &Pictures,
     options: &SessionOptions,
 ) -> Result<(GpuRenderer, String), BackendError> {
     let compositor = match options.compositor {
@@ -40,7 +40,7 @@ pub(crate) fn open_gpu(
         CompositorChoice::Compute => Compositor::Compute,
     };
     let skips_empty = options.skips_empty;
-    let gpu = GpuOptions { preference, compositor, skips_empty, expressions, two_eyes, ..GpuOptions::default() };
+    let gpu = GpuOptions { preference, compositor, skips_empty, expressions, ..GpuOptions::default() };
     let renderer = match device.take() {
         Some(compiled) => GpuRenderer::on(compiled, &gpu, layers, options.gpu_memory_bytes, size_px)?,
         None => GpuRenderer::new(&gpu, layers, options.gpu_memory_bytes, size_px)?,

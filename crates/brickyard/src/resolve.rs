@@ -19,7 +19,7 @@ use std::sync::Arc;
 pub struct ResolvedScene {
     /// The layers that are shown, at least one.
     pub layers: Vec<ResolvedLayer>,
-    /// Those that are not.
+    /// The layers that are not shown.
     pub hidden: Vec<HiddenLayer>,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,

@@ -90,13 +90,13 @@ pub fn ms(since: Instant) -> f64 {
 pub struct BrickCounts {
     /// Wanted by the last view.
     pub wanted: u64,
-    /// Of those, resident.
+    /// Wanted bricks that are resident.
     pub resident: u64,
     /// Uploads of the whole run.
     pub uploaded: u64,
-    /// Of those, bricks that had been uploaded before.
+    /// Uploads of bricks that had been uploaded before.
     pub reuploaded: u64,
-    /// Of the wanted ones, those that could not be read.
+    /// Wanted bricks that could not be read.
     pub failed: u64,
     /// Bricks and stored aprons that could not be read, wanted for themselves or for what borders on them, over the whole run.
     pub unreadable: u64,

@@ -38,7 +38,7 @@ impl VolumeSource {
         Self { source: store.clone(), default_windows, store: Some(store.clone()) }
     }
 
-    /// The same volume, to be drawn from the pyramid that suits a mode; `None` if this one does.
+    /// Opens this volume's pyramid that suits a mode; `None` if this one does.
     ///
     /// The mean of eight voxels hides the greatest of them, so a maximum projection of a coarse level shows too little. A store packed with
     /// `mean,max` has a second pyramid of maxima, in which the projection is right at every level; likewise with `min`. Costs
@@ -63,7 +63,7 @@ impl VolumeSource {
         Ok(Some(Self::of_store(&Arc::new(store))))
     }
 
-    /// The same volume, as it suits a mode.
+    /// This volume, drawn from the pyramid that suits a mode.
     ///
     /// # Errors
     /// As [`VolumeSource::for_mode`].

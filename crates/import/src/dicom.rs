@@ -41,7 +41,7 @@ const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
 pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
-    /// By z.
+    /// The slices, ascending along z.
     slices: Vec<(Slice, Meaning)>,
 }
 

@@ -9,9 +9,9 @@ use std::path::PathBuf;
 /// How several files are put in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileOrder {
-    /// As they are given.
+    /// The files in the order in which they are given.
     Given,
-    /// By the numbers in their names, whatever these count.
+    /// The files by the numbers in their names, whatever these count.
     Natural,
 }
 

@@ -32,7 +32,7 @@ use std::sync::Mutex;
 pub(crate) struct TiffStack {
     info: SourceInfo,
     format: PageFormat,
-    /// Of the library's samples, which are in this machine's order.
+    /// How the library's samples, which are in this machine's byte order, become voxels.
     decode: Decode,
     files: Vec<TiffFile>,
     /// Pages per file: either one file has all, or each has one.
@@ -44,7 +44,7 @@ pub(crate) struct TiffStack {
 
 struct TiffFile {
     path: PathBuf,
-    /// Of the file when its pages were checked.
+    /// The file's stamp when its pages were checked.
     stamp: Stamp,
     /// Decoders at rest: as many as threads have read at once.
     decoders: Mutex<Vec<OpenTiff>>,

@@ -69,7 +69,7 @@ pub(crate) struct Block<'a> {
     slice: usize,
     /// Place of the first code in the padded brick.
     to: usize,
-    /// Of each row, so much is copied.
+    /// Bytes copied of each row.
     run: usize,
     rows: usize,
     slices: usize,

@@ -52,7 +52,7 @@ pub enum PagerError {
         given: u32,
         /// The least that works.
         least: u64,
-        /// The same in bytes.
+        /// The least number of slots, in bytes.
         least_bytes: u64,
     },
     /// The apron does not fit the bricks.

@@ -47,7 +47,7 @@ pub struct View {
 }
 
 impl View {
-    /// The same view from its other eye, if it has two: the same cells, in another order.
+    /// This view from its other eye, if it has two: the same cells, in another order.
     pub fn from_other_eye(&self) -> Self {
         match self.other_eye {
             Some(rays) => Self { rays, other_eye: Some(self.rays), ..self.clone() },
@@ -60,7 +60,7 @@ impl View {
         std::iter::once(&self.rays).chain(&self.other_eye)
     }
 
-    /// In the volume's own world.
+    /// The frusta of the view's eyes, in the volume's own world.
     pub(crate) fn frusta(&self) -> Frusta {
         let frustum = |rays: &ViewRays| rays.frustum_of(self.window.unwrap_or(rays.whole())).in_volume(&self.placement);
         Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))

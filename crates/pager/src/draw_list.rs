@@ -74,7 +74,7 @@ impl DrawList {
         Self { cells }
     }
 
-    /// The same entries with their cells in another order.
+    /// This list's entries with their cells in another order.
     pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
         let entries: HashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();

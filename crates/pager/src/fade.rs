@@ -26,7 +26,7 @@ pub(crate) struct Fades {
     /// How long each takes, if there are any.
     time: Option<Duration>,
     now: Duration,
-    /// By brick, when it came and what was drawn before.
+    /// When each brick came, and what was drawn in its place before.
     since: BTreeMap<BrickId, (Duration, BrickId)>,
 }
 

@@ -32,7 +32,7 @@ impl VolumeNeeds {
     }
 }
 
-/// Of each volume the number of its pool of slots: pools are numbered from 0 in the order of the first volume of each.
+/// The number of each volume's pool of slots: pools are numbered from 0 in the order of the first volume of each.
 pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     let mut firsts: Vec<&VolumeNeeds> = Vec::new();
     let mut pools = Vec::with_capacity(volumes.len());

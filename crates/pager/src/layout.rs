@@ -81,7 +81,7 @@ impl Layout {
         self.core_bytes() + self.stored_apron().voxels() * self.code_bytes
     }
 
-    /// The same and its share of the shells: what the RAM cache's budget is counted in.
+    /// Bytes of a core with its share of the shells: what the RAM cache's budget is counted in.
     pub(crate) fn cached_bytes(&self) -> usize {
         self.entry_bytes() + self.shells(1) * self.shell_bytes()
     }

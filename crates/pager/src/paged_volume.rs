@@ -33,7 +33,7 @@ pub(crate) struct PagedVolume {
     pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
     /// The number of the visibility that a complete frame of this view has confirmed.
     confirmed: u64,
-    /// Of each entry of the last draw list, and of the other eye's, its cell.
+    /// The cell of each entry of the last draw list, then of the one for the other eye.
     drawn: Arc<Vec<BrickId>>,
     /// The number of the visibility that the last frame went by.
     gone_by: u64,

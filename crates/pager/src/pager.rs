@@ -39,7 +39,7 @@ pub struct Frame {
 pub struct VolumeDraw {
     /// After the uploads, every slot it names holds its brick.
     pub draw: DrawList,
-    /// The same entries back to front for the view's other eye, if it has one.
+    /// The entries of `draw` back to front for the view's other eye, if it has one.
     pub draw_other_eye: Option<DrawList>,
     /// The first volume of those that are drawn from the same cut.
     pub cut: usize,

@@ -57,7 +57,7 @@ pub(crate) struct Step {
 #[derive(Debug)]
 pub(crate) struct VolumeStep {
     pub(crate) draw: DrawList,
-    /// Of each cell in sight, whether its own brick is resident.
+    /// Whether each cell in sight has its own brick resident.
     pub(crate) resident: Vec<bool>,
     /// What to read next.
     pub(crate) requests: Vec<(Tier, BrickId)>,
@@ -95,7 +95,7 @@ struct Bricks {
 /// What a frame's uploads are limited by.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct UploadLimit {
-    /// So many bytes are enough, but one brick is the least.
+    /// Bytes that are enough for a frame; one brick is the least.
     pub(crate) goal_bytes: Option<u64>,
     /// There is no room for more than so many, be it for none.
     pub(crate) room_bytes: Option<u64>,
@@ -110,7 +110,7 @@ impl UploadLimit {
 }
 
 impl Residency {
-    /// Of so many volumes with so many slots; bricks that come take this long to fade in.
+    /// Nothing resident, of so many volumes and slots; bricks that come take this long to fade in.
     pub(crate) fn new(volumes: usize, slots: u32, fade: Option<Duration>) -> Self {
         let bricks = || Bricks { staged: BTreeMap::new(), failed: HashMap::new(), fades: Fades::new(fade) };
         Self {

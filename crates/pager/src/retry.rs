@@ -28,7 +28,7 @@ pub(crate) struct Failure {
 #[derive(Default)]
 pub(crate) struct Failures {
     bricks: HashMap<BrickId, Tried>,
-    /// Those that were given up at any time: counted and logged once.
+    /// Bricks that were given up at any time: counted and logged once.
     noted: HashSet<BrickId>,
 }
 

@@ -87,7 +87,7 @@ pub trait BrickSource: Send + Sync {
     fn occupancy(&self, _id: BrickId) -> Occupancy {
         Occupancy::ALL
     }
-    /// The same of all bricks of a page, each at its [place](Pyramid::page_of).
+    /// Reads the occupancy of all bricks of a page, each at its [place](Pyramid::page_of).
     ///
     /// # Errors
     /// If it cannot be read.

@@ -39,7 +39,7 @@ impl Cut {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
     }
 
-    /// The same for a view that follows this cut's: cells near the threshold stay as they are.
+    /// The cut for a view that follows this cut's: cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]))
     }
@@ -70,7 +70,7 @@ impl Subject<'_> {
     }
 }
 
-/// For each volume the first, in their order, of those that share a tree with it.
+/// The first volume, for each of them, of those that share a tree with it.
 pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
     let first = |volume| volumes.iter().position(|other| share(other, volume));
     // Each shares its own.
@@ -244,7 +244,7 @@ struct Build<'a> {
     voxel_size: f64,
     last: &'a [Node],
     nodes: Vec<Node>,
-    /// Of each node, the same node of the last cut, if it was there.
+    /// The node of the last cut that is the same as each of this one's, if there was one.
     twins: Vec<Option<NodeId>>,
     roots: usize,
     /// Whether the arena holds nodes that nothing leads to.
@@ -417,7 +417,7 @@ pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: 
     recut
 }
 
-/// The same tree without the nodes that nothing leads to.
+/// A tree without the nodes that nothing leads to.
 fn without_dead(nodes: &[Node], roots: usize) -> Vec<Node> {
     let mut kept: Vec<Node> = nodes[..roots].to_vec();
     let mut at = NodeId(0);

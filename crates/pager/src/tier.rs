@@ -10,7 +10,7 @@ pub(crate) enum Tier {
 }
 
 impl Tier {
-    /// Of so many slots, those that bricks of this tier may hold.
+    /// The number of slots, of so many, that bricks of this tier may hold.
     pub(crate) fn slots(self, slots: usize) -> usize {
         match self {
             Self::Cover | Self::Visible => slots,

@@ -19,7 +19,7 @@ use std::sync::Arc;
 pub(crate) struct VisibleCells {
     /// Back to front.
     pub(crate) cells: Vec<Ranked>,
-    /// The same cells, back to front for the view's other eye, if it has one.
+    /// The cells back to front for the view's other eye, if it has one.
     pub(crate) for_other_eye: Option<Vec<Ranked>>,
     /// Share of the picture that each covers, in arbitrary but common units.
     pub(crate) areas: Vec<f64>,

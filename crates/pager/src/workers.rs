@@ -19,7 +19,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Of the padded bricks in flight, those that may be fetched ahead of the view.
+/// The share of the padded bricks in flight that may be fetched ahead of the view.
 const SHARE_AHEAD: f64 = 0.25;
 
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
@@ -55,7 +55,7 @@ struct Queue {
     busy: HashSet<BrickId>,
     /// Padded bricks that may still be started.
     permits: usize,
-    /// So many of them are not for bricks that are fetched ahead.
+    /// Buffers that are not for bricks fetched ahead.
     reserved: usize,
     /// Buffers to use again; never more than permits.
     free: Vec<Arc<[u8]>>,

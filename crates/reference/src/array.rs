@@ -62,7 +62,7 @@ impl Array {
         sum
     }
 
-    /// Those at a node: the mean of what its eight voxels have of them, and 0 where they have none.
+    /// The differences at a node: the mean of what its eight voxels have of them, and 0 where they have none.
     fn node_differences(&self, node: [i64; 3]) -> DVec3 {
         let last = self.extent.to_array().map(|n| n as i64 - 1);
         let low: [i64; 3] = std::array::from_fn(|a| (2 * node[a]).min(last[a] - 1).max(0));

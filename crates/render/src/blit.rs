@@ -15,7 +15,7 @@ use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderS
 /// A part of an application's texture, on which a picture is put.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
-    /// Of a colour texture of one sample that can be rendered to.
+    /// The view of a colour texture of one sample that can be rendered to.
     pub view: &'a wgpu::TextureView,
     /// The view's format. What is written are the picture's colours as they are, which are sRGB codes: in a format that encodes light, too.
     pub format: TextureFormat,

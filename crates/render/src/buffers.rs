@@ -47,7 +47,7 @@ pub(crate) struct RayBuffers {
     pub(crate) bricks: wgpu::Buffer,
     pub(crate) ranges: wgpu::Buffer,
     pub(crate) opaque_before: wgpu::Buffer,
-    /// By brick, how it was entered; all zero between frames.
+    /// The marks of bricks, which say how they were entered; all zero between frames.
     pub(crate) marks: wgpu::Buffer,
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct Framed<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) blend: Blend,
-    /// Of its projection.
+    /// The opacity of the layer's projection.
     pub(crate) opacity: f64,
     /// The cut that its list is drawn from.
     pub(crate) cut: u32,
@@ -149,7 +149,7 @@ pub(crate) fn frame_uniform(
     }
 }
 
-/// Of each surface where it begins, and its colour and opacity.
+/// The code at which each surface begins, and each one's colour and opacity.
 fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) {
     // No code is past what there is not.
     let (mut thresholds, mut looks) = ([[1e30; 4]; 2], [[0.0; 4]; MAX_SURFACES]);

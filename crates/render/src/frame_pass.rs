@@ -486,12 +486,12 @@ impl Passes<'_> {
         self.renderer.targets.as_ref().ok_or_else(no_target)
     }
 
-    /// By what a march is drawn; made before.
+    /// The pipeline of a march, made before.
     fn pipeline(&self, shader: &Shader) -> Result<&Pipeline, GpuError> {
         self.renderer.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
     }
 
-    /// By what colours are made; made before.
+    /// The pipeline that makes colours, made before.
     fn resolve(&self, seen: Seen, shown: Shown) -> Result<&wgpu::RenderPipeline, GpuError> {
         match self.renderer.pipelines.get(&Wanted::Resolve(seen, shown)) {
             Some(Pipeline::Render(pipeline)) => Ok(pipeline),

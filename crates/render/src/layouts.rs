@@ -10,9 +10,9 @@ use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 pub(crate) struct Layouts {
     /// The pools that joint marches see, and whether with stored gradients.
     pub(crate) of: (usize, bool),
-    /// Of a march through one layer.
+    /// The layout of a march through one layer.
     pub(crate) march: wgpu::BindGroupLayout,
-    /// Of a march through all of them.
+    /// The layout of a march through all layers.
     pub(crate) joint: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
     pub(crate) joined: wgpu::BindGroupLayout,

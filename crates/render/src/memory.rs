@@ -91,7 +91,7 @@ pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
     pub(crate) layers: &'a [VolumeNeeds],
-    /// Of each pool how many slots there may be, where the device has refused more.
+    /// The most slots that each pool may have, where the device has refused more.
     pub(crate) most_slots: &'a [u32],
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
@@ -102,7 +102,7 @@ pub(crate) struct MemoryNeeds<'a> {
     pub(crate) casts_rays: Option<bool>,
     /// Whether there is room for what expressions show.
     pub(crate) has_expressions: bool,
-    /// Whether the left eye's picture is kept.
+    /// Whether the left eye's picture is kept, as on an application's device.
     pub(crate) has_two_eyes: bool,
     /// Batches of uploads that have staging memory at once.
     pub(crate) batches: u64,

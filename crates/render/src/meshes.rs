@@ -75,7 +75,7 @@ struct Held {
 }
 
 impl Meshes {
-    /// With a frame of their own, in the scene's world.
+    /// Makes buffers and pipelines, with a frame of their own in the scene's world.
     pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshCapacity) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
@@ -179,7 +179,7 @@ impl Meshes {
         })
     }
 
-    /// For pipelines that draw slabs.
+    /// The layouts for pipelines that draw slabs.
     pub(crate) fn layouts(&self) -> MeshLayouts {
         MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
@@ -362,7 +362,7 @@ fn depth_attachment(view: &wgpu::TextureView, clear: f32) -> wgpu::RenderPassDep
 #[derive(Debug)]
 pub(crate) struct Peeled {
     size_px: (u32, u32),
-    /// Of the layers before and behind the slab, in turns.
+    /// Distances of the layers before and behind the slab, in turns.
     depths: [wgpu::TextureView; 2],
     numbers: [wgpu::TextureView; 2],
     /// Which of the two is behind.
@@ -371,7 +371,7 @@ pub(crate) struct Peeled {
     color: wgpu::TextureView,
     /// What is in front of the slab, premultiplied.
     front: wgpu::TextureView,
-    /// By which is behind: for peeling, and for marching.
+    /// Bind groups for peeling and for marching, by which of the two layers is behind.
     before: [wgpu::BindGroup; 2],
     limits: [wgpu::BindGroup; 2],
     layer: wgpu::BindGroup,

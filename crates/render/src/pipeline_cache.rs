@@ -54,7 +54,7 @@ impl Requests {
 }
 
 impl Pipelines {
-    /// Those that another renderer has left, if this maker would make the same; else none yet.
+    /// The pipelines that another renderer has left, if this maker would make the same; else none yet.
     pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
         let of_maker = |maker| Self { maker, all: HashMap::new(), requests: Default::default(), thread: None };
         kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))

@@ -19,7 +19,7 @@ use brickyard_volume::{MacroCells, OpaqueCodes};
 /// The pool.
 #[derive(Debug)]
 pub(crate) struct Pool {
-    /// Of one of its layers: all have such bricks.
+    /// The needs of one of its layers: all have such bricks.
     needs: VolumeNeeds,
     plan: PoolPlan,
     pub(crate) atlas: Atlas,

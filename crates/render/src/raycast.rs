@@ -24,9 +24,9 @@ use wgpu::BufferUsages;
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// Of each layer by itself.
+    /// Bind groups of each layer by itself.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
-    /// Of all of them.
+    /// The bind group of all layers.
     pub(crate) joint: wgpu::BindGroup,
 }
 

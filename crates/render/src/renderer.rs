@@ -38,8 +38,6 @@ pub struct GpuOptions {
     pub skips_empty: bool,
     /// Whether there may be expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
-    /// Whether pictures of two eyes may be shown: see [`GpuRenderer::keep_left`].
-    pub two_eyes: bool,
     /// Allocations above this are refused as if by the device: for tests.
     #[doc(hidden)]
     pub refuse_above_bytes: u64,
@@ -48,14 +46,7 @@ pub struct GpuOptions {
 impl Default for GpuOptions {
     fn default() -> Self {
         let (preference, compositor) = Default::default();
-        Self {
-            preference,
-            compositor,
-            skips_empty: true,
-            expressions: true,
-            two_eyes: false,
-            refuse_above_bytes: u64::MAX,
-        }
+        Self { preference, compositor, skips_empty: true, expressions: true, refuse_above_bytes: u64::MAX }
     }
 }
 
@@ -142,7 +133,7 @@ impl Recipe {
             max_binding_bytes: gpu.device.limits().max_storage_buffer_binding_size,
             casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.skips_empty),
             has_expressions: self.options.expressions,
-            has_two_eyes: self.options.two_eyes,
+            has_two_eyes: gpu.is_lent,
             // Who never waits has more under way.
             batches: if gpu.is_lent { 4 } else { 2 },
         })
@@ -192,7 +183,7 @@ impl GpuRenderer {
         Self::make(Recipe::new(options, layers, gpu_memory_bytes, max_size_px)?, None)
     }
 
-    /// The same on this device, with what has been compiled for it.
+    /// A renderer on this device, with what has been compiled for it.
     ///
     /// # Errors
     /// As [`GpuRenderer::new`].

@@ -18,7 +18,7 @@ pub(crate) struct Targets {
     pub(crate) width_px: u32,
     pub(crate) height_px: u32,
     pub(crate) gathered: wgpu::TextureView,
-    /// Of joined projections: colour times depth, and depth, of what mixes; and what adds.
+    /// Sums of joined projections: colour times depth, and depth, of what mixes; and what adds.
     pub(crate) sums: Option<[wgpu::TextureView; 2]>,
     pub(crate) display_view: wgpu::TextureView,
     pub(crate) display: wgpu::Texture,

@@ -42,12 +42,12 @@ pub(crate) struct TableCapacity {
 }
 
 impl TableCapacity {
-    /// For what pictures need.
+    /// The capacity that pictures need.
     pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
         Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
     }
 
-    /// For places alone.
+    /// The capacity for places alone.
     pub(crate) fn of_places(codes: SlotFormat) -> Self {
         Self { codes, has_integrals: false, has_grid: false }
     }

@@ -119,7 +119,7 @@ impl<'a> Scene<'a> {
             // The bricks of all lie in turns: they share slots.
             for cell in &mut list.cells {
                 cell.slot = Slot(cell.slot.0 * layers.len() as u32 + layer as u32);
-                renderer.upload(layer, cell.slot, volume.padded(cell.brick, &frame.needs()));
+                renderer.upload(layer, cell.slot, volume.padded(cell.brick, &frame.needs())).expect("a slot");
             }
             drawn.push((VolumeFrame::alone((*frame).clone()), list));
         }
@@ -130,7 +130,7 @@ impl<'a> Scene<'a> {
         let layers: Vec<Layer<'_>> = (self.volumes.iter().zip(&self.drawn).enumerate())
             .map(|(i, (volume, (frame, draw)))| Layer { volume: i, frame, pyramid: &volume.pyramid, draw, cut: 0 })
             .collect();
-        self.renderer.render(&layers, None)
+        self.renderer.render(&layers, None).expect("a picture")
     }
 
     /// Draws it, and says the wall time and the CPU time in milliseconds.

@@ -44,7 +44,7 @@ pub(crate) struct Frame<'a> {
     pub(crate) positions_per_code: f32,
     /// Unit distances of a world unit.
     pub(crate) per_unit: f64,
-    /// Of the codes' range, by how much the ends of a part may differ where there are more parts the more they do.
+    /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
     pub(crate) adaptive_step: f64,
     /// The transfer function's running integrals, if the method wants them.
     pub(crate) integrals: Option<&'a Integrals>,
@@ -56,7 +56,7 @@ pub(crate) struct Frame<'a> {
     pub(crate) depths: Option<DepthTable>,
     /// Opacity is zero at table positions outside these two.
     pub(crate) visible: [f32; 2],
-    /// Of each surface the code from which on a place is past it, ascending; where there is none, more than any.
+    /// The code from which on a place is past each surface, ascending; more than any code where there is no surface.
     pub(crate) thresholds: [f32; MAX_SURFACES],
     /// How surfaces are lit that stand in fog.
     pub(crate) surface_lighting: Lighting,
@@ -89,7 +89,7 @@ pub(crate) struct Cell<'a> {
     pub(crate) side: f32,
     /// How many of several surfaces all of it is past; negative if that is not one number.
     pub(crate) rank: i32,
-    /// In a maximum or minimum projection, the greatest or least code in each box of macro-cells.
+    /// The greatest code in each box of macro-cells, or the least one, in a maximum or minimum projection.
     pub(crate) extremes: Box<[u16]>,
     /// The pixels that may see the cell, and those among them that draw this entry, if not all.
     pub(crate) rect: PixelRect,
@@ -262,9 +262,9 @@ impl Frame<'_> {
 enum Shows {
     All,
     Opaque(OpaqueCodes),
-    /// Those on both sides of a threshold.
+    /// Boxes with codes on both sides of a threshold.
     Surface(f32),
-    /// Those on both sides of one of several; and those with opacity, if there is fog.
+    /// Boxes with codes on both sides of one of several thresholds; and those with opacity, if there is fog.
     Layers([f32; MAX_SURFACES], Option<OpaqueCodes>),
 }
 

@@ -25,13 +25,13 @@ use std::ops::Range;
 pub(crate) struct Way {
     pub(crate) layer: usize,
     pub(crate) ray: Ray,
-    /// Of its runs, those that are not done.
+    /// The layer's runs that are not done.
     pub(crate) runs: Range<usize>,
     /// The stretch that it has come to, and of what may be seen in it what has not been taken.
     stretch: Stretch,
     seen: u64,
     pending: Range<i32>,
-    /// Of the cell that it is in: how much of it can be seen, and one past the last tick.
+    /// How much can be seen of the cell that the ray is in, and one past the last tick there.
     coverage: Coverage,
     last: u32,
 }

@@ -15,7 +15,7 @@ pub(crate) struct Gradients<'a> {
 }
 
 impl<'a> Gradients<'a> {
-    /// Those behind a brick's voxels, of which there are `apron` around the core.
+    /// The gradients behind a brick's voxels, of which there are `apron` around the core.
     ///
     /// # Panics
     /// If they are not as many as these.

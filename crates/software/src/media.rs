@@ -21,7 +21,7 @@ pub(crate) struct Media {
     pub(crate) light: [f32; PLACES],
     /// Room to work out how light passes them.
     passage: Passage,
-    /// Of layers that an expression reads: their values, all of a segment's together, and the longest of their parts.
+    /// Values of the layers that an expression reads, all of a segment's together, and the longest of their parts.
     pub(crate) values: Vec<f64>,
     /// Where the expression is lit: the gradients of those values in the scene's world.
     pub(crate) gradients: Vec<DVec3>,

@@ -68,7 +68,7 @@ impl Mixed {
 /// What one layer shows of a piece of a segment by itself.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct LayerMedium {
-    /// Of a layer that mixes: premultiplied colour, and how much light is hidden.
+    /// Premultiplied colour of a layer that mixes, and how much light it hides.
     color: Vec3,
     hidden: f32,
     /// Halvings of the light on the way through.
@@ -131,7 +131,7 @@ impl LayerMediumChunk {
 /// What several projections show together.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Projections {
-    /// Of layers that mix: colour times depth, and depth.
+    /// Colour times depth, and depth, of the layers that mix.
     mixed: Vec4,
     /// What layers that add give.
     pub(crate) emission: Vec4,

@@ -34,7 +34,7 @@ pub(crate) trait Blend {
         cell.mask.coverage()
     }
 
-    /// In which boxes of macro-cells samples can change the sum: a bit for each.
+    /// The boxes of macro-cells in which samples can change the sum: a bit for each.
     ///
     /// # Safety
     /// The brick has these boxes.

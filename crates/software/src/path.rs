@@ -87,7 +87,7 @@ impl<'a> Path<'a> {
         }
     }
 
-    /// The same way, of which only a piece of one segment counts.
+    /// This path, of which only a piece of one segment counts.
     pub(crate) fn piece(&self, first_start: f32, last_end: f32) -> Self {
         Self { first_start, last_end, ..*self }
     }
@@ -442,7 +442,7 @@ impl<'a> Path<'a> {
         differences
     }
 
-    /// Those that are stored, as shares of the greatest code. Out of line for the same reason.
+    /// The stored differences, as shares of the greatest code. Out of line for the same reason.
     #[inline(never)]
     fn stored_differences(&self, along: f32) -> Vec3 {
         let March { frame, cell, .. } = self.march;

@@ -40,6 +40,14 @@ pub enum SoftwareError {
         /// What the system said.
         source: rayon::ThreadPoolBuildError,
     },
+    /// Layers, frames, lists or bricks that do not belong to this renderer: a programming error of the caller's.
+    #[error("the CPU renderer was given {0}")]
+    Mismatch(String),
+}
+
+/// Nothing, or what is wrong.
+fn expect(is_right: bool, what: impl FnOnce() -> String) -> Result<(), SoftwareError> {
+    if is_right { Ok(()) } else { Err(SoftwareError::Mismatch(what())) }
 }
 
 /// Pools of slots in RAM, and threads that draw layers from them.
@@ -47,7 +55,7 @@ pub enum SoftwareError {
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
     layers: Vec<VolumeNeeds>,
-    /// Of each layer the number of its pool.
+    /// The number of each layer's pool.
     pool_of: Vec<usize>,
     pools: Vec<Slots>,
     bytes: u64,
@@ -66,13 +74,12 @@ impl SoftwareRenderer {
     ///
     /// # Errors
     /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), bricks are too large, or the
-    /// threads do not start.
-    ///
-    /// # Panics
-    /// If there is no layer, or bricks have no apron: they would show their seams.
+    /// threads do not start; if there is no layer, or bricks have too narrow an apron: they would show their seams.
     pub fn new(layers: &[VolumeNeeds], options: &SoftwareOptions) -> Result<Self, SoftwareError> {
+        expect(!layers.is_empty(), || "no layer".into())?;
         for VolumeNeeds { edge, bricks, .. } in layers {
-            assert!(bricks.apron >= bricks.filter.taps(), "samples need an apron");
+            let (apron, taps) = (bricks.apron, bricks.filter.taps());
+            expect(apron >= taps, || format!("bricks with an apron of {apron}, whose samples need {taps}"))?;
             if !(1..=Self::MAX_EDGE).contains(edge) {
                 return Err(SoftwareError::Edge { edge: *edge });
             }
@@ -117,6 +124,9 @@ impl SoftwareRenderer {
     }
 
     /// How many slots there are in a layer's pool, which all of its layers share.
+    ///
+    /// # Panics
+    /// If there is no such layer.
     pub fn slots(&self, layer: usize) -> u32 {
         self.pools[self.pool_of[layer]].len()
     }
@@ -129,27 +139,34 @@ impl SoftwareRenderer {
     /// Puts a layer's padded brick into a slot of its pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
     /// behind them if pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
     ///
-    /// # Panics
-    /// If there is no such slot or the length is not a padded brick's.
-    pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) {
-        self.pools[self.pool_of[layer]].upload(slot, codes);
+    /// # Errors
+    /// If there is no such layer or slot, or the length is not a padded brick's.
+    pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) -> Result<(), SoftwareError> {
+        let pool = self.pool_of.get(layer).and_then(|&pool| self.pools.get_mut(pool));
+        let Some(pool) = pool else { return Err(SoftwareError::Mismatch(format!("a brick of layer {layer}"))) };
+        let (bytes, slots) = (codes.len(), pool.len());
+        expect(slot.0 < slots && pool.is_padded_brick(&codes), || {
+            format!("a brick of {bytes} bytes for slot {} of {slots}", slot.0)
+        })?;
+        pool.upload(slot, codes);
+        Ok(())
     }
 
     /// Draws layers, or an expression over them; those of the renderer's layers that are not given are not there. Costs time in proportion to
     /// the samples taken; a draw list may not be longer than [`SoftwareRenderer::slots`] for the byte account to hold.
     ///
-    /// # Panics
-    /// If layers are none, in another order or not the renderer's, a list names a slot that was never uploaded, frames, pyramids and needs do not belong together, or an
-    /// expression is lit, has surfaces, or is shown by another mode or method than the plain one.
-    pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Picture {
-        assert!(
-            !layers.is_empty() && layers.is_sorted_by(|a, b| a.volume < b.volume),
-            "layers in the renderer's order"
-        );
-        layers.iter().for_each(|layer| check(layer, &self.layers[layer.volume], combination.is_some()));
+    /// # Errors
+    /// If layers are none, in another order or not the renderer's, the picture is larger than was agreed, a list names a slot that was never
+    /// uploaded, frames, pyramids and needs do not belong together, or an expression is lit, has surfaces, or is shown by another mode or
+    /// method than the plain one.
+    pub fn render(
+        &mut self,
+        layers: &[Layer<'_>],
+        combination: Option<&Combination>,
+    ) -> Result<Picture, SoftwareError> {
+        self.check(layers, combination.is_some())?;
         let settings = &layers[0].frame.settings;
-        let (size, most) = ((settings.rays.width, settings.rays.height), self.options.max_picture_px);
-        assert!(size.0 <= most[0] && size.1 <= most[1], "the picture is larger than was agreed");
+        let size = (settings.rays.width, settings.rays.height);
         if !self.meshes.is_of(&settings.meshes) {
             // The old one goes first: both together would pass the budget.
             self.meshes = MeshTree::default();
@@ -175,7 +192,30 @@ impl SoftwareRenderer {
             self.visibility.resize(self.layers.len(), Vec::new());
             layers.iter().zip(visibility).for_each(|(layer, light)| self.visibility[layer.volume] = light);
         }
-        tiles::picture(size, &tiles, &drawn)
+        Ok(tiles::picture(size, &tiles, &drawn))
+    }
+
+    /// Whether layers can be drawn, as an expression's operands or by themselves.
+    fn check(&self, layers: &[Layer<'_>], are_read: bool) -> Result<(), SoftwareError> {
+        let is_ordered = !layers.is_empty() && layers.is_sorted_by(|a, b| a.volume < b.volume);
+        expect(is_ordered && layers.iter().all(|layer| layer.volume < self.layers.len()), || {
+            let numbers: Vec<usize> = layers.iter().map(|layer| layer.volume).collect();
+            format!("layers {numbers:?}, in this order, of {}", self.layers.len())
+        })?;
+        let [width, height] = self.options.max_picture_px;
+        for layer in layers {
+            check(layer, &self.layers[layer.volume], are_read)?;
+            let rays = &layer.frame.settings.rays;
+            expect(rays.width <= width && rays.height <= height, || {
+                format!("a picture of {}x{} pixels, where {width}x{height} were agreed", rays.width, rays.height)
+            })?;
+            let slots = &self.pools[self.pool_of[layer.volume]];
+            let missing = layer.draw.cells.iter().map(|cell| cell.slot).find(|&slot| !slots.has_brick(slot));
+            if let Some(Slot(slot)) = missing {
+                return Err(SoftwareError::Mismatch(format!("a list with slot {slot}, which holds no brick")));
+            }
+        }
+        Ok(())
     }
 
     /// For each entry of the list of a layer that was drawn last, in its order, the greatest transmittance with which a ray entered its
@@ -205,18 +245,21 @@ fn is_one_cut(layers: &[Layer<'_>]) -> bool {
     layers[1..].iter().all(|layer| view(layer) == view(&layers[0]))
 }
 
-fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) {
+/// Whether a frame is of a layer with these needs.
+fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), SoftwareError> {
     let settings = &layer.frame.settings;
-    assert_eq!(needs.edge, layer.pyramid.edge(), "other bricks");
-    assert_eq!(needs.encoding, settings.encoding, "other codes");
-    assert!(needs.bricks.satisfy(&settings.needs()), "{:?} of bricks for {:?}", settings.needs(), needs.bricks);
-    let sampling = &settings.sampling;
-    let is_plain = settings.mode == Mode::Dvr && sampling.method == Method::Udvr;
+    let edge = layer.pyramid.edge();
+    expect(needs.edge == edge && needs.encoding == settings.encoding, || {
+        format!(
+            "a frame of {:?} in bricks of {edge}: it was made for {:?} in bricks of {}",
+            settings.encoding, needs.encoding, needs.edge
+        )
+    })?;
+    let (asked, given) = (settings.needs(), needs.bricks);
+    expect(given.satisfy(&asked), || format!("a frame of {asked:?}: its bricks have {given:?}"))?;
+    let is_plain = settings.mode == Mode::Dvr && settings.sampling.method == Method::Udvr;
     let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
-    assert!(
-        !is_read || (is_plain && is_bare),
-        "an expression has its volumes' values, sampled plainly, and no gradient"
-    );
+    expect(!is_read || (is_plain && is_bare), || "an expression over other than values, sampled plainly".into())
 }
 
 #[cfg(test)]

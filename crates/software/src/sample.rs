@@ -22,7 +22,7 @@ pub(crate) struct Chunk {
     pub(crate) packets: usize,
     /// Samples, where all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
-    /// That zone.
+    /// The zone whose steps these are.
     pub(crate) zone: usize,
     /// Where each sample is, in steps from the run's first.
     pub(crate) along: [Packet; PACKETS],

@@ -37,7 +37,7 @@ impl Slots {
 
     /// Puts a padded brick into a slot; the codes are read once, for the macro-cells.
     pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
-        assert_eq!(codes.len() as u64, slot_bytes(&self.needs), "not a padded brick");
+        debug_assert!(self.is_padded_brick(&codes));
         let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
         let voxels = &codes[..voxel_bytes(&self.needs) as usize];
         let cells = match self.skips_empty {
@@ -48,6 +48,16 @@ impl Slots {
         self.bricks[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes, cells));
     }
 
+    /// Whether codes are as long as a padded brick's, with its gradients.
+    pub(crate) fn is_padded_brick(&self, codes: &[u8]) -> bool {
+        codes.len() as u64 == slot_bytes(&self.needs)
+    }
+
+    pub(crate) fn has_brick(&self, slot: Slot) -> bool {
+        matches!(self.bricks.get(slot.0 as usize), Some(Some(_)))
+    }
+
+    /// The brick in a slot, which has one.
     pub(crate) fn brick(&self, slot: Slot) -> &Resident {
         self.bricks[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
     }

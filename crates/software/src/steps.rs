@@ -60,7 +60,7 @@ pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
 }
 
 impl StepTables {
-    /// Those of the lattice's first `zones`; none for codes wider than 8 bits.
+    /// The steps of the lattice's first `zones`; none for codes wider than 8 bits.
     pub(crate) fn new(table: &TransferTable, lattice: &Lattice, format: SlotFormat, zones: usize) -> Self {
         let entry = |zone: usize, i: usize| {
             if i >= NOTHING {

@@ -46,7 +46,7 @@ fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>
     let needs = vec![needs(EDGE, VoxelType::U8); layers];
     let pyramid = Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], EDGE);
     let mut renderer = SoftwareRenderer::new(&needs, &options(1 << 30, threads)).expect("a gibibyte is enough");
-    renderer.upload(0, Slot(0), brick().into());
+    renderer.upload(0, Slot(0), brick().into()).expect("the slot is there");
     let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
     let region = pyramid.brick_box_voxel(id.level, id.index);
     let cell = DrawCell { cell: id, region, pixels: PixelShare::ALL, brick: id, slot: Slot(0), rank: 0 };
@@ -80,7 +80,7 @@ fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>
     };
     let frames: Vec<VolumeFrame> = (0..layers).map(frame).collect();
     let layer = |(volume, frame)| Layer { volume, frame, pyramid: &pyramid, draw: &list, cut: 0 };
-    let picture = renderer.render(&frames.iter().enumerate().map(layer).collect::<Vec<_>>(), None);
+    let picture = renderer.render(&frames.iter().enumerate().map(layer).collect::<Vec<_>>(), None).expect("a picture");
     (picture, renderer.visibility(0).map(<[f32]>::to_vec))
 }
 
@@ -94,4 +94,60 @@ fn the_picture_does_not_depend_on_threads() {
             assert_eq!(one, draw(mode, layers, 3), "{mode:?}, {layers} layers");
         }
     }
+}
+
+/// What does not belong to the renderer is an error, and the renderer goes on.
+#[test]
+fn what_does_not_belong_together_is_an_error() {
+    let own = [needs(EDGE, VoxelType::U8)];
+    let mut renderer = SoftwareRenderer::new(&own, &options(1 << 30, 1)).expect("a gibibyte is enough");
+    let said = |error: Option<SoftwareError>| error.map(|error| error.to_string()).unwrap_or_default();
+    assert!(said(SoftwareRenderer::new(&[], &options(1 << 30, 1)).err()).contains("no layer"));
+    let narrow = VolumeNeeds { bricks: Needs { apron: 0, ..BRICKS }, ..own[0] };
+    assert!(said(SoftwareRenderer::new(&[narrow], &options(1 << 30, 1)).err()).contains("an apron of 0"));
+    assert!(said(renderer.upload(1, Slot(0), brick().into()).err()).contains("a brick of layer 1"));
+    let beyond = Slot(renderer.slots(0));
+    assert!(said(renderer.upload(0, beyond, brick().into()).err()).contains("for slot"));
+    assert!(said(renderer.upload(0, Slot(0), brick()[1..].into()).err()).contains("for slot 0"));
+    assert!(said(renderer.render(&[], None).err()).contains("layers []"));
+
+    let pyramid = Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], EDGE);
+    let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
+    let region = pyramid.brick_box_voxel(id.level, id.index);
+    let cell = DrawCell { cell: id, region, pixels: PixelShare::ALL, brick: id, slot: Slot(0), rank: 0 };
+    let (list, coarse) = (DrawList { cells: vec![cell] }, Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], 16));
+    let frame = |width, encoding, filter| {
+        let camera = Camera::looking_at_box((DVec3::ZERO, DVec3::splat(f64::from(EDGE))));
+        VolumeFrame::alone(FrameSettings {
+            rays: camera.rays(width, 50).expect("a camera"),
+            lattice: Lattice::uniform(0.7, 0),
+            geometry: Geometry::default(),
+            placement: Placement::default(),
+            encoding,
+            table: TransferTable::new(&TransferFunction::default(), &encoding).into(),
+            mode: Mode::Dvr,
+            surfaces: Vec::new(),
+            sampling: Sampling { filter, ..Sampling::default() },
+            lighting: Lighting::default(),
+            background: [0.0; 3],
+            clip: None,
+            meshes: Vec::new(),
+        })
+    };
+    let (plain, encoding) = (Filter::Trilinear, own[0].encoding);
+    let wide = SlotEncoding::new(VoxelType::U16, (0.0, 255.0), false);
+    let mut drawn = |volume, frame: VolumeFrame, pyramid: &Pyramid| {
+        said(renderer.render(&[Layer { volume, frame: &frame, pyramid, draw: &list, cut: 0 }], None).err())
+    };
+    assert!(drawn(0, frame(60, encoding, plain), &pyramid).contains("slot 0, which holds no brick"));
+    assert!(drawn(1, frame(60, encoding, plain), &pyramid).contains("layers [1]"));
+    assert!(drawn(0, frame(60, wide, plain), &pyramid).contains("it was made for"));
+    assert!(drawn(0, frame(60, encoding, plain), &coarse).contains("in bricks of 16"));
+    assert!(drawn(0, frame(5000, encoding, plain), &pyramid).contains("a picture of 5000x50 pixels"));
+    assert!(drawn(0, frame(60, encoding, Filter::Tricubic), &pyramid).contains("its bricks have"));
+    renderer.upload(0, Slot(0), brick().into()).expect("the slot is there");
+    let frame = frame(60, encoding, plain);
+    renderer
+        .render(&[Layer { volume: 0, frame: &frame, pyramid: &pyramid, draw: &list, cut: 0 }], None)
+        .expect("a picture");
 }

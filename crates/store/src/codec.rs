@@ -22,7 +22,7 @@ pub enum Codec {
     Zstd(i32),
     /// Byte shuffle, then Zstandard at this level, as the standard `blosc` codec: the default for wider voxels.
     ShuffleZstd(i32),
-    /// As they are.
+    /// Bytes as they are.
     None,
 }
 

@@ -119,9 +119,9 @@ pub enum ReadError {
         path: PathBuf,
         /// What differs: the length or the index checksum.
         what: &'static str,
-        /// As packed.
+        /// The value as packed.
         expected: u64,
-        /// As found.
+        /// The value as found.
         found: u64,
     },
     /// The shard's index is damaged, so none of its bricks can be found.
@@ -199,9 +199,9 @@ pub enum ShardError {
     /// The index does not match its checksum.
     #[error("index checksum: stored {stored:08x}, computed {computed:08x}")]
     Checksum {
-        /// In the file.
+        /// The checksum in the file.
         stored: u32,
-        /// Of the bytes in the file.
+        /// The checksum of the bytes in the file.
         computed: u32,
     },
     /// An entry points outside the data, or is larger than an encoded brick can be.
@@ -211,9 +211,9 @@ pub enum ShardError {
     Range {
         /// Which entry.
         slot: usize,
-        /// As stored.
+        /// The offset as stored.
         offset: u64,
-        /// As stored.
+        /// The length as stored.
         length: u64,
         /// Bytes before the index.
         data: u64,
@@ -228,9 +228,9 @@ pub enum CodecError {
     /// The bytes do not match their checksum.
     #[error("damaged brick: checksum stored {stored:08x}, computed {computed:08x}")]
     Checksum {
-        /// In the file.
+        /// The checksum in the file.
         stored: u32,
-        /// Of the bytes in the file.
+        /// The checksum of the bytes in the file.
         computed: u32,
     },
     /// The decoded brick has the wrong size.

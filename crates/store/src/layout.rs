@@ -98,12 +98,12 @@ impl Layout {
         Self { pyramid, times, channels, max_shard_bricks, second: None, is_aprons: false }
     }
 
-    /// The same with levels 1 and up in the folders of a second pyramid, made by `method`.
+    /// This layout with levels 1 and up in the folders of a second pyramid, made by `method`.
     pub fn of_second(&self, method: Downsample) -> Self {
         Self { second: Some(method), ..self.clone() }
     }
 
-    /// The same for the aprons of the bricks: equal shards in folders of their own.
+    /// This layout for the aprons of the bricks: equal shards in folders of their own.
     pub fn of_aprons(&self) -> Self {
         Self { is_aprons: true, ..self.clone() }
     }

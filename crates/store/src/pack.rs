@@ -135,7 +135,7 @@ pub trait Progress: Sync {
     fn planned(&self, _plan: &PackPlan) {}
     /// Something the user should know, one sentence.
     fn warn(&self, _message: &str) {}
-    /// So many of so many voxels of level 0 are packed.
+    /// Called when so many of all voxels of level 0 are packed.
     fn advanced(&self, _done: u64, _total: u64) {}
     /// After that, where aprons are stored: so many of so many bytes of them, uncompressed, are packed.
     fn aprons(&self, _done: u64, _total: u64) {}
@@ -185,7 +185,7 @@ pub enum PackError {
     Unfit {
         /// Which property.
         what: &'static str,
-        /// As the input gives it.
+        /// The name as the input gives it.
         found: String,
         /// What can be stored.
         expected: String,

@@ -160,7 +160,7 @@ impl RangePage {
         self.pair(place, 0)
     }
 
-    /// The same of the brick with one voxel around it.
+    /// The range of the brick with one voxel around it.
     pub fn reach(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 2)
     }

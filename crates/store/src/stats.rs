@@ -40,7 +40,7 @@ impl<T: Measure> Range<T> {
         }
     }
 
-    /// As data values; `None` where there is no valid voxel.
+    /// The range as data values; `None` where there is no valid voxel.
     pub(crate) fn to_f64(self) -> Option<(f64, f64)> {
         (!self.is_empty()).then(|| (self.low.to_f64(), self.high.to_f64()))
     }
@@ -206,9 +206,9 @@ impl Tally {
 
 /// One thread's counts of one channel's voxels.
 pub(crate) enum Counter {
-    /// Of 8 and 16 bits.
+    /// Counts of values of 8 and 16 bits.
     Words(WordTable),
-    /// Of 32 bits.
+    /// Counts of values of 32 bits.
     Values(ValueTable),
 }
 
@@ -351,9 +351,9 @@ pub(crate) struct ChannelTotals {
     /// Voxels that are negative infinity.
     pub negative_infinite: u64,
     sum: f64,
-    /// Of 8 and 16 bits: how often each value occurs, the least first.
+    /// How often each value of 8 or 16 bits occurs, the least first.
     bins: Vec<u64>,
-    /// Of 32 bits: how often values occur.
+    /// How often values of 32 bits occur.
     values: ValueCounts,
 }
 

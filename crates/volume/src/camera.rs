@@ -245,7 +245,7 @@ pub struct Frustum {
 }
 
 impl Frustum {
-    /// The same planes in a volume's own world.
+    /// This frustum's planes in a volume's own world.
     pub fn in_volume(&self, placement: &Placement) -> Self {
         let origin = placement.world_from_volume(DVec3::ZERO);
         let plane = |(normal, offset): (DVec3, f64)| (placement.volume_normal(normal), offset + normal.dot(origin));

@@ -32,7 +32,7 @@ impl ClipPlane {
         self.normal.dot(point - self.point)
     }
 
-    /// The same plane with a normal of length 1.
+    /// This plane with a normal of length 1.
     ///
     /// # Errors
     /// If a number is not finite or the normal has no length.

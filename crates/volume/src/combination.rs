@@ -18,14 +18,14 @@ pub struct Combination {
     pub expression: Expression,
     /// How its values look.
     pub transfer: TransferFunction,
-    /// The same as a table, over the values from its first point to its last.
+    /// The transfer function as a table, over the values from its first point to its last.
     pub table: TransferTable,
     /// What the table's entries stand for.
     pub encoding: SlotEncoding,
 }
 
 impl Combination {
-    /// Of an expression over the volumes that it reads, and a transfer function that has been found valid.
+    /// Combines an expression over the volumes that it reads with a transfer function that has been found valid.
     pub fn new(expression: Expression, transfer: TransferFunction) -> Self {
         let (low, high) = transfer.span();
         // Of one point, or of none, all is alike.

@@ -98,7 +98,7 @@ pub struct JointMedium {
     /// Of those that mix: colour times depth, and depth, in halvings of the light over the interval.
     color: DVec3,
     depth: f64,
-    /// Of those that add.
+    /// Emission of the layers that add.
     emission: DVec3,
 }
 

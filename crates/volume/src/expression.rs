@@ -95,9 +95,9 @@ pub enum Operation {
     Number(f64),
     /// The value of a volume, by its position.
     Volume(usize),
-    /// Of one operand.
+    /// An operation on one operand.
     Unary(Unary, usize),
-    /// Of two.
+    /// An operation on two operands.
     Binary(Binary, usize, usize),
     /// The second operand where the first is not 0, else the third.
     Choose(usize, usize, usize),
@@ -150,7 +150,7 @@ impl Expression {
         (0..MAX_VOLUMES).filter(reads).collect()
     }
 
-    /// The same over the volumes that it reads alone, in their order.
+    /// This expression over the volumes that it reads alone, in their order.
     pub fn of_its_own(&self) -> Self {
         let volumes = self.volumes();
         let place = |volume: usize| volumes.iter().position(|v| *v == volume).unwrap_or(volume);

@@ -80,7 +80,7 @@ impl GradientNodes {
         }
     }
 
-    /// For each node along an axis the two voxels on its sides, as places in the padded brick.
+    /// The two voxels beside each node along an axis, as places in the padded brick.
     fn pairs(&self, apron: u32, inside: &Range<i64>) -> Vec<[usize; 2]> {
         let pair = |i: u32| {
             let first = 2 * i as i64 - self.apron() as i64;

@@ -47,7 +47,7 @@ impl Lattice {
     /// A zone start that no ray reaches.
     pub const NEVER: u32 = 1 << 30;
 
-    /// The same zone everywhere: a level lock.
+    /// A lattice of one zone everywhere: a level lock.
     pub fn uniform(step: f64, zone: usize) -> Self {
         Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }) }
     }

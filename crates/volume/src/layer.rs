@@ -91,7 +91,7 @@ impl SceneLayer {
         Ok(function.bent(window, self.gamma))
     }
 
-    /// The same layer with this transfer function written out in place of what says how to make it.
+    /// This layer with its transfer function written out in place of what says how to make it.
     pub fn written_out(&self, function: TransferFunction) -> Self {
         Self { transfer: Some(function.into()), window: None, color: None, gamma: 1.0, ..self.clone() }
     }

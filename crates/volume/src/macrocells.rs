@@ -17,7 +17,7 @@ pub const CELL_EDGE: usize = 8;
 pub struct MacroCells {
     /// Least and greatest valid code, x fastest; the least past the greatest where no voxel is valid.
     ranges: Box<[[u16; 2]]>,
-    /// Of all cells together.
+    /// The range of all cells together.
     whole: [u16; 2],
 }
 

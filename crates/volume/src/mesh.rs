@@ -59,7 +59,7 @@ pub enum MeshError {
         what: &'static str,
         /// How many there are.
         found: usize,
-        /// Of vertices.
+        /// The number of vertices.
         vertices: usize,
     },
     /// More than numbers of 32 bits can name.
@@ -319,10 +319,10 @@ pub struct MeshCapacity {
 }
 
 impl MeshCapacity {
-    /// Of no mesh.
+    /// The capacity for no mesh.
     pub const NONE: Self = Self { meshes: 0, vertices: 0, triangles: 0 };
 
-    /// Of these.
+    /// The capacity for these meshes.
     pub fn of<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         meshes.into_iter().fold(Self::NONE, |room, mesh| Self {
             meshes: room.meshes + 1,

@@ -96,7 +96,7 @@ impl Pyramid {
         self.levels.iter().map(|l| l.bricks.volume()).sum()
     }
 
-    /// For each axis, whether level `level + 1` halves it; all false at the coarsest level.
+    /// Whether level `level + 1` halves each axis; all false at the coarsest level.
     fn halved(&self, level: Level) -> [bool; 3] {
         match self.levels.get(level.index() + 1) {
             Some(coarse) => std::array::from_fn(|a| coarse.factor[a] > self.level(level).factor[a]),

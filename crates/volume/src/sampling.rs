@@ -29,7 +29,7 @@ pub const MOST_VIRTUAL_SAMPLES: u8 = 16;
 /// Parts of a segment that [`Method::Asm`] takes, at most.
 pub const MOST_PARTS: usize = 8;
 
-/// Of the codes over which a transfer function changes, the share by which the ends of a part of [`Method::Asm`] may differ.
+/// Adaptive sampling ([`Method::Asm`]): the largest difference between a part's ends, as a share of the codes over which a transfer function changes.
 pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
 
 /// How a segment becomes a medium.
@@ -45,7 +45,7 @@ pub enum Method {
     Lvs,
     /// Virtual samples on a cubic curve through the ends and those of the neighbours, which stays between the ends.
     Cvs,
-    /// As many samples as the ends' difference asks for.
+    /// Adaptive sampling: as many samples as the ends' difference asks for.
     Asm,
     /// [`Method::Lvs`], parts pre-integrated.
     Plvs,
@@ -196,7 +196,7 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// Of plain samples, and nothing else.
+    /// The needs of plain samples, and nothing else.
     pub const PLAIN: Self = Self {
         apron: 1,
         gradient_layers: 0,

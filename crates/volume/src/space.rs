@@ -44,7 +44,7 @@ macro_rules! xyz {
             pub const fn from_array([x, y, z]: [u32; 3]) -> Self {
                 Self { x, y, z }
             }
-            /// As `[x, y, z]`.
+            /// The components as `[x, y, z]`.
             #[inline]
             pub const fn to_array(self) -> [u32; 3] {
                 [self.x, self.y, self.z]

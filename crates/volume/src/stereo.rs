@@ -60,7 +60,7 @@ pub enum StereoError {
     Length {
         /// Which.
         name: &'static str,
-        /// As given.
+        /// The length as given.
         value: f64,
     },
     /// A size that cannot be halved.
@@ -81,7 +81,7 @@ pub enum StereoError {
 }
 
 impl Stereo {
-    /// With default distances.
+    /// Stereo with default distances.
     pub const fn new(layout: StereoLayout) -> Self {
         Self { layout, eye_separation: None, convergence: None }
     }

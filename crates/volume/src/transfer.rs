@@ -88,7 +88,7 @@ pub enum TransferError {
         line: usize,
         /// Column of the word's first letter, from 1.
         column: usize,
-        /// As the file has it.
+        /// The word as the file has it.
         word: String,
     },
     /// None of the forms there are.

@@ -14,7 +14,7 @@ use std::ops::Range;
 pub(crate) struct Shown {
     /// How many there were.
     pictures: u64,
-    /// Those whose answers pagers are to be told, the oldest first.
+    /// Pictures whose answers the pagers are to be told, the oldest first.
     asked: VecDeque<Asked>,
     /// Milliseconds that the last picture answered about took on the GPU, where that is known.
     pub(crate) gpu_ms: Option<f64>,

@@ -36,7 +36,7 @@ impl Estimator {
 pub struct Finding {
     /// What the paper says.
     pub claim: &'static str,
-    /// By which figure it was looked at.
+    /// The figure that the methods are compared by.
     pub by: Estimator,
     /// Whether the measurement agrees; `None` if it does not tell.
     pub agrees: Option<bool>,
@@ -219,7 +219,7 @@ fn optimum(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
     (Some(4 * good >= 3 * asked), text)
 }
 
-/// In how many of its pixels a picture of a quality is noticeably another than the truth.
+/// The number of a quality's pixels in which a picture is noticeably another than the truth.
 fn seen(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
     let share = |db: Range<f64>| {
         let shares: Vec<f64> = rows.iter().filter(|row| db.contains(&by.db(row))).map(|row| row.noticed).collect();

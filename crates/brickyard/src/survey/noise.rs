@@ -8,10 +8,10 @@
 use brickyard_volume::Picture;
 use brickyard_volume::transfer::lab;
 
-/// In what components a colour's error is counted, each from 0 to 255 or thereabouts.
+/// The components in which a colour's error is counted, each from 0 to 255 or thereabouts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorSpace {
-    /// As displayed.
+    /// Red, green and blue as displayed.
     Rgb,
     /// Luma and two differences of colour (ITU-R BT.601, full range).
     YCbCr,
@@ -106,12 +106,12 @@ impl Series {
         (0..self.pixels()).map(|pixel| self.is_shown(pixel).then(|| variance(pixel))).collect()
     }
 
-    /// Of the mean of all pixels' errors.
+    /// The signal-to-noise ratio of the mean of all pixels' errors.
     pub fn psnr_db(&self, space: ColorSpace) -> f64 {
         psnr_db(mean(self.variances(space).into_iter().flatten()))
     }
 
-    /// Of the mean square of what separates the pictures from the truth, wherever either shows the volume.
+    /// The signal-to-noise ratio of the mean square of what separates the pictures from the truth, wherever either shows the volume.
     ///
     /// # Panics
     /// If the truth is of another size.

@@ -77,7 +77,7 @@ type Values = BTreeMap<Tag, PrimitiveValue>;
 /// One file before its pixels are looked at.
 pub(super) struct Header {
     pub(super) path: PathBuf,
-    /// Of the file when the header was read.
+    /// The file's stamp when the header was read.
     stamp: Option<Stamp>,
     /// Where the data set begins in the file, and for a deflated one the bytes that it inflates to.
     body: u64,

@@ -28,7 +28,7 @@ pub(super) struct Slice {
     pub(super) frame: usize,
     /// Centre of the first pixel, mm.
     pub(super) position: DVec3,
-    /// By how much the position may differ from what was meant, since it is written with few decimals.
+    /// The error that a position may have because it is written with few decimals.
     pub(super) rounding: DVec3,
     /// Where the columns' index grows.
     pub(super) along_row: DVec3,

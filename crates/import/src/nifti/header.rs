@@ -235,7 +235,7 @@ impl Fields<'_> {
         i64::from_le_bytes(self.at(offset))
     }
 
-    /// For numbers that voxels are computed with.
+    /// Reads a number that voxels are computed with.
     fn exact_f32(&self, offset: usize) -> f64 {
         f32::from_le_bytes(self.at(offset)) as f64
     }

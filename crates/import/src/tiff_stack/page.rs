@@ -83,9 +83,9 @@ impl std::fmt::Display for PageFormat {
 pub(super) struct OpenTiff {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
-    /// Of the file when it was opened.
+    /// The file's stamp when it was opened.
     pub(super) stamp: Stamp,
-    /// Of the page at which the decoder stands.
+    /// How the samples are packed in the page at which the decoder stands.
     packing: Packing,
     /// The decoded strip or tile.
     chunk: Vec<u8>,

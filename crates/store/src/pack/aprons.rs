@@ -80,13 +80,13 @@ struct StagePass<'a> {
     pass: &'a ApronPass<'a>,
     /// What the first pass wrote.
     cores: Chunks,
-    /// Of the aprons.
+    /// Where the aprons are stored.
     layout: Layout,
     level: Level,
     grid: Extent,
     maker: ApronMaker,
     codec: BrickCodec,
-    /// Of bricks that are stored.
+    /// Shells of bricks that are stored, the ones used last.
     shells: LruCache<BrickId, Box<[u8]>>,
 }
 

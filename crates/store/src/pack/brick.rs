@@ -34,7 +34,7 @@ pub(crate) struct Workspace<T> {
 pub(crate) struct Summary<T> {
     /// Ranges of the core's valid voxels.
     pub(crate) parts: Parts<T>,
-    /// Of the core; only at level 0.
+    /// Counts of the core's values; only at level 0.
     pub(crate) tally: Tally,
     /// Whether every voxel of the core is the fill value, all bits zero.
     pub(crate) is_fill: bool,
@@ -126,7 +126,7 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill }
     }
 
-    /// The same as [`Workspace::digest`] at level 0 for a brick of which every voxel is `value`, which is finite.
+    /// Digests a brick of which every voxel is `value`, which is finite, as [`Workspace::digest`] does at level 0.
     pub(crate) fn digest_constant(&mut self, i: usize, shape: [usize; 3], value: T) -> Summary<T> {
         let voxels = shape.iter().product::<usize>();
         self.core_mut(i).fill(value);

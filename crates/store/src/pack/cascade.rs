@@ -104,7 +104,7 @@ struct Packed<T> {
     id: BrickId,
     summary: Summary<T>,
     voxels: u64,
-    /// Of the decoded core; `None` if it is all fill.
+    /// The hash of the decoded core; `None` if it is all fill.
     hash: Option<u128>,
     /// `None` if it is all fill, or its shard is there already.
     encoded: Option<Vec<u8>>,
@@ -311,7 +311,7 @@ struct Volume<'a, T> {
     time: u32,
     channel: u32,
     windows: Vec<RwLock<Window>>,
-    /// Of the next brick in the sequence.
+    /// The number of the next brick in the sequence.
     number: u64,
 }
 
@@ -564,7 +564,7 @@ impl<'a, T: Measure> Volume<'a, T> {
 struct Run {
     first: BrickIndex,
     count: u32,
-    /// Of the first one, in its layer.
+    /// The number of the first brick, in its layer.
     number: u64,
 }
 

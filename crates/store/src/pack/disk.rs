@@ -151,7 +151,7 @@ impl Disk {
         self.rename(&temporary, path)
     }
 
-    /// The same in a folder that may not be there yet.
+    /// Writes a whole small file in a folder that may not be there yet.
     pub(crate) fn write_with_parents(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let missing = path.parent().filter(|parent| !parent.exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;

@@ -58,7 +58,7 @@ pub struct PackPlan {
     pub scratch_bytes: u64,
     /// The store's voxels in all levels, and in aprons, uncompressed: it can hardly come out larger.
     pub output_bytes_at_most: u64,
-    /// Of that, those in aprons.
+    /// Bytes of that in aprons.
     pub(crate) apron_bytes: u64,
     /// Shells that the second pass keeps in memory.
     pub(crate) shells: usize,

@@ -22,7 +22,7 @@ pub(crate) type PageFile = (PathBuf, Vec<u8>);
 pub(crate) struct BrickPages<'a, T> {
     plan: &'a PackPlan,
     stages: Vec<StagePages<T>>,
-    /// Of a brick that is not stored.
+    /// The hash of a brick that is not stored.
     fill_hash: u128,
 }
 
@@ -42,7 +42,7 @@ struct StagePages<T> {
 /// One layer of bricks, x fastest.
 struct Layer<T> {
     core: Vec<Range<T>>,
-    /// Of the core and one voxel around it.
+    /// The ranges of cores with one voxel around each.
     reach: Vec<Range<T>>,
     hashes: Vec<u128>,
     /// Bricks still to come.

@@ -109,7 +109,7 @@ impl TransferGrid {
         [color(0), color(1), color(2), alpha]
     }
 
-    /// For each code the greatest opacity that a value within one code of it can have, whatever the gradient.
+    /// The greatest opacity that a value within one code of each code can have, whatever the gradient.
     pub fn most(&self, codes: u32) -> impl Iterator<Item = f32> {
         let most: Vec<f32> = self
             .entries

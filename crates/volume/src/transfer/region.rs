@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
-    /// The same everywhere.
+    /// Opacity that is the same everywhere.
     Rectangle,
     /// A bell.
     Gaussian,
