@@ -218,7 +218,7 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
     let pixel_mm = match options.spacing {
         Some(spacing) => [spacing.x, spacing.y],
         None => {
-            let help = "pass --spacing X,Y,Z";
+            let help = "pass `spacing` X,Y,Z";
             let [along_column, along_row] = need(tags::PIXEL_SPACING, "PixelSpacing", 2, help)?[..] else {
                 return Err(ImportError::invalid(&header.path, help));
             };

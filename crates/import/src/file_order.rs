@@ -29,7 +29,7 @@ impl FileList {
         are_planes: bool,
     ) -> Result<Self, ImportError> {
         if told == Some(FileOrder::Given) {
-            let problem = "--order given: the files of a folder are in no given order; name the files";
+            let problem = "`order` given: the files of a folder are in no given order; name the files";
             return Err(ImportError::options(folder, problem));
         }
         let list = Self::by_numbers(paths);
@@ -52,7 +52,7 @@ impl FileList {
             None if !is_natural && !is_alphabetical => return Ok(given()),
             None if !is_natural => Self {
                 note: format!(
-                    "{} The files were given in alphabetical order, as shells expand a pattern; --order given keeps that.",
+                    "{} The files were given in alphabetical order, as shells expand a pattern; `order` given keeps that.",
                     list.note
                 ),
                 ..list
@@ -157,9 +157,9 @@ mod tests {
         let shells = ["s_10.tif", "s_11.tif", "s_8.tif", "s_9.tif"];
         let (found, note) = listed(&shells, None);
         assert_eq!(found, ["s_8.tif", "s_9.tif", "s_10.tif", "s_11.tif"]);
-        assert!(note.contains("natural order, from s_8.tif to s_11.tif") && note.contains("--order given"), "{note}");
+        assert!(note.contains("natural order, from s_8.tif to s_11.tif") && note.contains("`order` given"), "{note}");
         let (found, note) = listed(&["s_9.tif", "s_10.tif", "s_11.tif"], None);
-        assert!(found[0] == "s_9.tif" && !note.contains("--order given"), "{note}");
+        assert!(found[0] == "s_9.tif" && !note.contains("`order` given"), "{note}");
     }
 
     #[test]

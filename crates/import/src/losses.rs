@@ -115,7 +115,7 @@ impl<'a> Losses<'a> {
     fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug) -> Result<(), ImportError> {
         if !self.allowed {
             let problem = format!(
-                "voxels are {}, of which {:?} cannot be held as it is in {}; pass --allow-lossy to have such values {}",
+                "voxels are {}, of which {:?} cannot be held as it is in {}; pass `allow_lossy` to have such values {}",
                 self.decode.element.name(),
                 number,
                 self.decode.voxel_type(),
@@ -205,11 +205,11 @@ mod tests {
             words.iter().for_each(|w| assert!(note.contains(w), "{w}: {note}"));
         };
         let beyond = i64s(&[1, i64::from(i32::MAX) + 1, 2, i64::from(i32::MIN) - 1, i64::MIN]);
-        refused(Element::I64, &beyond, &["a.npy", "2147483648", "i32", "--allow-lossy", "clamped"]);
+        refused(Element::I64, &beyond, &["a.npy", "2147483648", "i32", "`allow_lossy`", "clamped"]);
         counted(Element::I64, &beyond, &["of 5 values in a.npy", "3 clamped to its limits", "2147483648"]);
         counted(Element::U64, &u64::MAX.to_le_bytes(), &["1 clamped", "18446744073709551615"]);
         let mixed = f64s(&[0.5, 0.1, 1e300, -1e39, f64::INFINITY, 3.4028235677973366e38]);
-        refused(Element::F64, &mixed, &["0.1", "rounded to the nearest", "--allow-lossy"]);
+        refused(Element::F64, &mixed, &["0.1", "rounded to the nearest", "`allow_lossy`"]);
         // Half a step above the greatest f32 is the least that rounds to infinity.
         counted(Element::F64, &mixed, &["of 6 values", "3 infinite, 1 rounded", "such as 1e300"]);
     }

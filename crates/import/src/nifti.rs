@@ -164,7 +164,7 @@ fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
         let problem = format!(
-            "{} of scratch space needed to inflate the input, {} free; choose another place with --scratch-dir",
+            "{} of scratch space needed to inflate the input, {} free; choose another place with `scratch_dir`",
             human_bytes(needed),
             human_bytes(free)
         );
@@ -341,7 +341,7 @@ mod tests {
         let header = Written::new(&[2, 1, 1], 64, 64).header();
         let values: Vec<u8> = [0.1f64, 1e300].iter().flat_map(|v| v.to_le_bytes()).collect();
         let (_folder, path) = temp_file("a.nii", &[header, values].concat());
-        assert!(open(&path, &options()).err().unwrap().to_string().contains("--allow-lossy"));
+        assert!(open(&path, &options()).err().unwrap().to_string().contains("`allow_lossy`"));
         let source = open(&path, &OpenOptions { allow_lossy: true, ..options() }).unwrap();
         let mut out = [0; 8];
         source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();

@@ -61,7 +61,7 @@ fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<(AxisOrder, Sizes)
     let usual = || AxisOrder::usual(shape.len());
     let Some(axes) = axes.cloned().or_else(usual) else {
         return Err(format!(
-            "shape {shape:?} has {} dimensions; say what they are with --axes, slowest first, such as tzyx or czyx",
+            "shape {shape:?} has {} dimensions; say what they are with `axes`, slowest first, such as tzyx or czyx",
             shape.len()
         ));
     };
@@ -273,7 +273,7 @@ mod tests {
         let header =
             |descr: &str, shape: &str| format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}");
         let u1 = |shape| header("'|u1'", shape);
-        assert!(refusal(&u1("(2, 1, 1, 1)"), &[0; 2], "").contains("--axes"));
+        assert!(refusal(&u1("(2, 1, 1, 1)"), &[0; 2], "").contains("`axes`"));
         assert!(refusal(&u1("(2, 1, 1)"), &[0; 2], "yx").contains("name 2 dimensions"));
         for shape in ["()", "(2,)", "(1, 1, 1, 1, 1, 2)"] {
             assert!(refusal(&u1(shape), &[0; 2], "").contains("2 to 5 are read"), "{shape}");
@@ -283,7 +283,7 @@ mod tests {
         assert!(refusal(&u1("(4294967295, 4294967295, 4294967295)"), &[], "").contains("2^63"));
         assert!(refusal(&u1("(99999999999, 1, 1)"), &[], "").contains("2^32"));
         assert!(refusal(&u1("(99999999999999999999999,)"), &[], "").contains("'shape'"));
-        assert!(refusal(&header("'<f8'", "(1, 1, 1)"), &0.1f64.to_le_bytes(), "").contains("--allow-lossy"));
+        assert!(refusal(&header("'<f8'", "(1, 1, 1)"), &0.1f64.to_le_bytes(), "").contains("`allow_lossy`"));
         assert!(refusal(&header("'<c8'", "(1, 1, 1)"), &[0; 8], "").contains("dtype '<c8' is not supported; bool"));
         assert!(refusal(&header("[('a', '<f4')]", "(1, 1, 1)"), &[0; 8], "").contains("records"));
         assert!(refusal("{}", &[], "").contains("'descr'"));

@@ -107,7 +107,7 @@ impl Gap {
         };
         format!(
             "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add what is missing, or \
-             pass --order natural to take those that are there one after another",
+             pass `order` natural to take those that are there one after another",
             numbers[0],
             numbers[numbers.len() - 1],
             self.step
@@ -126,7 +126,7 @@ fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
     }
     let more = if kinds > shown.len() { ", ..." } else { "" };
     format!(
-        "the files' names are of {kinds} kinds, such as {}{more}: name the files of one, or pass --order natural to take all one after \
+        "the files' names are of {kinds} kinds, such as {}{more}: name the files of one, or pass `order` natural to take all one after \
          another",
         shown.join(", ")
     )
@@ -143,22 +143,22 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<u64
     };
     let found: Vec<String> = counters.iter().map(describe).collect();
     let axes = if are_planes { axes_of(first, counters, paths.len()) } else { None };
-    let as_axes = axes.map_or(String::new(), |axes| format!("pass --order natural {axes} to read them so, or "));
+    let as_axes = axes.map_or(String::new(), |axes| format!("pass `order` natural {axes} to read them so, or "));
     let [a, b] = [&paths[0], &paths[1]].map(|path| name(path));
     format!(
-        "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one, or pass --order natural to \
+        "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one, or pass `order` natural to \
          take all one after another",
         found.join(" and ")
     )
 }
 
-/// The flags that say what the counters of `files` planes are, if their letters tell and no plane is missing.
+/// The options that say what the counters of `files` planes are, if their letters tell and no plane is missing.
 fn axes_of(first: &Name, counters: &[(usize, Vec<u64>)], files: usize) -> Option<String> {
     let (mut letters, mut sizes, mut product) = (String::new(), String::new(), 1);
     for (i, numbers) in counters {
         let (letter, flag) = match &*first.label(*i) {
-            "c" | "ch" | "channel" => ('c', Some("--channels")),
-            "t" | "time" => ('t', Some("--times")),
+            "c" | "ch" | "channel" => ('c', Some("`channels`")),
+            "t" | "time" => ('t', Some("`times`")),
             "z" | "slice" => ('z', None),
             _ => return None,
         };
@@ -172,14 +172,14 @@ fn axes_of(first: &Name, counters: &[(usize, Vec<u64>)], files: usize) -> Option
         product *= different.len();
         sizes += &flag.map_or(String::new(), |flag| format!(" {flag} {}", different.len()));
     }
-    (product == files).then(|| format!("--axes {letters}yx{sizes}"))
+    (product == files).then(|| format!("`axes` {letters}yx{sizes}"))
 }
 
 fn same_number(paths: &[PathBuf], names: &[Name]) -> String {
     let at = names.windows(2).position(|pair| pair[0].numbers == pair[1].numbers).unwrap_or(0);
     let [a, b] = [at, at + 1].map(|i| name(&paths[i]));
     format!(
-        "{a} and {b} have the same number: name one of them, or pass --order natural to take both, one after the other"
+        "{a} and {b} have the same number: name one of them, or pass `order` natural to take both, one after the other"
     )
 }
 
@@ -200,7 +200,7 @@ mod tests {
     #[track_caller]
     fn refused(names: &[&str], words: &[&str]) {
         let message = checked(names, true).unwrap_err();
-        for word in words.iter().chain(&["--order natural"]) {
+        for word in words.iter().chain(&["`order` natural"]) {
             assert!(message.contains(word), "{word:?} is not in: {message}");
         }
     }
@@ -243,11 +243,11 @@ mod tests {
     #[test]
     fn second_counters_are_named() {
         let both = ["s_c0_z1.tif", "s_c0_z2.tif", "s_c1_z1.tif", "s_c1_z2.tif", "s_c2_z1.tif", "s_c2_z2.tif"];
-        refused(&both, &["'c' (0 to 2) and 'z' (1 to 2)", "--axes czyx --channels 3 "]);
-        refused(&["s_z1_t0.tif", "s_z1_t1.tif", "s_z2_t0.tif", "s_z2_t1.tif"], &["--axes ztyx --times 2 "]);
-        assert!(!checked(&both, false).unwrap_err().contains("--axes"), "files that are volumes");
+        refused(&both, &["'c' (0 to 2) and 'z' (1 to 2)", "`axes` czyx `channels` 3 "]);
+        refused(&["s_z1_t0.tif", "s_z1_t1.tif", "s_z2_t0.tif", "s_z2_t1.tif"], &["`axes` ztyx `times` 2 "]);
+        assert!(!checked(&both, false).unwrap_err().contains("`axes`"), "files that are volumes");
         // One is missing: what the axes are cannot be told.
-        assert!(!checked(&both[1..], true).unwrap_err().contains("--axes"));
+        assert!(!checked(&both[1..], true).unwrap_err().contains("`axes`"));
         refused(&["1_1.tif", "1_2.tif", "2_1.tif", "2_2.tif"], &["number 1 (1 to 2) and number 2 (1 to 2)"]);
         refused(&["dapi_1.tif", "dapi_2.tif", "gfp_1.tif", "gfp_2.tif"], &["2 kinds", "dapi_1.tif, gfp_1.tif"]);
     }

@@ -23,7 +23,7 @@ enum Format {
 }
 
 /// Formats and their names, for the message that none fits.
-const READ: &str = "raw (.raw, .bin, .dat, or any file with --shape and --dtype), NumPy .npy, NIfTI (.nii, .nii.gz, \
+const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
                     .hdr with .img), TIFF (.tif, .tiff, or a folder of them), DICOM (a folder, files or one file of a series)";
 
 /// Opens one input; several inputs are one file per time step, or, if they are TIFF files of a single page, one file per plane, in the
@@ -31,7 +31,7 @@ const READ: &str = "raw (.raw, .bin, .dat, or any file with --shape and --dtype)
 /// by what they say of their place.
 ///
 /// # Errors
-/// Says which file cannot be read, why, and which flag would help.
+/// Says which file cannot be read, why, and which option would help: messages name options of [`OpenOptions`] in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let (paths, folder) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
@@ -46,7 +46,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     }
     let (paths, order_note) = match format {
         Format::Dicom if options.order.is_some() => {
-            let problem = "--order: DICOM slices are put in order by the places that they name";
+            let problem = "`order`: DICOM slices are put in order by the places that they name";
             return Err(ImportError::options(&paths[0], problem));
         }
         Format::Dicom => (in_natural_order(&paths), None),
@@ -88,7 +88,8 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
 fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
-        let problem = format!("a raw file of {bytes} bytes does not say what it holds; pass --shape X,Y,Z and --dtype");
+        let problem =
+            format!("a raw file of {bytes} bytes does not say what it holds; pass `shape` X,Y,Z and `voxel_type`");
         return Err(ImportError::options(path, problem));
     };
     let layout = RawLayout {
@@ -182,14 +183,14 @@ fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
 fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
     if let Some(spacing) = options.spacing {
         if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
-            return Err(ImportError::options(path, format!("--spacing {spacing}: every spacing must be above 0")));
+            return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));
         }
         info.geometry.spacing = spacing;
         info.calibrated = true;
     }
     if let Some(origin) = options.origin {
         if !origin.is_finite() {
-            return Err(ImportError::options(path, format!("--origin {origin}: not a position")));
+            return Err(ImportError::options(path, format!("`origin` {origin}: not a position")));
         }
         info.geometry.origin = origin;
     }
@@ -330,7 +331,7 @@ mod tests {
         let (folder, path) = temp_file("a.raw", &[0; 64]);
         let message = refusal(&path, &none);
         assert!(
-            message.contains("64 bytes") && message.contains("--shape") && message.contains("--dtype"),
+            message.contains("64 bytes") && message.contains("`shape`") && message.contains("`voxel_type`"),
             "{message}"
         );
         let (_other, path) = temp_file("a.xyz", b"what is this");

@@ -264,7 +264,7 @@ fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     if found as u128 > expected {
         let surplus = found as u128 - expected;
         message += &format!(
-            "; if the file starts with a header of {surplus} bytes, pass --offset {}",
+            "; if the file starts with a header of {surplus} bytes, pass `offset` {}",
             surplus + offset as u128
         );
     }
@@ -380,9 +380,9 @@ mod tests {
         }
         let message = refusal(1000, &layout(16, 16, 8, VoxelType::U8));
         assert!(message.contains("1048 too few") && message.contains("10,10,10 u8"), "{message}");
-        assert!(!message.contains("--offset"), "{message}");
+        assert!(!message.contains("`offset`"), "{message}");
         let message = refusal(2048 + 352, &layout(16, 16, 8, VoxelType::U8));
-        assert!(message.contains("352 too many") && message.contains("--offset 352"), "{message}");
+        assert!(message.contains("352 too many") && message.contains("`offset` 352"), "{message}");
         assert!(refusal(0, &layout(16, 16, 8, VoxelType::U8)).contains("2048 too few"));
         let offset = RawLayout { offset: 100, ..layout(4, 4, 4, VoxelType::U8) };
         assert!(refusal(64, &offset).contains("expected 164 bytes"));

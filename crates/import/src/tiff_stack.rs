@@ -86,7 +86,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     {
         let problem = format!(
             "its OME-XML tells of {} images, {first} to {last}, and a store holds one: write one to a file of its own (bfconvert -series \
-             NUMBER), or pass --axes zyx to take all pages as one stack",
+             NUMBER), or pass `axes` zyx to take all pages as one stack",
             description.images.len()
         );
         return Err(ImportError::options(path, problem));
@@ -179,7 +179,7 @@ fn open_contiguous(
     if found < expected {
         let problem = format!(
             "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} ({} missing); \
-             pass --axes zyx to take only the page it has",
+             pass `axes` zyx to take only the page it has",
             declared.planes(),
             expected - found
         );
@@ -215,7 +215,7 @@ fn arrange(
     if planes != pages as u64 {
         let problem = format!(
             "its description declares {planes} planes ({} along z, {} channels, {} time steps), but it holds {pages} pages; \
-             pass --axes zyx to take the pages as they are",
+             pass `axes` zyx to take the pages as they are",
             sizes.extent.z, sizes.channels, sizes.times
         );
         return Err(ImportError::invalid(path, problem));
@@ -243,7 +243,7 @@ fn arrange_as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Resul
         [] | [_] => return Err(format!("{pages} pages do not divide into axes '{axes}' of the given sizes")),
         _ => {
             return Err(format!(
-                "axes '{axes}' leave several sizes open for {pages} pages; give --channels and --times as well"
+                "axes '{axes}' leave several sizes open for {pages} pages; give `channels` and `times` as well"
             ));
         }
     }

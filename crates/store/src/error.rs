@@ -15,8 +15,8 @@ pub enum OpenError {
     },
     /// A pack was interrupted: the journal is there, the completion marker is not.
     #[error(
-        "{path}: incomplete store, {percent} % packed; finish it with 'brickyard pack INPUT {path} --resume' or start over \
-         with --overwrite",
+        "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \
+         to start over",
         path = path.display()
     )]
     Incomplete {
@@ -35,8 +35,8 @@ pub enum OpenError {
     },
     /// Written by an earlier version of this program, in a format that is not read any more.
     #[error(
-        "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}): \
-         'brickyard pack INPUT {store} --overwrite'",
+        "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}), \
+         with `overwrite`",
         store = store.display(), now = crate::version::FORMAT_VERSION
     )]
     OldFormat {
@@ -49,7 +49,7 @@ pub enum OpenError {
     },
     /// The store's levels are made in other ways.
     #[error(
-        "{path}: no level is made by {asked}, only by {found}; pack it with '--downsample {main},{asked}'",
+        "{path}: no level is made by {asked}, only by {found}; pack it with `downsample` {main},{asked}",
         path = path.display(), asked = asked.name(), main = found.main().name()
     )]
     NoReduction {
@@ -253,7 +253,7 @@ pub enum CodecError {
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The output is there already.
-    #[error("{path}: exists already; choose another name or pass --overwrite", path = path.display())]
+    #[error("{path}: exists already; choose another name or pass `overwrite`", path = path.display())]
     Exists {
         /// The output.
         path: PathBuf,

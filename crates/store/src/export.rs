@@ -226,7 +226,7 @@ mod tests {
         assert!(attempt("a.raw", request).contains("missing shard"));
         assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
         std::fs::write(out.path().join("a.raw"), "mine").unwrap();
-        assert!(attempt("a.raw", request).contains("--overwrite"));
+        assert!(attempt("a.raw", request).contains("`overwrite`"));
         assert_eq!(std::fs::read(out.path().join("a.raw")).unwrap(), b"mine");
     }
 }

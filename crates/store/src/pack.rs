@@ -114,14 +114,14 @@ impl PackOptions {
 
     fn check(&self) -> Result<(), PackError> {
         let problem = if let Err((field, expected)) = check_edges(self.edge, self.shard_edge) {
-            let (option, found) = if field == "edge" { ("brick", self.edge) } else { ("shard", self.shard_edge) };
-            format!("--{option} {found}: expected {expected}")
+            let (option, found) = if field == "edge" { ("edge", self.edge) } else { ("shard_edge", self.shard_edge) };
+            format!("`{option}` {found}: expected {expected}")
         } else if self.aprons > MAX_APRON {
-            format!("--aprons {}: expected 1 or {MAX_APRON} voxels", self.aprons)
+            format!("`aprons` {}: expected 1 or {MAX_APRON} voxels", self.aprons)
         } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
-            format!("--codec {}: {problem}", self.codec)
+            format!("`codec` {}: {problem}", self.codec)
         } else if self.threads == 0 {
-            "-j 0: expected at least one thread".into()
+            "`threads` 0: expected at least one thread".into()
         } else {
             return Ok(());
         };
@@ -169,7 +169,7 @@ pub enum PackError {
     Options(String),
     /// The budget is smaller than the least a pack can do with.
     #[error(
-        "--memory {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
+        "`memory` {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
@@ -194,7 +194,7 @@ pub enum PackError {
     },
     /// The output is there, and nothing was said about that.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
-        if *unfinished { "--resume to finish it or --overwrite to start over" } else { "--overwrite to replace it" }, path = path.display())]
+        if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" }, path = path.display())]
     Exists {
         /// The output.
         path: PathBuf,
@@ -208,7 +208,7 @@ pub enum PackError {
         path: PathBuf,
     },
     /// The unfinished pack was made from other data or with other settings.
-    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or --overwrite to start over", store = store.display())]
+    #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
     Mismatch {
         /// The store.
         store: PathBuf,
@@ -263,7 +263,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// The source failed midway. What was packed stays.
-    #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with --resume", store = store.display())]
+    #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with `resume`", store = store.display())]
     Source {
         /// What it said.
         #[source]
@@ -277,7 +277,7 @@ pub enum PackError {
     },
     /// A write failed midway (a full disk, mostly). What was packed stays; nothing half-made has a final name.
     #[error(
-        "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with --resume",
+        "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with `resume`",
         path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
     )]
     Incomplete {
@@ -296,7 +296,7 @@ pub enum PackError {
         needed_bytes: u64,
     },
     /// What the pack has just written cannot be read.
-    #[error("{error}; this pack has just written it: see to the disk of {store} and start over with --overwrite", store = store.display())]
+    #[error("{error}; this pack has just written it: see to the disk of {store} and start over with `overwrite`", store = store.display())]
     ReadBack {
         /// What is wrong.
         #[source]
@@ -307,7 +307,7 @@ pub enum PackError {
     /// A thread has panicked.
     #[error(
         "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
-         and --resume goes on; please report this",
+         and `resume` goes on; please report this",
         store = store.display()
     )]
     Panic {
@@ -330,7 +330,7 @@ pub enum PackError {
         error: std::io::Error,
     },
     /// Threads could not be started.
-    #[error("cannot start worker threads: {0}; use fewer (-j)")]
+    #[error("cannot start worker threads: {0}; use fewer `threads`")]
     Threads(String),
 }
 

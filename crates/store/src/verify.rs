@@ -73,7 +73,7 @@ pub enum VerifyError {
     Open(#[from] OpenError),
     /// The budget is smaller than the least that one thread can do with.
     #[error(
-        "--memory {given} MiB is too little: verifying this store needs at least {needed} MiB",
+        "`memory` {given} MiB is too little: verifying this store needs at least {needed} MiB",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {

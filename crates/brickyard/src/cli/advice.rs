@@ -1,4 +1,5 @@
-//! Which flag helps against an error of a session or a picture. The library does not know of flags, and its messages name none.
+//! What the command adds to the library's messages, which know of no command line: which flag helps against an error of a session or a
+//! picture, and the flag for an option that a message names.
 
 use brickyard::backend::BackendError;
 use brickyard::exact::ExactPictureError;
@@ -17,6 +18,35 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
         Some(advice) => format!("{error}; {advice}"),
         None => error.to_string(),
     }
+}
+
+/// Options of the library by the names that its messages have them under, and the command's flags for them.
+const FLAGS: [(&str, &str); 20] = [
+    ("`allow_lossy`", "--allow-lossy"),
+    ("`aprons`", "--aprons"),
+    ("`axes`", "--axes"),
+    ("`channels`", "--channels"),
+    ("`codec`", "--codec"),
+    ("`downsample`", "--downsample"),
+    ("`edge`", "--brick"),
+    ("`memory`", "--memory"),
+    ("`offset`", "--offset"),
+    ("`order`", "--order"),
+    ("`origin`", "--origin"),
+    ("`overwrite`", "--overwrite"),
+    ("`resume`", "--resume"),
+    ("`scratch_dir`", "--scratch-dir"),
+    ("`shape`", "--shape"),
+    ("`shard_edge`", "--shard"),
+    ("`spacing`", "--spacing"),
+    ("`threads`", "-j"),
+    ("`times`", "--times"),
+    ("`voxel_type`", "--dtype"),
+];
+
+/// A message with flags in place of the options that it names.
+pub(super) fn with_flags(message: &str) -> String {
+    FLAGS.iter().fold(message.to_string(), |message, (option, flag)| message.replace(option, flag))
 }
 
 const MORE_GPU_MEMORY: &str = "raise --gpu-memory, or make the picture smaller";

@@ -1,5 +1,7 @@
 //! What ends the command: a message and an exit code.
 
+use super::advice::with_flags;
+
 /// The documented exit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -29,7 +31,7 @@ pub(crate) struct Failure {
 impl Failure {
     /// A failure of some kind.
     pub(crate) fn new(kind: ExitKind, message: impl std::fmt::Display) -> Self {
-        Self { kind, message: message.to_string() }
+        Self { kind, message: with_flags(&message.to_string()) }
     }
 
     /// The work could not be done.

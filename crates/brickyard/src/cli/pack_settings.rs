@@ -1,5 +1,6 @@
 //! The flags that decide how a store is packed, shared by `pack` and `synth`.
 
+use super::advice::with_flags;
 use super::failure::Failure;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
@@ -175,7 +176,7 @@ impl store::Progress for Watcher<'_> {
     }
 
     fn warn(&self, message: &str) {
-        eprintln!("warning: {message}");
+        eprintln!("warning: {}", with_flags(message));
     }
 
     fn advanced(&self, done: u64, total: u64) {

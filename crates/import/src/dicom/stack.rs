@@ -221,7 +221,7 @@ fn check_gaps(
     let [x, y] = slices[0].pixel_mm;
     let problem = format!(
         "slices are not evenly spaced: expected {typical:.4} mm from one to the next (as most are), found {:.4} mm from {} (at {}) to {} \
-         (at {}){missing}; {count} of {} steps differ; {add}pass --spacing {x},{y},{} to take the slices as even",
+         (at {}){missing}; {count} of {} steps differ; {add}pass `spacing` {x},{y},{} to take the slices as even",
         gaps[at],
         names.of(&slices[at]),
         show(slices[at].position),

@@ -361,7 +361,7 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
         "(-100, -50, 4)",
         "1 slice is missing",
         "1 of 4 steps",
-        "--spacing",
+        "`spacing`",
     ]);
     Folder::of([0.0, 2.0, 4.3, 6.2].map(at)).refused(&["not evenly spaced", "2.3000"]);
     Folder::of([0.0, 2.0, 2.0, 4.0].map(at)).refused(&[
@@ -408,11 +408,11 @@ fn rounded_positions_are_even_as_far_as_their_digits_explain() {
     assert!(notes.contains("1.4000 to 1.5000 mm apart") && notes.contains("1.4250 mm is taken"), "{notes}");
     // What more digits would have told, and what no digits tell.
     at_texts(&["0.00", "1.40", "2.90", "4.30", "5.70"])
-        .refused(&["not evenly spaced", "pass --spacing 0.5,0.75,1.425 "]);
-    at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass --spacing 0.5,0.75,10.3333 "]);
+        .refused(&["not evenly spaced", "pass `spacing` 0.5,0.75,1.425 "]);
+    at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass `spacing` 0.5,0.75,10.3333 "]);
     // Rounding never explains a missing slice, nor a tenth of a step.
     let folder = at_texts(&["0", "0.1", "0.3", "0.4"]);
-    folder.refused(&["1 slice is missing", "add the missing files, or pass --spacing 0.5,0.75,0.1 "]);
+    folder.refused(&["1 slice is missing", "add the missing files, or pass `spacing` 0.5,0.75,0.1 "]);
     at_texts(&["0", "0.4", "0.9", "1.3"]).refused(&["not evenly spaced"]);
     let message = at_texts(&["0.00", "1.40", "2.90"]).open().err().unwrap().to_string();
     assert!(!message.contains("missing"), "{message}");
@@ -444,7 +444,7 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
         slice.text(tags::PIXEL_SPACING, VR::DS, "");
         slice
     }));
-    folder.refused(&["PixelSpacing (0028,0030)", "found none", "--spacing"]);
+    folder.refused(&["PixelSpacing (0028,0030)", "found none", "`spacing`"]);
     let spacing = DVec3::new(0.5, 0.5, 2.0);
     let told = OpenOptions { spacing: Some(spacing), ..OpenOptions::default() };
     let source = open(&[folder.0.path().to_owned()], &told).unwrap();

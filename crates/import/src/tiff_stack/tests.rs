@@ -283,7 +283,7 @@ fn several_images_in_ome_xml_are_refused_unless_axes_are_told() {
     let description = format!(r#"<OME><Image Name="a">{pixels}</Image><Image Name="b">{pixels}</Image></OME>"#);
     let bytes = written(field, "z", &Layout { description, ..Layout::default() });
     let message = refusal(&bytes, &options());
-    assert!(message.contains("2 images, 'a' to 'b'") && message.contains("--axes"), "{message}");
+    assert!(message.contains("2 images, 'a' to 'b'") && message.contains("`axes`"), "{message}");
     let (_folder, path) = temp_file("a.tif", &bytes);
     let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
     assert_boxes(&*open(&[path], &told).unwrap(), field);
@@ -516,7 +516,7 @@ fn halves_are_widened_and_doubles_kept_where_they_fit() {
     let (_folder, path) = file([0.5, -3.0, f64::NAN, 16777216.0]);
     assert_eq!(values(&*opened(&path).unwrap())[..2], [0.5, -3.0]);
     let (_folder, path) = file([0.5, 1e39, 0.1, 0.0]);
-    assert!(opened(&path).err().unwrap().to_string().contains("--allow-lossy"));
+    assert!(opened(&path).err().unwrap().to_string().contains("`allow_lossy`"));
     let source = open(&[path], &OpenOptions { allow_lossy: true, ..options() }).unwrap();
     assert_eq!(values(&*source)[1], f64::INFINITY);
     assert!(source.info().notes.join(" ").contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
@@ -565,7 +565,7 @@ fn declared_counts_that_disagree_name_both() {
     let layout = Layout { description: HYPERSTACK.into(), ..Layout::default() };
     let bytes = written(field, "tzc", &layout);
     let message = refusal(&bytes, &options());
-    assert!(message.contains("30 planes") && message.contains("20 pages") && message.contains("--axes"), "{message}");
+    assert!(message.contains("30 planes") && message.contains("20 pages") && message.contains("`axes`"), "{message}");
     // The user may overrule the description.
     let (_folder, path) = temp_file("a.tif", &bytes);
     let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
@@ -604,7 +604,7 @@ fn pages_go_where_the_user_says() {
     assert_boxes(&*open(std::slice::from_ref(&path), &told("ctzyx", Some(2), Some(3))).unwrap(), field);
     assert_eq!(open(std::slice::from_ref(&path), &told("tyx", None, None)).unwrap().info().times, 24);
     let why = |o| open(std::slice::from_ref(&path), &o).err().unwrap().to_string();
-    assert!(why(told("ctzyx", Some(2), None)).contains("--times"));
+    assert!(why(told("ctzyx", Some(2), None)).contains("`times`"));
     assert!(why(told("ctzyx", Some(5), Some(3))).contains("do not divide"));
     assert!(why(told("zxy", None, None)).contains("do not end in yx"));
 }

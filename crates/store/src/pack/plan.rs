@@ -179,11 +179,11 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     let (scale, corner) = (spacing * MOST_FACTOR, origin + spacing * MOST_FACTOR);
     if !(scale.is_finite() && spacing.min_element() >= f64::MIN_POSITIVE) {
         let found = format!("{:?} (x, y, z)", spacing.to_array());
-        return unfit("voxel spacing is", found, "positive, finite numbers", "give it with --spacing X,Y,Z");
+        return unfit("voxel spacing is", found, "positive, finite numbers", "give it with `spacing` X,Y,Z");
     }
     if !corner.is_finite() {
         let found = format!("{:?} (x, y, z)", origin.to_array());
-        return unfit("origin is", found, "finite numbers", "give it with --origin X,Y,Z");
+        return unfit("origin is", found, "finite numbers", "give it with `origin` X,Y,Z");
     }
     let orientation = info.orientation.as_ref().map_or(&[][..], |rows| rows.as_flattened());
     if !orientation.iter().all(|n| n.is_finite()) {
@@ -249,12 +249,12 @@ fn advice(source: &dyn Source, options: &PackOptions) -> String {
     };
     match (threads, with_threads(options.threads)) {
         (Some(PackOptions { threads, .. }), Some(PackOptions { edge, .. })) => {
-            format!(", or use fewer threads (-j {threads}) or other bricks (--brick {edge})")
+            format!(", or use fewer threads (`threads` {threads}) or other bricks (`edge` {edge})")
         }
-        (Some(PackOptions { threads, .. }), None) => format!(", or use fewer threads (-j {threads})"),
-        (None, Some(PackOptions { edge, .. })) => format!(", or use other bricks (--brick {edge})"),
+        (Some(PackOptions { threads, .. }), None) => format!(", or use fewer threads (`threads` {threads})"),
+        (None, Some(PackOptions { edge, .. })) => format!(", or use other bricks (`edge` {edge})"),
         (None, None) => with_threads(1).map_or_else(String::new, |PackOptions { edge, .. }| {
-            format!(", or use one thread and other bricks (-j 1 --brick {edge})")
+            format!(", or use one thread and other bricks (`threads` 1 `edge` {edge})")
         }),
     }
 }

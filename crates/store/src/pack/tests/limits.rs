@@ -102,12 +102,12 @@ fn what_cannot_be_opened_is_refused_before_anything_is_written() {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     };
     let sound = options(VoxelType::U8);
-    refused(array(), &PackOptions { shard_edge: 16384, ..sound.clone() }, &["--shard 16384", "8192"]);
-    refused(array(), &PackOptions { shard_edge: 0, ..sound.clone() }, &["--shard 0"]);
+    refused(array(), &PackOptions { shard_edge: 16384, ..sound.clone() }, &["`shard_edge` 16384", "8192"]);
+    refused(array(), &PackOptions { shard_edge: 0, ..sound.clone() }, &["`shard_edge` 0"]);
     for bad in [f64::INFINITY, f64::NAN, 0.0, -1.0, f64::MAX, 5e-324] {
         let mut source = array();
         source.info.geometry.spacing.y = bad;
-        refused(source, &sound, &["spacing", "--spacing X,Y,Z", &format!("{bad:?}")]);
+        refused(source, &sound, &["spacing", "`spacing` X,Y,Z", &format!("{bad:?}")]);
     }
     let mut source = array();
     source.info.geometry.origin.z = f64::NEG_INFINITY;
@@ -139,7 +139,7 @@ fn too_little_memory_is_told_with_what_would_do() {
                     let (_, rest) = advice.split_once(option)?;
                     rest.split(|c: char| !c.is_ascii_digit()).next()?.parse::<u32>().ok()
                 };
-                let (j, brick) = (number("-j "), number("--brick "));
+                let (j, brick) = (number("`threads` "), number("`edge` "));
                 let with = |threads: Option<u32>, edge: Option<u32>| PackOptions {
                     threads: threads.map_or(options.threads, |n| n as usize),
                     edge: edge.unwrap_or(options.edge),
