@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Every file of the public collections, and random files of other programs' writers: packed and exported by brickyard, and compared with
-what independent readers say. docs/differential.md says what was seen.
+what independent readers say. docs/results/differential.md says what was seen.
 
   differential.py [NAME...] [--brickyard target/release/brickyard] [--random 100] [--seed 1] [--jobs 2] [--memory 256MiB]
                   [--out target/differential]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The frame rates that two of the papers tabulate, on this machine: docs/papers/frame-rates.md.
+"""The frame rates that two of the papers tabulate, on this machine: docs/results/frame-rates.md.
 
   frame_rates.py [--quick] [--frames 9] [--repetitions 3] [--columns cpu,sorted,raycast,compute] [--brickyard target/release/brickyard]
 

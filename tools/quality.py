@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What docs/papers/quality.md shows: how good and how fast the ways to sample are, on two scans and two formulas.
+"""What docs/results/quality.md shows: how good and how fast the ways to sample are, on two scans and two formulas.
 
   quality.py [NAME...] [--size 128x128] [--frames 4] [--brickyard target/release/brickyard]
 
