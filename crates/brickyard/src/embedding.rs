@@ -50,8 +50,9 @@ impl Session {
     /// Puts a frame on an application's texture: submits what draws it, unless the session's own texture shows it already, and records one
     /// pass in the application's encoder. Nothing is waited for. Submit the encoder before the next call.
     ///
-    /// Returns whether it is this frame: while the shaders of a new kind of picture are compiled by a thread the picture before stays, and
-    /// the target as it was where there is none.
+    /// Returns whether it is this frame, and all of it. While the shaders of a new kind of picture are compiled by a thread the picture before
+    /// stays, and the target as it was where there is none. While it is not known how many layers translucent meshes have, some may be
+    /// missing.
     ///
     /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes: the same frame can be
     /// put wherever the application likes, and is not drawn again.
@@ -73,23 +74,25 @@ impl Session {
         Ok(is_this)
     }
 
-    /// Has the session's own texture show a frame. Returns false while it has to be compiled for.
+    /// Has the session's own texture show a frame. Returns false while it has to be compiled for, or may lack layers of meshes.
     fn show(&mut self, frame: &Frame) -> Result<bool, SessionError> {
         self.renderer()?;
         let Some(fit) = self.fit.as_mut().filter(|_| frame.is_of(self.steps)) else {
             return Err(SessionError::Superseded);
         };
-        let lacks_layers = fit.backend.as_gpu().is_some_and(|gpu| gpu.lacks_layers());
-        if self.shown.as_ref().is_some_and(|shown| shown.is_copy_of(frame)) && !lacks_layers {
-            return Ok(true);
+        fit.hear()?;
+        let lacks_layers = fit.lacks_layers();
+        if self.shown.as_ref().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
+            return Ok(lacks_layers == Some(false));
         }
         if !fit.is_prepared(&frame.scene) {
             fit.prepare(&frame.scene);
             return Ok(false);
         }
         fit.show(&frame.scene, self.options.live)?;
+        let lacks_layers = fit.lacks_layers();
         self.shown = Some(frame.clone());
-        Ok(true)
+        Ok(lacks_layers == Some(false))
     }
 
     /// Asks for the pixels of the picture that the session's own texture shows: they come as [`Session::picture`], without waiting. Returns

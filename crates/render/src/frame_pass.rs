@@ -399,7 +399,7 @@ impl Passes<'_> {
         let (Some(targets), Some(reading)) = (&mut renderer.targets, reading) else { return Err(no_target()) };
         let picture = targets.take(&renderer.gpu, reading)?;
         let mut answers = renderer.hear()?;
-        let own = answers.pop_if(|_| is_asked);
+        let own = answers.pop_if(|answer| is_asked && answer.picture == AWAITED);
         renderer.last_frame_ms = own.as_ref().and_then(|own| own.gpu_ms).unwrap_or(start.elapsed().as_secs_f64() * 1e3);
         renderer.visibility = own.and_then(|own| own.visibility);
         renderer.heard.append(&mut answers);
@@ -433,6 +433,9 @@ impl Passes<'_> {
         }
         let submission = gpu.queue.submit([encoder.finish()]);
         let is_asked = sheet.is_some();
+        if let Some(meshes) = meshes.as_mut().filter(|_| peeled > 0) {
+            meshes.ask(is_asked.then_some(picture), self.framed[0].settings);
+        }
         if let Some(sheet) = sheet {
             answers.ask(Question { picture, marked, peeled }, sheet);
         }

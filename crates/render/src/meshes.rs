@@ -19,7 +19,7 @@ use crate::march::attachment;
 use crate::memory::{COLOR_FORMAT, COUNTS_BYTES, MOST_LAYERS, NUMBER_FORMAT, geometry_bytes, mesh_bytes};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
 use brickyard_shaders::{MeshLook, MeshVertex, Seen, Shown, bindings, peel, resolve};
-use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh};
+use brickyard_volume::{FrameSettings, Geometry, Mesh, MeshCapacity, ShownMesh, ViewRays};
 use glam::DVec3;
 use std::ops::Range;
 use std::sync::Arc;
@@ -54,8 +54,11 @@ pub(crate) struct Meshes {
     answer: Option<wgpu::Buffer>,
     /// Layers that a picture is expected to have, with the one that has nothing.
     expected: u32,
-    /// Whether the last picture that was answered about had more layers.
-    pub(crate) is_short: bool,
+    /// Whether the last picture had more layers, as far as is known, and its number while that is asked.
+    is_short: bool,
+    asked: Option<u64>,
+    /// The view that this is known of: its rays, and the meshes' opacities.
+    view: Option<(ViewRays, Vec<f64>)>,
     room: MeshCapacity,
     /// The part of the frames' buffer with theirs.
     pub(crate) frame: Part,
@@ -172,6 +175,8 @@ impl Meshes {
             answer,
             expected: FIRST_EXPECTED,
             is_short: false,
+            asked: None,
+            view: None,
             room,
             frame,
             held: Vec::new(),
@@ -196,6 +201,7 @@ impl Meshes {
         let is_same = self.held.len() == frame.meshes.len()
             && self.held.iter().zip(&frame.meshes).all(|(held, shown)| Arc::ptr_eq(&held.mesh, &shown.mesh));
         if !is_same || self.geometry.as_ref() != Some(&frame.geometry) {
+            self.view = None;
             self.send(gpu, frame);
         }
         let looks: Vec<MeshLook> = frame.meshes.iter().map(look).collect();
@@ -302,8 +308,26 @@ impl Meshes {
         }
     }
 
+    /// A picture of a frame was drawn with as many layers as are expected, and is asked about; none could not be asked about. What is known of
+    /// the same view's pictures before goes on to count, unless they were short.
+    pub(crate) fn ask(&mut self, picture: Option<u64>, frame: &FrameSettings) {
+        let view = Some((frame.rays, frame.meshes.iter().map(|shown| shown.opacity).collect()));
+        if self.is_short || self.view != view {
+            (self.asked, self.is_short, self.view) = (picture, picture.is_none(), view);
+        }
+    }
+
+    /// Whether a picture that nobody waited for has to be drawn again, for it had more layers than were drawn; `None` while that is asked.
+    pub(crate) fn is_short(&self) -> Option<bool> {
+        self.asked.is_none().then_some(self.is_short)
+    }
+
     /// Learns what the layers of a picture had that nobody waited for.
-    pub(crate) fn learn(&mut self, counts: &[u64]) {
+    pub(crate) fn learn(&mut self, picture: u64, counts: &[u64]) {
+        if self.asked.is_some_and(|asked| picture < asked) {
+            return;
+        }
+        self.asked = None;
         let found = counts.iter().take_while(|&&count| count > 0).count() as u32;
         self.is_short = found == counts.len() as u32 && found < MOST_LAYERS;
         let expected = if self.is_short { 2 * found } else { found + 1 };

@@ -116,7 +116,7 @@ impl GpuRenderer {
         let Self { gpu, answers, meshes, layers, .. } = self;
         let said = answers.take_said(gpu)?;
         if let (Some(meshes), Some(last)) = (meshes, said.iter().rfind(|said| said.question.peeled > 0)) {
-            meshes.learn(&last.counts);
+            meshes.learn(last.question.picture, &last.counts);
         }
         let has_timestamps = self.shared.timestamps.is_some();
         let tick_ms = gpu.queue.get_timestamp_period() as f64 * 1e-6;
@@ -138,8 +138,8 @@ impl GpuRenderer {
         Ok(said.into_iter().map(answer).collect())
     }
 
-    /// Whether the picture shown last was told to lack layers of meshes: drawn again it has more.
-    pub fn lacks_layers(&self) -> bool {
-        self.meshes.as_ref().is_some_and(|meshes| meshes.is_short)
+    /// Whether the picture shown last lacks layers of meshes, so that it has to be drawn again: then it has more. `None` while that is asked.
+    pub fn lacks_layers(&self) -> Option<bool> {
+        self.meshes.as_ref().map_or(Some(false), |meshes| meshes.is_short())
     }
 }

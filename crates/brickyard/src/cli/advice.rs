@@ -35,7 +35,7 @@ const FLAGS: [(&str, &str); 20] = [
     ("`origin`", "--origin"),
     ("`overwrite`", "--overwrite"),
     ("`resume`", "--resume"),
-    ("`scratch_dir`", "--scratch-dir"),
+    ("`scratch_dir`", "--scratch"),
     ("`shape`", "--shape"),
     ("`shard_edge`", "--shard"),
     ("`spacing`", "--spacing"),
@@ -144,6 +144,27 @@ impl Advice for SurveyError {
         match self {
             Self::Picture(error) => error.advice(),
             Self::Coarse { .. } => Some("raise --gpu-memory, or show less with --clip"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// What a message names must be a flag of `pack`, which is where such options are given.
+    #[test]
+    fn the_flags_that_messages_name_are_there() {
+        let command = crate::cli::Arguments::command();
+        let pack = command.find_subcommand("pack").expect("a subcommand");
+        for (option, flag) in FLAGS {
+            let is_it = |argument: &clap::Arg| match flag.strip_prefix("--") {
+                Some(long) => argument.get_long() == Some(long),
+                None => argument.get_short() == flag.chars().nth(1),
+            };
+            assert!(pack.get_arguments().any(is_it), "{option}: pack has no {flag}");
+            assert_eq!(with_flags(&format!("pass {option} 3")), format!("pass {flag} 3"));
         }
     }
 }

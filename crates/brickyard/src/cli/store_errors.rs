@@ -15,8 +15,12 @@ pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
 
 /// The failure for a store that cannot be opened.
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
-    let kind = if matches!(error, OpenError::Incomplete { .. }) { ExitKind::Incomplete } else { ExitKind::BadInput };
-    Failure::new(kind, error)
+    let command = |store: &Path, flag: &str| format!("{error}: 'brickyard pack INPUT {} {flag}'", store.display());
+    match error {
+        OpenError::Incomplete { path, .. } => Failure::new(ExitKind::Incomplete, command(path, "--resume")),
+        OpenError::OldFormat { store, .. } => Failure::bad_input(command(store, "--overwrite")),
+        _ => Failure::bad_input(error),
+    }
 }
 
 /// The failure for a store that was not verified.

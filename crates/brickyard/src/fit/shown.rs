@@ -58,6 +58,11 @@ impl Fit {
         Ok(())
     }
 
+    /// Whether the picture shown last lacks layers of meshes; `None` while that is asked.
+    pub(crate) fn lacks_layers(&mut self) -> Option<bool> {
+        self.backend.as_gpu().map_or(Some(false), |gpu| gpu.lacks_layers())
+    }
+
     /// Takes in what the GPU has said of pictures shown before, and tells the pagers.
     pub(crate) fn hear(&mut self) -> Result<(), BackendError> {
         let Self { backend, shown, .. } = self;
