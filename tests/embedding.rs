@@ -2,6 +2,7 @@
 //! saw is told of the frame that it was seen in, however late.
 
 use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::frame_governor::Quality;
 use brickyard::render::{Gpu, GpuError, Target, wgpu};
 use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::volume::{
@@ -371,6 +372,10 @@ fn pixels_come_when_they_are_asked_for() {
     let frame = session.step(&scene(0.5, 20.0), SIZE).expect("a step");
     assert!(session.draw(&frame).expect("drawn").difference(&picture).max <= 1);
     assert!(session.read_back().expect("a device"), "the later one counts");
+    // A picture that is waited for is drawn over what is shown: the same frame is drawn again then.
+    session.draw(&Quality { scale: 0.5, step: 2.0 }.frame(&frame)).expect("drawn");
+    assert!(app.draw(&mut session, &frame, &target));
+    assert!(most(&rgb(&app.read(&texture)), &picture.rgb) <= 1);
 }
 
 /// What makes slots anew keeps the device, what is compiled for it, and what is decoded.

@@ -89,6 +89,7 @@ impl Session {
             fit.prepare(&frame.scene);
             return Ok(false);
         }
+        self.shown = None;
         fit.show(&frame.scene, self.options.live)?;
         let lacks_layers = fit.lacks_layers();
         self.shown = Some(frame.clone());
@@ -99,7 +100,7 @@ impl Session {
     /// false while those of an earlier one are on their way, or if nothing has been drawn.
     ///
     /// # Errors
-    /// If the session does not draw on an application's device, or that is lost.
+    /// If the session does not draw on an application's device, or that is lost; before the first step.
     pub fn read_back(&mut self) -> Result<bool, SessionError> {
         Ok(self.renderer()?.read_back().map_err(BackendError::from)?)
     }
@@ -123,7 +124,7 @@ impl Session {
     /// else does.
     ///
     /// # Errors
-    /// If the session does not draw on an application's device.
+    /// If the session does not draw on an application's device; before the first step.
     pub fn take_longest_gpu_wait(&mut self) -> Result<Duration, SessionError> {
         Ok(self.renderer()?.gpu().take_longest_wait())
     }
@@ -134,8 +135,10 @@ impl Session {
         self.fit.iter_mut().for_each(|fit| fit.shown.late_steps = steps);
     }
 
+    /// The renderer on the application's device. Before a step there is none, and no frame of its.
     fn renderer(&mut self) -> Result<&mut GpuRenderer, SessionError> {
         let renderer = self.fit.as_mut().and_then(|fit| fit.backend.as_gpu());
-        renderer.filter(|renderer| renderer.never_waits()).ok_or(SessionError::NoDevice)
+        let missing = if self.device.is_lent() { SessionError::Superseded } else { SessionError::NoDevice };
+        renderer.filter(|renderer| renderer.never_waits()).ok_or(missing)
     }
 }

@@ -77,7 +77,7 @@ pub struct Session {
     pub(crate) options: SessionOptions,
     /// One for each volume.
     tables: Vec<Tables>,
-    device: Device,
+    pub(crate) device: Device,
     /// What was decoded for a device that is lost.
     kept: Vec<KeptCores>,
     /// `None` before the first step, and after one that could not make it.
@@ -304,6 +304,9 @@ impl Session {
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
         let tells = self.options.live;
+        // It is drawn where frames are shown, too.
+        #[cfg(feature = "gpu")]
+        drop(self.shown.take());
         loop {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
                 return Err(SessionError::Superseded);

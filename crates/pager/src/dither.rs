@@ -1,11 +1,11 @@
 //! A share of the picture's pixels: what a brick that fades in is drawn in, and the one before it in the others.
 
-/// Some of the picture's pixels, spread evenly: those whose [threshold](Pixels::threshold) is in `from..to`.
+/// Some of the picture's pixels, spread evenly: those whose [threshold](PixelShare::threshold) is in `from..to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelShare {
     /// The least threshold.
     pub from: u8,
-    /// The first that is too great, at most [`Pixels::THRESHOLDS`].
+    /// The first that is too great, at most [`PixelShare::THRESHOLDS`].
     pub to: u8,
 }
 
