@@ -20,6 +20,14 @@ const EXTENT: Extent = Extent::new(90, 77, 83);
 /// A colour that no picture has.
 const UNTOUCHED: [u8; 4] = [7, 77, 177, 77];
 
+/// What most of these tests draw on.
+const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
+
+/// The whole of a texture of that format.
+fn whole(view: &wgpu::TextureView) -> Target<'_> {
+    Target { view, format: FORMAT, area_px: None }
+}
+
 /// A program that draws with wgpu, and counts what its handler for errors hears.
 struct Application {
     adapter: wgpu::Adapter,
@@ -208,12 +216,12 @@ fn what_an_application_shows_is_the_picture_in_every_format() {
 #[test]
 fn a_frame_goes_where_the_application_wants_it() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let texture = app.texture(format, (300, 120));
+    let texture = app.texture(FORMAT, (300, 120));
     let view = texture.create_view(&Default::default());
     let mut session = app.session(&store, true);
     let (width, height) = SIZE;
-    let target = |x, scale| Target { view: &view, format, area_px: Some([x, 10, width / scale, height / scale]) };
+    let target =
+        |x, scale| Target { view: &view, format: FORMAT, area_px: Some([x, 10, width / scale, height / scale]) };
     let frame = app.settle(&mut session, &scene(0.5, 20.0), SIZE, &target(20, 1));
     assert!(app.draw(&mut session, &frame, &target(200, 2)));
     let pixels = app.read(&texture);
@@ -241,13 +249,12 @@ fn a_frame_goes_where_the_application_wants_it() {
 #[test]
 fn two_eyes_are_shown_in_every_layout() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
     let mut session = app.session(&store, true);
     for layout in StereoLayout::ALL {
-        let texture = app.texture(format, SIZE);
+        let texture = app.texture(FORMAT, SIZE);
         let view = texture.create_view(&Default::default());
         let scene = Scene { stereo: Some(Stereo::new(layout)), ..scene(0.5, 20.0) };
-        app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+        app.settle(&mut session, &scene, SIZE, &whole(&view));
         let expected = rendered(&store, &scene, SIZE);
         let found = rgb(&app.read(&texture));
         // A code of either eye, by factors of up to 1.3 in light.
@@ -260,8 +267,7 @@ fn two_eyes_are_shown_in_every_layout() {
 #[test]
 fn layers_of_meshes_are_all_there_in_the_end() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let (texture, mut session) = (app.texture(format, SIZE), app.session(&store, true));
+    let (texture, mut session) = (app.texture(FORMAT, SIZE), app.session(&store, true));
     let view = texture.create_view(&Default::default());
     // Nine sheets, one behind the other.
     let (low, high) = Geometry::default().world_box(EXTENT);
@@ -276,7 +282,7 @@ fn layers_of_meshes_are_all_there_in_the_end() {
     let mesh = Arc::new(Mesh::new(positions, triangles, vec![], vec![]).expect("a mesh"));
     let look = MeshLook { opacity: 0.2, mesh: Some(mesh), ..MeshLook::new("sheets") };
     let scene = Scene { meshes: vec![look], ..scene(0.05, 20.0) };
-    app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    app.settle(&mut session, &scene, SIZE, &whole(&view));
     let found = rgb(&app.read(&texture));
     let expected = rendered(&store, &scene, SIZE);
     assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
@@ -287,10 +293,9 @@ fn layers_of_meshes_are_all_there_in_the_end() {
 #[test]
 fn late_answers_are_of_the_frame_that_they_were_asked_of() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let texture = app.texture(format, SIZE);
+    let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
-    let target = Target { view: &view, format, area_px: None };
+    let target = whole(&view);
     // Waves that hide what is behind them, and fog.
     let dense = TransferFunction { unit_distance: 0.05, ..transfer(1.0) };
     let seen = |transfer: &TransferFunction, turn_deg| {
@@ -326,11 +331,10 @@ fn late_answers_are_of_the_frame_that_they_were_asked_of() {
 #[test]
 fn nothing_waits_for_the_gpu() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
     let size = (400, 300);
-    let texture = app.texture(format, size);
+    let texture = app.texture(FORMAT, size);
     let view = texture.create_view(&Default::default());
-    let target = Target { view: &view, format, area_px: None };
+    let target = whole(&view);
     let mut session = app.session(&store, true);
     let frame = session.step(&scene(0.02, 0.0), size).expect("a step");
     app.draw(&mut session, &frame, &target);
@@ -350,10 +354,9 @@ fn nothing_waits_for_the_gpu() {
 #[test]
 fn pixels_come_when_they_are_asked_for() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let texture = app.texture(format, SIZE);
+    let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
-    let target = Target { view: &view, format, area_px: None };
+    let target = whole(&view);
     let mut session = app.session(&store, true);
     app.settle(&mut session, &scene(0.5, 20.0), SIZE, &target);
     assert_eq!(session.picture().expect("a device"), None, "nobody has asked");
@@ -382,10 +385,9 @@ fn pixels_come_when_they_are_asked_for() {
 #[test]
 fn scenes_that_ask_for_more_stay_on_the_device() {
     let (Some(app), store) = (Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let texture = app.texture(format, SIZE);
+    let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
-    let target = Target { view: &view, format, area_px: None };
+    let target = whole(&view);
     let mut session = app.session(&store, true);
     let plain = scene(0.5, 20.0);
     let cubic = Scene { sampling: Sampling { filter: Filter::Tricubic, ..plain.sampling }, ..plain.clone() };
@@ -405,18 +407,17 @@ fn scenes_that_ask_for_more_stay_on_the_device() {
 #[test]
 fn a_lost_device_is_the_applications_to_make_anew() {
     let (Some(app), Some(next), store) = (Application::new(), Application::new(), store()) else { return };
-    let format = TextureFormat::Rgba8Unorm;
-    let (scene, texture) = (scene(0.5, 20.0), app.texture(format, SIZE));
+    let (scene, texture) = (scene(0.5, 20.0), app.texture(FORMAT, SIZE));
     let view = texture.create_view(&Default::default());
     let mut session = app.session(&store, true);
-    let settled = app.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    let settled = app.settle(&mut session, &scene, SIZE, &whole(&view));
     let expected = rgb(&app.read(&texture));
     app.device.destroy();
     let begun = Instant::now();
     let lost = loop {
         let drawn = session.step(&scene, SIZE).and_then(|frame| {
             let mut encoder = app.device.create_command_encoder(&Default::default());
-            session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder)
+            session.draw_to(&frame, &whole(&view), &mut encoder)
         });
         if let Err(error) = drawn {
             break error;
@@ -427,9 +428,9 @@ fn a_lost_device_is_the_applications_to_make_anew() {
     assert!(session.step(&scene, SIZE).is_err() && session.device_losses() == 0, "it is not ours to make anew");
 
     session.set_gpu(next.gpu());
-    let texture = next.texture(format, SIZE);
+    let texture = next.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
-    let anew = next.settle(&mut session, &scene, SIZE, &Target { view: &view, format, area_px: None });
+    let anew = next.settle(&mut session, &scene, SIZE, &whole(&view));
     assert!(most(&rgb(&next.read(&texture)), &expected) <= 1);
     assert_eq!(anew.status.counters.decoded, settled.status.counters.decoded);
 }
@@ -445,11 +446,10 @@ fn errors_are_the_calls_own() {
         matches!(too_large, SessionError::Backend(BackendError::Gpu(GpuError::PictureTooLarge { .. }))),
         "{too_large}"
     );
-    let format = TextureFormat::Rgba8Unorm;
-    let texture = app.texture(format, SIZE);
+    let texture = app.texture(FORMAT, SIZE);
     let view = texture.create_view(&Default::default());
     let mut encoder = app.device.create_command_encoder(&Default::default());
-    let superseded = session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder);
+    let superseded = session.draw_to(&frame, &whole(&view), &mut encoder);
     assert!(superseded.is_err(), "the frame is of slots that are gone");
     // A depth format has no colours.
     let (frame, format) = (session.step(&scene(0.5, 20.0), SIZE).expect("a step"), TextureFormat::Depth32Float);

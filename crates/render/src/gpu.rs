@@ -230,10 +230,9 @@ impl Gpu {
         self.check()
     }
 
-    /// A lent device that fails in this way is taken for lost: its loss is told to the application alone.
+    /// The loss of a device that gives this sign of it, as the device itself told of it if it did: a lent one tells the application alone.
     pub(crate) fn lost(&self, sign: &dyn std::fmt::Display) -> GpuError {
-        self.fault.set(GpuError::DeviceLost(sign.to_string()));
-        self.check().err().unwrap_or_else(|| GpuError::DeviceLost(sign.to_string()))
+        self.reason(GpuError::DeviceLost(sign.to_string()))
     }
 
     /// Lets the device report what is done, and its loss.
