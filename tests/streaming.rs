@@ -182,10 +182,9 @@ impl BrickSource for Computed {
         (0.0, 255.0)
     }
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        let (edge, index, factor) = (self.pyramid.edge(), id.index.to_array(), self.pyramid.level(id.level).factor);
-        for (i, voxel) in (0..).zip(out) {
-            let place = [i % edge, i / edge % edge, i / edge / edge];
-            *voxel = waves(std::array::from_fn(|axis| (index[axis] * edge + place[axis]) * factor[axis]));
+        let factor = self.pyramid.level(id.level).factor;
+        for (voxel, place) in out.iter_mut().zip(self.pyramid.core_voxels(id.index)) {
+            *voxel = waves(std::array::from_fn(|axis| place[axis] * factor[axis]));
         }
         Ok(())
     }

@@ -4,6 +4,7 @@
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
+use brickyard::scene_file;
 use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
@@ -468,6 +469,14 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     sandbox.run_ok("render a.zarr b.zarr -o plain.png --size 32x32 --backend cpu");
     assert_eq!(read_png(&sandbox.path("file.png")), read_png(&sandbox.path("flags.png")));
     assert_ne!(read_png(&sandbox.path("file.png")), read_png(&sandbox.path("plain.png")));
+    // So does the library.
+    let volumes = ["a.zarr", "b.zarr"].map(|store| VolumeSource::open(sandbox.path(store)).expect("a store")).to_vec();
+    let (scene, remarks) = scene_file::open(sandbox.path("deep/scene.json"), &volumes).expect("a scene");
+    assert_eq!(remarks, [""; 0]);
+    let options = SessionOptions { backend: BackendChoice::Cpu, ..SessionOptions::default() };
+    let mut session = Session::new(volumes, options);
+    let rendered = session.render(&scene, (32, 32)).expect("a picture");
+    assert_eq!(rendered.picture, read_png(&sandbox.path("file.png")));
     // A live flight over layers, and over an expression.
     sandbox.write("twice.json", r#"{"layers": [{}, {"source": 0, "blend": "add"}], "expression": null}"#);
     for flags in ["--scene twice.json", "--expr abs(a)"] {

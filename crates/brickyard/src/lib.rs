@@ -84,12 +84,14 @@ pub mod oracle;
 pub mod picture_file;
 mod resolve;
 pub mod scenario;
+pub mod scene_file;
 pub mod session;
 mod session_error;
 pub mod stats;
 #[cfg(feature = "survey")]
 pub mod survey;
 mod table_cache;
+pub mod text_file;
 pub mod tiles;
 mod volume_source;
 

@@ -94,8 +94,8 @@ impl VolumeSource {
         self.source.pyramid().levels()[0].extent
     }
 
-    /// The box of its own world that it fills.
-    pub(crate) fn world_box(&self) -> (DVec3, DVec3) {
+    /// The box that the volume fills in its own world: least and greatest corner, world units.
+    pub fn world_box(&self) -> (DVec3, DVec3) {
         self.source.geometry().world_box(self.extent())
     }
 

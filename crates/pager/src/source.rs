@@ -34,11 +34,9 @@ pub struct BrickError {
 ///     fn voxel_type(&self) -> VoxelType { VoxelType::U8 }
 ///     fn value_range(&self) -> (f64, f64) { (0.0, 255.0) }
 ///     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-///         let (edge, first) = (self.pyramid.edge(), id.index.to_array().map(|i| i * self.pyramid.edge()));
 ///         // A voxel of a coarser level stands for several of level 0.
 ///         let factor = self.pyramid.level(id.level).factor;
-///         for (i, voxel) in (0..).zip(out) {
-///             let place = [first[0] + i % edge, first[1] + i / edge % edge, first[2] + i / edge / edge];
+///         for (voxel, place) in out.iter_mut().zip(self.pyramid.core_voxels(id.index)) {
 ///             let from_centre: [f64; 3] =
 ///                 std::array::from_fn(|axis| (f64::from(place[axis]) + 0.5) * f64::from(factor[axis]) - 100.0);
 ///             let radius = from_centre.iter().map(|d| d * d).sum::<f64>().sqrt();

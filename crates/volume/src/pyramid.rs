@@ -143,6 +143,14 @@ impl Pyramid {
         })
     }
 
+    /// The positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest. The core is whole: where
+    /// the level ends inside of the brick, positions past the level's end are among them.
+    pub fn core_voxels(&self, index: BrickIndex) -> impl Iterator<Item = [u32; 3]> + use<> {
+        let (edge, first) = (self.edge, index.to_array().map(|i| i * self.edge));
+        let axis = move |a: usize| first[a]..first[a] + edge;
+        axis(2).flat_map(move |z| axis(1).flat_map(move |y| axis(0).map(move |x| [x, y, z])))
+    }
+
     /// The brick's core in its own level's voxels, clipped to the level.
     pub fn brick_box(&self, level: Level, index: BrickIndex) -> VoxelBox {
         let n = self.level(level).extent.to_array();
@@ -185,6 +193,14 @@ mod tests {
             p.levels().iter().map(|l| l.factor).collect::<Vec<_>>(),
             [[1, 1, 1], [2, 2, 1], [4, 4, 1], [8, 8, 2]]
         );
+    }
+
+    #[test]
+    fn core_voxels_are_in_the_order_of_a_core_s_bytes() {
+        let p = Pyramid::new(Extent::new(5, 5, 5), [1.0; 3], 2);
+        let voxels: Vec<_> = p.core_voxels(BrickIndex { x: 1, y: 0, z: 2 }).collect();
+        let expected = [[2, 0, 4], [3, 0, 4], [2, 1, 4], [3, 1, 4], [2, 0, 5], [3, 0, 5], [2, 1, 5], [3, 1, 5]];
+        assert_eq!(voxels, expected);
     }
 
     #[test]

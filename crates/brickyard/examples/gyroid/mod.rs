@@ -48,12 +48,10 @@ impl BrickSource for Gyroid {
     }
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
-        let (index, factor) = (id.index.to_array(), self.pyramid.level(id.level).factor);
-        for (i, voxel) in (0..).zip(out) {
-            let place = [i % BRICK_EDGE, i / BRICK_EDGE % BRICK_EDGE, i / BRICK_EDGE / BRICK_EDGE];
+        let factor = self.pyramid.level(id.level).factor;
+        for (voxel, place) in out.iter_mut().zip(self.pyramid.core_voxels(id.index)) {
             // A voxel of a coarser level stands for several of level 0: this is where their middle is.
-            let middle =
-                |axis: usize| (f64::from(index[axis] * BRICK_EDGE + place[axis]) + 0.5) * f64::from(factor[axis]) - 0.5;
+            let middle = |axis: usize| (f64::from(place[axis]) + 0.5) * f64::from(factor[axis]) - 0.5;
             *voxel = Self::value([0, 1, 2].map(middle));
         }
         Ok(())

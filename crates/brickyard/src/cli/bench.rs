@@ -131,10 +131,10 @@ fn flight(
     scenario: Scenario,
 ) -> Result<(Vec<[u32; 3]>, FlightReport), Failure> {
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
-    let stores = paths.iter().map(|path| store_errors::open(path)).collect::<Result<Vec<_>, _>>()?;
-    let extents = stores.iter().map(|store| store.pyramid().levels()[0].extent.to_array()).collect();
-    let scene = arguments.sampling.of(arguments.scene.scene(&stores, arguments.size)?);
-    drop(stores);
+    let volumes = store_errors::open_volumes(paths)?;
+    let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
+    let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
+    drop(volumes);
     for path in paths.iter().filter(|_| arguments.cold) {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }

@@ -88,10 +88,9 @@ struct Table<'a> {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
-    let store = store_errors::open(&arguments.store)?;
-    let scene = arguments.scene.scene(std::slice::from_ref(&store), arguments.size)?;
+    let volume = VolumeSource::of_store(&Arc::new(store_errors::open(&arguments.store)?));
+    let scene = arguments.scene.scene(std::slice::from_ref(&volume), arguments.size)?;
     check(arguments, &scene)?;
-    let volume = VolumeSource::of_store(&Arc::new(store));
     let plan = arguments.plan(&scene);
     make_folder(&arguments.output, arguments.overwrite)?;
     let mut rows = Vec::new();

@@ -29,10 +29,9 @@ use std::time::Instant;
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let stores = arguments.stores.iter().map(|path| store_errors::open(path));
-    let stores = stores.collect::<Result<Vec<Store>, Failure>>()?;
-    let scene = arguments.sampling.of(arguments.scene.scene(&stores, arguments.size)?);
-    let volumes = stores.into_iter().map(|store| VolumeSource::of_store(&Arc::new(store)).suited(scene.mode));
+    let volumes = store_errors::open_volumes(&arguments.stores)?;
+    let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
+    let volumes = volumes.into_iter().map(|volume| volume.suited(scene.mode));
     let volumes = volumes.collect::<Result<Vec<VolumeSource>, _>>();
     let volumes = volumes.map_err(|error| store_errors::open_failure(&error))?;
     let stores: Vec<Arc<Store>> = volumes.iter().filter_map(VolumeSource::store).cloned().collect();

@@ -1,10 +1,10 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
-use super::scene_file;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
-use brickyard::store::Store;
+use brickyard::scene_file;
+use brickyard::session::VolumeSource;
 use brickyard::volume::{
     Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Slice,
     Stereo, StereoLayout, TransferFunction,
@@ -173,20 +173,24 @@ impl From<StereoArgument> for StereoLayout {
 }
 
 impl SceneArguments {
-    /// The scene: the file's, overridden by the flags, for pictures of this size of these stores. Stores that no layer of the file shows
+    /// The scene: the file's, overridden by the flags, for pictures of this size of these volumes. Volumes that no layer of the file shows
     /// have a layer each.
     ///
     /// # Errors
     /// Exit code 3 for an unreadable or malformed file, 2 for flags that contradict each other or the scene.
-    pub(crate) fn scene(&self, stores: &[Store], size_px: (u32, u32)) -> Result<Scene, Failure> {
-        let mut scene = self.scene.as_deref().map_or_else(|| Ok(Scene::default()), scene_file::read)?;
-        show_all(&mut scene, stores.len());
+    pub(crate) fn scene(&self, volumes: &[VolumeSource], size_px: (u32, u32)) -> Result<Scene, Failure> {
+        let mut scene = match &self.scene {
+            Some(path) => scene_file::read(path).map_err(Failure::bad_input)?,
+            None => Scene::default(),
+        };
+        show_all(&mut scene, volumes.len());
         self.set_picture(&mut scene)?;
         self.set_layers(&mut scene)?;
-        scene_file::read_meshes(&mut scene)?;
-        scene_file::read_transfers(&mut scene, stores)?;
-        self.set_gradient_opacity(&mut scene, stores)?;
-        let boxes: Vec<_> = stores.iter().map(|store| store.geometry().world_box(scene_file::extent(store))).collect();
+        for remark in scene_file::read_named_files(&mut scene, volumes).map_err(Failure::bad_input)? {
+            eprintln!("note: {remark}");
+        }
+        self.set_gradient_opacity(&mut scene, volumes)?;
+        let boxes: Vec<_> = volumes.iter().map(VolumeSource::world_box).collect();
         scene.camera = Some(self.camera(&scene, scene.world_box(&boxes), size_px));
         Ok(scene)
     }
@@ -246,13 +250,13 @@ impl SceneArguments {
         self.volume.iter().try_for_each(|setting| setting.apply(scene))
     }
 
-    fn set_gradient_opacity(&self, scene: &mut Scene, stores: &[Store]) -> Result<(), Failure> {
+    fn set_gradient_opacity(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let Some(GradientOpacity(points)) = &self.gradient_opacity else { return Ok(()) };
         if scene.expression.is_some() {
             return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
         }
         for i in 0..scene.layers.len() {
-            let Some(subject) = scene_file::subject(scene, i, stores) else { continue };
+            let Some(subject) = scene_file::subject(scene, i, volumes) else { continue };
             let layer = &mut scene.layers[i];
             let function = layer.function(&subject).map_err(|error| Failure::usage(format!("layer {i}: {error}")))?;
             *layer = layer.written_out(TransferFunction { gradient_opacity: points.clone(), ..function });

@@ -2,8 +2,10 @@
 
 use super::failure::{ExitKind, Failure};
 use brickyard::import::ImportError;
+use brickyard::session::VolumeSource;
 use brickyard::store::{ExportError, OpenError, PackError, ReadError, Store, VerifyError};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Opens a finished store.
 ///
@@ -11,6 +13,14 @@ use std::path::Path;
 /// Exit code 3 for what is not a store, 4 for an unfinished one.
 pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
     Store::open(path).map_err(|error| open_failure(&error))
+}
+
+/// Opens finished stores as volumes.
+///
+/// # Errors
+/// As [`open`].
+pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSource>, Failure> {
+    paths.iter().map(|path| Ok(VolumeSource::of_store(&Arc::new(open(path.as_ref())?)))).collect()
 }
 
 /// The failure for a store that cannot be opened.

@@ -4,7 +4,7 @@
 use super::failure::Failure;
 use super::output::may_write;
 use super::render_args::RenderArguments;
-use super::text_file::read_text;
+use brickyard::text_file::read_text;
 use brickyard::volume::{Camera, Scene};
 use std::path::{Path, PathBuf};
 
@@ -87,7 +87,7 @@ impl Views {
 
 fn cameras(path: &Path) -> Result<Vec<Camera>, Failure> {
     let bad = |problem: String| Failure::bad_input(format!("{}: {problem}", path.display()));
-    let text = read_text(path)?;
+    let text = read_text(path).map_err(Failure::bad_input)?;
     let cameras: Vec<Camera> =
         serde_json::from_str(&text).map_err(|error| bad(format!("not a list of cameras: {error}")))?;
     if cameras.is_empty() {

@@ -1,8 +1,8 @@
 //! `--volume N:KEY=VALUE`: how one of the layers looks. Values have the form that they have in flags for all layers.
 
 use super::failure::Failure;
-use super::text_file::read_text;
 use super::values;
+use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
 use std::path::Path;
 
@@ -101,7 +101,7 @@ pub(crate) fn transfer_choice(argument: &str) -> TransferChoice {
 /// The placement in a file, or in the words themselves.
 fn placement(layer: usize, value: &str) -> Result<Placement, Failure> {
     let path = Path::new(value);
-    let text = if path.is_file() { read_text(path)? } else { value.to_string() };
+    let text = if path.is_file() { read_text(path).map_err(Failure::bad_input)? } else { value.to_string() };
     let what = if path.is_file() { path.display().to_string() } else { format!("--volume {layer}:matrix={value}") };
     Placement::from_text(&text).map_err(|error| match error {
         PlacementError::Word(_) if !path.is_file() => {
