@@ -1,6 +1,7 @@
 //! Clip planes and slices end to end: against the oracle in all modes and ways to draw, against formulas, and that what is
 //! not shown is not read.
 
+use brickyard::session::VolumeSource;
 use brickyard::store::Store;
 use brickyard::volume::{
     Camera, ClipPlane, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice, TransferFunction,
@@ -254,7 +255,7 @@ fn thin_slices_are_the_values_on_the_plane() {
         target: place,
         eye: place + slice.normal * 30.0,
         projection: Projection::Orthographic { height: 20.0 },
-        ..slice.camera(world, SIZE)
+        ..slice.camera(world, slice.image_up(), SIZE)
     };
     // From afar the slab is thicker, and its two sides are harder to tell from one another.
     for normal in [[0.0, -1.0, 0.0], [0.3, -1.0, 0.2], [1.0, 0.4, -0.3]] {
@@ -270,7 +271,7 @@ fn thin_slices_are_the_values_on_the_plane() {
         let Some(mut session) = session(&test.store, way) else { continue };
         for scene in &scenes {
             let slice = scene.slice.expect("a slice");
-            let camera = scene.camera_for(world, SIZE);
+            let camera = scene.camera_for(&[VolumeSource::of_store(&test.store).place()], SIZE).expect("a camera");
             let rays = camera.rays(SIZE.0, SIZE.1).expect("a camera");
             let (picture, _) = settled(&mut session, scene, SIZE);
             let mut met = 0;

@@ -1,5 +1,5 @@
 //! Independent programs read what we write, and we read what they write: zarr-python, tensorstore, nibabel, tifffile,
-//! Pillow, pydicom, numpy.
+//! Pillow, pydicom, SimpleITK, numpy.
 //!
 //! The work is done by scripts in `tests/python`, one process for many cases, since Python's start takes seconds.
 
@@ -8,6 +8,11 @@ use brickyard_tests::Sandbox;
 #[test]
 fn stores_are_read_by_zarr_python_and_tensorstore_bit_for_bit() {
     Sandbox::default().python("read_stores.py");
+}
+
+#[test]
+fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
+    Sandbox::default().python("orientation.py");
 }
 
 #[test]

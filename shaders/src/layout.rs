@@ -117,11 +117,11 @@ pub struct FrameUniform {
     /// First tick of each zone.
     pub zone_starts: [u32; 16],
     /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
-    pub planes: [[f32; 4]; 12],
+    pub planes: [[f32; 4]; 14],
     /// The word of the octree's root and the first brick of the layer's draw list, in the buffers of all lists.
     pub list_at: [u32; 4],
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: [[f32; 4]; 6],
+    pub spare: [[f32; 4]; 4],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

@@ -59,9 +59,9 @@ struct Frame {
     axes: array<vec4f, 3>,
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
-    planes: array<vec4f, 12>,
+    planes: array<vec4f, 14>,
     list_at: vec4u,
-    spare: array<vec4f, 6>,
+    spare: array<vec4f, 4>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

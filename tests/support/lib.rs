@@ -13,7 +13,7 @@ use brickyard::render::adapters;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
 use brickyard::store::{PackOptions, Store, pack};
-use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Picture, Scene, Voxel, VoxelBox, VoxelType};
+use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Orientation, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -56,6 +56,12 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             notes: Vec::new(),
         };
         Self { info, function, voxel: std::marker::PhantomData }
+    }
+
+    /// This source, lying so in a patient.
+    pub fn oriented(mut self, orientation: Orientation) -> Self {
+        self.info.orientation = Some(orientation);
+        self
     }
 }
 

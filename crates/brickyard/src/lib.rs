@@ -53,6 +53,7 @@
 //! | `gpu` | the wgpu backend and exact pictures in passes |
 //! | `dicom`, `tiff` | reading such files, to pack them |
 //! | `mesh` | reading STL, PLY, OBJ and glTF files |
+//! | `lettering` | letters on pictures that say which side of a patient is where |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
 //! | `survey` | comparing ways to sample, with plots |
 //! | `cli` | the command, and all of the above |
@@ -76,6 +77,8 @@ pub mod flight;
 pub mod frame_governor;
 #[cfg(feature = "gpu")]
 mod gpu_backend;
+#[cfg(feature = "lettering")]
+pub mod lettering;
 pub mod memory;
 pub mod offline;
 mod options;

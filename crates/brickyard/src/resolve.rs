@@ -6,9 +6,9 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Needs, Occupancy, Picture, Region, Scene,
-    SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Subject, Surface, TransferFunction,
-    TransferTable, ViewRays, VolumeFrame,
+    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Needs, Occupancy, Picture, Placement, Region,
+    Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Subject, Surface,
+    TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -27,6 +27,8 @@ pub struct ResolvedScene {
     pub camera: Camera,
     /// The box around all layers where they stand, world.
     pub world_box: (DVec3, DVec3),
+    /// Whether the world is a patient's: x to the right, y to the front, z to the head.
+    pub is_anatomical: bool,
     /// What the picture requires of bricks and of the tables beside them.
     pub needs: Needs,
     /// The expression over the layers whose values are shown, and how they look; `None` shows the layers themselves.
@@ -144,21 +146,31 @@ pub(crate) fn resolve_with(
         let windows: Vec<[f64; 2]> = shown.iter().map(|layer| layer.volume.source.value_range().into()).collect();
         shown.iter_mut().enumerate().for_each(|(i, layer)| layer.transfer = combination.of_volume(i, &windows));
     }
-    let boxes: Vec<_> = volumes.iter().map(VolumeSource::world_box).collect();
-    let world_box = scene.world_box(&boxes);
-    let camera = scene.camera_for(world_box, size_px);
+    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+    let world_box = scene.world_box(&places)?;
+    let camera = scene.camera_for(&places, size_px)?;
     let eyes = Eyes::new(scene, &camera, size_px)?;
+    let is_anatomical = scene.is_anatomical(&places);
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
     let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
-    let hidden = hidden.map(|place| hidden_layer(place, scene, &eyes)).collect();
+    let hidden = hidden.map(|place| hidden_layer(place, volumes, scene, &eyes)).collect::<Result<_, _>>()?;
     let layers = shown.into_iter().map(|layer| layer.resolve(scene, &eyes, lattice, &table));
     let mut layers = layers.collect::<Result<Vec<ResolvedLayer>, _>>()?;
     if layers.len() > 1 || combination.is_some() {
         let appearance = joint_appearance(&layers, combination.as_ref());
         layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
     }
-    Ok(ResolvedScene { layers, hidden, stereo: eyes.layout, camera, world_box, needs: scene.needs(), combination })
+    Ok(ResolvedScene {
+        layers,
+        hidden,
+        stereo: eyes.layout,
+        camera,
+        world_box,
+        is_anatomical,
+        needs: scene.needs(),
+        combination,
+    })
 }
 
 /// The layers that are shown. What an expression takes the place of is left as it is.
@@ -170,7 +182,8 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
         let function = function.map_err(|error| SceneError::Layer { layer: place, error })?;
         let transfer = function.scaled(layer.opacity);
         let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
-        Ok(ShownLayer { place, store, volume, style, transfer })
+        let placement = scene.placement(place, &volume.place())?;
+        Ok(ShownLayer { place, store, volume, placement, style, transfer })
     };
     scene.shown_layers()?.into_iter().map(shown).collect()
 }
@@ -186,8 +199,8 @@ fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combina
     Ok(Some(Combination::new(read.of_its_own(), transfer)))
 }
 
-fn hidden_layer(place: usize, scene: &Scene, eyes: &Eyes) -> HiddenLayer {
-    let SceneLayer { channel, world_from_volume: placement, .. } = scene.layers[place];
+fn hidden_layer(place: usize, volumes: &[VolumeSource], scene: &Scene, eyes: &Eyes) -> Result<HiddenLayer, SceneError> {
+    let volume = scene.store(place);
     let view = View {
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),
@@ -196,13 +209,13 @@ fn hidden_layer(place: usize, scene: &Scene, eyes: &Eyes) -> HiddenLayer {
         level: LevelPolicy::Auto,
         pixel_error: scene.pixel_error,
         time: scene.time,
-        channel,
+        channel: scene.layers[place].channel,
         clip: None,
-        placement,
+        placement: scene.placement(place, &volumes[volume].place())?,
         appearance: 0,
         window: None,
     };
-    HiddenLayer { place, volume: scene.store(place), view }
+    Ok(HiddenLayer { place, volume, view })
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
@@ -245,13 +258,14 @@ struct ShownLayer<'a> {
     place: usize,
     store: usize,
     volume: &'a VolumeSource,
+    placement: Placement,
     style: SceneLayer,
     transfer: TransferFunction,
 }
 
 impl ShownLayer<'_> {
     fn voxel_size(&self) -> f64 {
-        self.style.world_from_volume.voxel_size(self.volume.source.geometry(), self.volume.extent())
+        self.placement.voxel_size(self.volume.source.geometry(), self.volume.extent())
     }
 
     /// The layer's view and frames, on the lattice of all.
@@ -262,10 +276,11 @@ impl ShownLayer<'_> {
         lattice: Lattice,
         table: impl FnOnce(usize, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
     ) -> Result<ResolvedLayer, SceneError> {
-        let Self { place, store, volume, style, transfer } = self;
-        let SceneLayer { channel, world_from_volume: placement, crop, opacity, blend, .. } = style;
+        let Self { place, store, volume, placement, style, transfer } = self;
+        let SceneLayer { channel, crop, opacity, blend, .. } = style;
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
         let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
+        let crop = crop.map(|corners| corners.map(|corner| geometry.world_from_voxel(corner)));
         let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
         let encoding = volume.encoding();
         let table = table(store, &transfer, &encoding);

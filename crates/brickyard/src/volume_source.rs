@@ -2,8 +2,8 @@
 
 use brickyard_pager::BrickSource;
 use brickyard_store::{Downsample, IoMode, OpenError, Store};
-use brickyard_volume::{Extent, Mode, SlotEncoding, StoreCounts, Subject};
-use glam::DVec3;
+use brickyard_volume::scene::VolumePlace;
+use brickyard_volume::{Extent, Mode, Orientation, Placement, PlacementError, SlotEncoding, StoreCounts, Subject};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,6 +14,10 @@ pub struct VolumeSource {
     pub source: Arc<dyn BrickSource>,
     /// The window of each channel; the source's whole range for channels past these.
     pub default_windows: Vec<(f64, f64)>,
+    /// How the volume lies in a patient, if that is known: then it stands there, in millimetres, in the world of scenes.
+    orientation: Option<Orientation>,
+    /// From the volume's own world to that of scenes.
+    placement: Placement,
     /// The store that it is, if it is one.
     store: Option<Arc<Store>>,
 }
@@ -21,7 +25,16 @@ pub struct VolumeSource {
 impl VolumeSource {
     /// A program's own bricks. Default transfer functions span the source's range of values.
     pub fn new(source: Arc<dyn BrickSource>) -> Self {
-        Self { source, default_windows: Vec::new(), store: None }
+        Self { source, default_windows: Vec::new(), orientation: None, placement: Placement::default(), store: None }
+    }
+
+    /// This volume, as it lies in a patient.
+    ///
+    /// # Errors
+    /// If the orientation does not fit the volume's spacing.
+    pub fn oriented(self, orientation: Orientation) -> Result<Self, PlacementError> {
+        let placement = orientation.placement(self.source.geometry())?;
+        Ok(Self { orientation: Some(orientation), placement, ..self })
     }
 
     /// A store in a folder.
@@ -35,7 +48,13 @@ impl VolumeSource {
     /// A store, with the default windows of its channels.
     pub fn of_store(store: &Arc<Store>) -> Self {
         let default_windows = (0..store.channels()).map(|channel| store.default_window(channel)).collect();
-        Self { source: store.clone(), default_windows, store: Some(store.clone()) }
+        Self {
+            source: store.clone(),
+            default_windows,
+            orientation: store.info().orientation,
+            placement: *store.placement(),
+            store: Some(store.clone()),
+        }
     }
 
     /// Opens this volume's pyramid that suits a mode; `None` if this one does.
@@ -71,6 +90,11 @@ impl VolumeSource {
         Ok(self.for_mode(mode)?.unwrap_or(self))
     }
 
+    /// How the volume lies in a patient; `None` if that is not known.
+    pub fn orientation(&self) -> Option<Orientation> {
+        self.orientation
+    }
+
     /// The store that it is; `None` of a program's own bricks.
     pub fn store(&self) -> Option<&Arc<Store>> {
         self.store.as_ref()
@@ -94,9 +118,10 @@ impl VolumeSource {
         self.source.pyramid().levels()[0].extent
     }
 
-    /// The box that the volume fills in its own world: least and greatest corner, world units.
-    pub fn world_box(&self) -> (DVec3, DVec3) {
-        self.source.geometry().world_box(self.extent())
+    /// Where the volume is.
+    pub fn place(&self) -> VolumePlace {
+        let own_box = self.source.geometry().world_box(self.extent());
+        VolumePlace { own_box, placement: self.placement, is_anatomical: self.orientation.is_some() }
     }
 
     pub(crate) fn encoding(&self) -> SlotEncoding {

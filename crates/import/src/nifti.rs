@@ -395,9 +395,14 @@ mod tests {
         let (_folder, path) = write(Written { codes: [0, 1], srow, ..plain() });
         let info = open(&path, &options()).unwrap().info().clone();
         assert_eq!(
-            (info.geometry.origin, info.orientation, info.calibrated),
-            (DVec3::new(-90.0, 10.5, 3.25), None, true)
+            (info.geometry.origin, info.orientation.unwrap().rows(), info.calibrated),
+            (
+                DVec3::new(-90.0, 10.5, 3.25),
+                srow.as_chunks().0.try_into().map(|r: [[f32; 4]; 3]| r.map(|r| r.map(f64::from))).unwrap(),
+                true
+            )
         );
+        assert!(info.orientation.unwrap().placement(&info.geometry).unwrap().is_identity());
         assert_eq!(info.notes, Vec::<String>::new());
 
         // A quarter turn about z by quaternion: x goes to y, y to -x.
@@ -405,12 +410,13 @@ mod tests {
         let (_folder, path) = write(Written { codes: [1, 0], quaternion: [0.0, 0.0, h, 1.0, 2.0, 3.0], ..plain() });
         let info = open(&path, &options()).unwrap().info().clone();
         let expected = [[0.0, -0.75, 0.0, 1.0], [0.5, 0.0, 0.0, 2.0], [0.0, 0.0, 2.0, 3.0]];
-        for (row, e) in info.orientation.unwrap().iter().flatten().zip(expected.iter().flatten()) {
+        for (row, e) in info.orientation.unwrap().rows().iter().flatten().zip(expected.iter().flatten()) {
             // The quaternion is f32: relative error 6e-8 twice over.
             assert!((row - e).abs() < 1e-6, "{row} {e}");
         }
         assert_eq!(info.geometry.origin, DVec3::ZERO);
-        assert!(info.notes[0].contains("rotated"));
+        assert_eq!(info.orientation.unwrap().code(), "ALS");
+        assert_eq!(info.notes, Vec::<String>::new());
 
         let (_folder, path) = write(Written { pixdim: [1.0, 0.0, 1.0, 1.0], ..plain() });
         assert!(!open(&path, &options()).unwrap().info().calibrated);

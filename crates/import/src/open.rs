@@ -185,14 +185,21 @@ fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) 
         if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
             return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));
         }
+        let stretch = spacing / info.geometry.spacing;
         info.geometry.spacing = spacing;
         info.calibrated = true;
+        if let Some(orientation) = &mut info.orientation {
+            *orientation = orientation.stretched(stretch).map_err(|error| {
+                ImportError::options(path, format!("`spacing` {spacing}: with the header's orientation, {error}"))
+            })?;
+        }
     }
     if let Some(origin) = options.origin {
         if !origin.is_finite() {
             return Err(ImportError::options(path, format!("`origin` {origin}: not a position")));
         }
         info.geometry.origin = origin;
+        info.orientation = info.orientation.map(|orientation| orientation.moved_to(origin));
     }
     if let Some(unit) = &options.unit {
         info.geometry.unit = Some(unit.clone());

@@ -3,7 +3,7 @@
 use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
-use brickyard_volume::{Extent, Geometry, VoxelBox, VoxelType};
+use brickyard_volume::{Extent, Geometry, Orientation, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,8 +20,8 @@ pub struct SourceInfo {
     pub geometry: Geometry,
     /// Whether the format gave a spacing; without one the volume is uncalibrated.
     pub calibrated: bool,
-    /// World-from-voxel-centre matrix (row-major 3x4) where the format has one that spacing and origin cannot hold.
-    pub orientation: Option<[[f64; 4]; 3]>,
+    /// How the volume lies in a patient, where the format says it.
+    pub orientation: Option<Orientation>,
     /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
     /// Things the user should know (trailing bytes, a narrowed type), one sentence each.

@@ -108,7 +108,7 @@ pub(crate) fn frame_uniform(
         spacing: single(spacing),
         orthographic: rays.orthographic as u32,
         texel: atlas.plan.size().map(|n| (1.0 / n as f64) as f32),
-        invert: (frame.mode == Mode::MinIp) as u32 as f32,
+        invert: least_is_greatest(frame.mode),
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
@@ -145,7 +145,7 @@ pub(crate) fn frame_uniform(
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
         list_at: [0; 4],
-        spare: [[0.0; 4]; 6],
+        spare: [[0.0; 4]; 4],
     }
 }
 
@@ -168,6 +168,14 @@ fn grid(frame: &FrameSettings) -> [f32; 4] {
     let gradient = 0.5 * (frame.encoding.high - frame.encoding.low);
     let columns = (grid.columns_per_gradient as f64 * gradient) as f32;
     [grid.first_code, grid.rows_per_code, columns, (grid.rows() - 1) as f32]
+}
+
+/// Whether shaders take values from the other end of their range, so that the least is the greatest: 1 if so.
+fn least_is_greatest(mode: Mode) -> f32 {
+    match mode {
+        Mode::MinIp => 1.0,
+        Mode::Dvr | Mode::Mip | Mode::Average | Mode::Isosurface => 0.0,
+    }
 }
 
 /// Where the lights are from the volume's corner, in the scene's world.

@@ -9,7 +9,9 @@ use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
 pub use crate::version::FORMAT_VERSION;
-use brickyard_volume::{Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Pyramid, VoxelType};
+use brickyard_volume::{
+    Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid, VoxelType,
+};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -122,9 +124,9 @@ pub struct StoreInfo {
     pub spacing: [f64; 3],
     /// Whether the source gave a spacing.
     pub calibrated: bool,
-    /// World-from-voxel-centre matrix (row-major 3x4) where the source had one that spacing and origin cannot hold.
+    /// How the volume lies in a patient, where the source said it.
     #[serde(default)]
-    pub orientation: Option<[[f64; 4]; 3]>,
+    pub orientation: Option<Orientation>,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
     /// What the store was packed from.
@@ -447,6 +449,14 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
         }
     }
     Ok(geometry)
+}
+
+/// Where the volume stands, from its own world of spacing and origin: in the world of the patient, where the store has an orientation.
+pub(crate) fn parse_placement(path: &Path, info: &StoreInfo, geometry: &Geometry) -> Result<Placement, OpenError> {
+    let Some(orientation) = &info.orientation else { return Ok(Placement::default()) };
+    let field = "attributes.brickyard.orientation";
+    let bad = |error| OpenError::invalid(path, field, "a map that can be inverted, together with the spacing", error);
+    orientation.placement(geometry).map_err(bad)
 }
 
 /// The x, y and z of the first transformation of this kind.

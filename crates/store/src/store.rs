@@ -10,12 +10,13 @@ use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    StoreInfo, apron_document, check_array, level_document, parse_geometry, parse_info, parse_layout,
+    StoreInfo, apron_document, check_array, level_document, parse_geometry, parse_info, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
 use brickyard_volume::{
-    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, PageId, Pyramid, VoxelBox, VoxelType,
+    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid, VoxelBox,
+    VoxelType,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,7 @@ use std::path::{Path, PathBuf};
 pub struct Store {
     path: PathBuf,
     geometry: Geometry,
+    placement: Placement,
     info: StoreInfo,
     sides: SidePages,
     cores: Chunks,
@@ -74,6 +76,7 @@ impl Store {
             layout = layout.of_second(asked);
         }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
+        let placement = parse_placement(&root_path, &info, &geometry)?;
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
@@ -85,7 +88,7 @@ impl Store {
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let sides = SidePages::new(&path, &layout, info.voxel_type);
         let cores = Chunks::new(&path, layout, codec, mode);
-        Ok(Self { path, geometry, info, sides, cores, aprons })
+        Ok(Self { path, geometry, placement, info, sides, cores, aprons })
     }
 
     /// Where the store is.
@@ -113,7 +116,13 @@ impl Store {
         &self.layout().pyramid
     }
 
-    /// Placement in the world.
+    /// From the store's own world, which its spacing and origin give, to the world that scenes have: of a patient's right, front and head in
+    /// millimetres where the store has an orientation, else the same world.
+    pub fn placement(&self) -> &Placement {
+        &self.placement
+    }
+
+    /// Spacing, origin and unit: the store's own world, along its own axes.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }

@@ -54,21 +54,31 @@ pub enum CameraError {
     Projection(String),
 }
 
+/// Where the default camera looks from: turned by 30 degrees from -y to +x, and raised by 20; of length 1.
+fn oblique() -> DVec3 {
+    let (azimuth, elevation) = (30f64.to_radians(), 20f64.to_radians());
+    DVec3::new(azimuth.sin() * elevation.cos(), -azimuth.cos() * elevation.cos(), elevation.sin())
+}
+
 impl Camera {
-    /// A perspective camera that sees the whole box, from slightly above, z up.
-    pub fn looking_at_box((low, high): (DVec3, DVec3)) -> Self {
+    /// A perspective camera that sees the whole box from -y, a little from the right and from above, z up.
+    pub fn looking_at_box(world_box: (DVec3, DVec3)) -> Self {
+        Self::looking_from(oblique(), DVec3::Z, world_box)
+    }
+
+    /// A perspective camera that sees the whole box of a patient: from the front, a little from the patient's left and from above.
+    pub fn looking_at_patient(world_box: (DVec3, DVec3)) -> Self {
+        let DVec3 { x, y, z } = oblique();
+        Self::looking_from(DVec3::new(-x, -y, z), DVec3::Z, world_box)
+    }
+
+    /// A perspective camera that sees the whole box from the direction `from`, which points to the viewer.
+    pub fn looking_from(from: DVec3, up: DVec3, (low, high): (DVec3, DVec3)) -> Self {
         let centre = (low + high) * 0.5;
         let radius = (high - low).length() * 0.5;
-        let (azimuth, elevation) = (30f64.to_radians(), 20f64.to_radians());
-        let from = DVec3::new(azimuth.sin() * elevation.cos(), -azimuth.cos() * elevation.cos(), elevation.sin());
         let fov_y_deg = 30.0f64;
         let distance = radius / (fov_y_deg * 0.5).to_radians().sin();
-        Self {
-            eye: centre + from * distance,
-            target: centre,
-            up: DVec3::Z,
-            projection: Projection::Perspective { fov_y_deg },
-        }
+        Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
     }
 
     /// This camera turned about its target around its up axis.

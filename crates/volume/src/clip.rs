@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 /// Clip planes of a scene, at most.
 pub const MAX_CLIP_PLANES: usize = 6;
 
-/// Planes of a picture, at most: the scene's, and the six sides of its box as a volume sees them that stands askew to it (or the two
-/// of a slice).
-pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 6;
+/// The most clip planes of a layer in a picture: the scene's own, the two sides of its slice, and the six sides of its box as a volume sees them
+/// that stands askew to the scene's world.
+pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2 + 6;
 
 /// A plane in the world. What is on the side that its normal points to is shown, the plane itself included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

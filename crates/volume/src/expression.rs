@@ -167,7 +167,7 @@ impl Expression {
         match self.range(&windows) {
             Some([low, high]) if low < high && (high - low).is_finite() => (low, high),
             // Shown as a volume of one value is.
-            Some([value, _]) if value.is_finite() => (value, value),
+            Some([low, high]) if low == high && low.is_finite() => (low, low),
             _ => (0.0, 1.0),
         }
     }

@@ -35,7 +35,8 @@ pub struct SceneLayer {
     /// Its surfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES): what [`Mode::Isosurface`](crate::Mode::Isosurface) shows of it, or
     /// what stands in the fog of [`Mode::Dvr`](crate::Mode::Dvr), among the surfaces of all layers.
     pub isosurfaces: Vec<Isosurface>,
-    /// Two corners of a box, the lesser first: nothing of the volume outside of it is shown, or read.
+    /// Two corners of a box in voxels, the lesser first, where voxel `i` is from `i` to `i + 1` along each axis: nothing of the volume outside of it is
+    /// shown, or read.
     pub crop: Option<[DVec3; 2]>,
     /// Whether it is shown.
     pub visible: bool,

@@ -130,6 +130,19 @@ impl Placement {
         std::array::from_fn(|a| matrix3.row(a).extend(translation[a]).to_array())
     }
 
+    /// The map as such.
+    pub(crate) fn map(&self) -> DAffine3 {
+        self.world_from_volume
+    }
+
+    /// This map after another: from the other's volume to this one's world.
+    ///
+    /// # Errors
+    /// If the two together cannot be used.
+    pub fn after(&self, first: &Self) -> Result<Self, PlacementError> {
+        if first.is_identity() { Ok(*self) } else { Self::new(self.world_from_volume * first.world_from_volume) }
+    }
+
     /// Whether the volume stands where its store says.
     pub fn is_identity(&self) -> bool {
         self.world_from_volume == DAffine3::IDENTITY
@@ -177,10 +190,9 @@ impl Placement {
 
     /// The box in the scene's world around a box of the volume's own.
     pub fn world_box(&self, (low, high): (DVec3, DVec3)) -> (DVec3, DVec3) {
-        let corners = (0..8).map(|i| {
-            let corner = DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
-            self.world_from_volume(corner)
-        });
+        let corner =
+            |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
+        let corners = (0..8).map(|i| self.world_from_volume(corner(i)));
         let outside = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         corners.fold(outside, |(low, high), corner| (low.min(corner), high.max(corner)))
     }

@@ -7,7 +7,10 @@ use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
 use crate::mesh::{MeshCapacity, MeshLook, MeshLookError, ShownMesh};
 use crate::mode::Mode;
+use crate::orientation::Side;
+use crate::placement::Placement;
 use crate::sampling::{Method, Needs, Sampling};
+use crate::scene_error::SceneError;
 use crate::slice::Slice;
 use crate::space::Extent;
 use crate::stereo::Stereo;
@@ -66,6 +69,17 @@ pub struct Scene {
     /// Layers shown as one: an expression over their values, in the place of what they show by themselves.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "expression")]
     pub expression: Option<SceneExpression>,
+}
+
+/// Where a store's volume is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VolumePlace {
+    /// Least and greatest corner of the box that the volume fills in its own world.
+    pub own_box: (DVec3, DVec3),
+    /// The map from the volume's own world to the one that its store says.
+    pub placement: Placement,
+    /// Whether the world that the store says is a patient's: x to the right, y to the front, z to the head ([`Orientation`](crate::Orientation)).
+    pub is_anatomical: bool,
 }
 
 /// An [`Expression`](crate::Expression) over the layers of a scene; in JSON the text alone will do.
@@ -140,20 +154,51 @@ impl Scene {
         self.layers[layer].source.unwrap_or(layer)
     }
 
-    /// The box around all layers where they stand, of stores that fill these boxes of their own worlds.
-    pub fn world_box(&self, stores: &[(DVec3, DVec3)]) -> (DVec3, DVec3) {
-        let place = |i: usize| Some(self.layers[i].world_from_volume.world_box(*stores.get(self.store(i))?));
-        let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        (0..self.layers.len()).filter_map(place).fold(nowhere, |(low, high), (a, b)| (low.min(a), high.max(b)))
+    /// The map from a layer's volume's own world to the scene's.
+    ///
+    /// # Errors
+    /// If the volume's place and the layer's own map together cannot be used.
+    pub fn placement(&self, layer: usize, place: &VolumePlace) -> Result<Placement, SceneError> {
+        let placed = self.layers[layer].world_from_volume.after(&place.placement);
+        placed.map_err(|error| SceneError::Layer { layer, error: error.into() })
     }
 
-    /// The camera, or where none is given the one that suits what is shown in this box, in a picture of this size.
-    pub fn camera_for(&self, world_box: (DVec3, DVec3), size: (u32, u32)) -> Camera {
-        let default = || match &self.slice {
-            Some(slice) => slice.camera(world_box, size),
-            None => Camera::looking_at_box(world_box),
-        };
-        self.camera.unwrap_or_else(default)
+    /// The box around all layers in the scene's world, of stores that are at these places.
+    ///
+    /// # Errors
+    /// As [`Scene::placement`].
+    pub fn world_box(&self, stores: &[VolumePlace]) -> Result<(DVec3, DVec3), SceneError> {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for layer in 0..self.layers.len() {
+            if let Some(place) = stores.get(self.store(layer)) {
+                let (a, b) = self.placement(layer, place)?.world_box(place.own_box);
+                (low, high) = (low.min(a), high.max(b));
+            }
+        }
+        Ok((low, high))
+    }
+
+    /// Whether some layer shows a volume whose world is a patient's: then the scene's is.
+    pub fn is_anatomical(&self, stores: &[VolumePlace]) -> bool {
+        (0..self.layers.len()).any(|layer| stores.get(self.store(layer)).is_some_and(|place| place.is_anatomical))
+    }
+
+    /// The camera, or where none is given the one that suits what is shown of stores at these places, in a picture of this size. A patient
+    /// is seen from the front, and slices with the head or the front up.
+    ///
+    /// # Errors
+    /// As [`Scene::placement`].
+    pub fn camera_for(&self, stores: &[VolumePlace], size: (u32, u32)) -> Result<Camera, SceneError> {
+        if let Some(camera) = self.camera {
+            return Ok(camera);
+        }
+        let world_box = self.world_box(stores)?;
+        Ok(match (&self.slice, self.is_anatomical(stores)) {
+            (Some(slice), true) => slice.camera(world_box, Side::of(slice.normal).up(), size),
+            (Some(slice), false) => slice.camera(world_box, slice.image_up(), size),
+            (None, true) => Camera::looking_at_patient(world_box),
+            (None, false) => Camera::looking_at_box(world_box),
+        })
     }
 
     /// What is shown of a volume by these rays; `None` is everything.

@@ -6,6 +6,7 @@ use crate::expression::{ExpressionError, MAX_VOLUMES};
 use crate::lighting::{LightingModel, MAX_LIGHTS};
 use crate::mesh::MeshLookError;
 use crate::mode::Mode;
+use crate::placement::PlacementError;
 use crate::sampling::{MOST_VIRTUAL_SAMPLES, Method};
 use crate::surface::MAX_SURFACES;
 use crate::transfer::{GAMMAS, TransferError};
@@ -111,6 +112,9 @@ pub enum SceneError {
 /// Why a layer is impossible.
 #[derive(Debug, thiserror::Error)]
 pub enum LayerError {
+    /// The layer's map and its store's orientation come to a map that cannot be used.
+    #[error(transparent)]
+    Placement(#[from] PlacementError),
     /// A store that nobody named.
     #[error("store {store} does not exist: there are {stores}, numbered from 0")]
     Store {

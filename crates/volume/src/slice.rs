@@ -33,6 +33,19 @@ impl Slice {
         Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
     }
 
+    /// The slice of a patient across an axis (0 is x, to the patient's right) at a world coordinate, seen as radiologists see it: z slices
+    /// from the feet, y slices from the front, x slices from the left. So the patient's left is on the right, and the nose points to the left.
+    pub fn of_patient(axis: usize, at: f64) -> Self {
+        let normal = [DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z][axis];
+        Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
+    }
+
+    /// What is up in an image of the slice: z, or -y where the plane is nearer to level than to upright.
+    pub fn image_up(&self) -> DVec3 {
+        let is_level = self.normal.normalize_or_zero().z.abs() > std::f64::consts::FRAC_1_SQRT_2;
+        if is_level { DVec3::NEG_Y } else { DVec3::Z }
+    }
+
     /// Whether it can be shown.
     ///
     /// # Errors
@@ -54,11 +67,10 @@ impl Slice {
         [normal, -normal].map(|normal| ClipPlane { point: self.point - normal * half, normal })
     }
 
-    /// An orthographic camera that looks straight at all of the slice, in a picture of this size. Up is z, or -y where the plane
-    /// is nearer to level than to upright.
-    pub fn camera(&self, world_box: (DVec3, DVec3), (width, height): (u32, u32)) -> Camera {
+    /// An orthographic camera that looks straight at all of the slice, in a picture of this size, with `up` as far up as the plane
+    /// allows.
+    pub fn camera(&self, world_box: (DVec3, DVec3), up: DVec3, (width, height): (u32, u32)) -> Camera {
         let normal = self.normal.normalize_or_zero();
-        let up = if normal.z.abs() > std::f64::consts::FRAC_1_SQRT_2 { DVec3::NEG_Y } else { DVec3::Z };
         let right = up.cross(normal).normalize_or_zero();
         let upright = normal.cross(right);
         let corners = corners(world_box);
@@ -112,7 +124,7 @@ mod tests {
 
     /// Right and up in the world, the middle, width and height of what the camera shows.
     fn seen(slice: &Slice, size: (u32, u32)) -> (DVec3, DVec3, DVec3, [f64; 2]) {
-        let camera = slice.camera(BOX, size);
+        let camera = slice.camera(BOX, slice.image_up(), size);
         let rays = camera.rays(size.0, size.1).unwrap();
         let (right, up) = (rays.right.normalize(), rays.up.normalize());
         (right, up, camera.target, [2.0 * rays.right.length(), 2.0 * rays.up.length()])
@@ -137,7 +149,7 @@ mod tests {
         for normal in normals.map(DVec3::from_array) {
             for (thickness, point) in [(0.0, DVec3::new(2.0, 3.0, 14.0)), (7.0, DVec3::new(-0.9, 2.1, 10.1))] {
                 let slice = Slice { point, normal, thickness };
-                let camera = slice.camera(BOX, (400, 300));
+                let camera = slice.camera(BOX, slice.image_up(), (400, 300));
                 let rays = camera.rays(400, 300).unwrap();
                 assert!(rays.forward.dot(normal) < 0.0, "the normal points to the viewer");
                 assert!(normal.normalize().dot(camera.eye - point) > thickness * 0.5, "the slab is before the eye");
@@ -152,13 +164,13 @@ mod tests {
             }
         }
         // Beside the volume there still is a picture.
-        assert!(Slice::across(2, 99.0).camera(BOX, (64, 64)).rays(64, 64).is_ok());
+        assert!(Slice::across(2, 99.0).camera(BOX, DVec3::NEG_Y, (64, 64)).rays(64, 64).is_ok());
     }
 
     #[test]
     fn a_slab_lies_about_its_plane() {
         let slice = Slice { thickness: 3.0, ..Slice::across(1, 7.0) };
-        let rays = slice.camera(BOX, (64, 64)).rays(64, 64).unwrap();
+        let rays = slice.camera(BOX, slice.image_up(), (64, 64)).rays(64, 64).unwrap();
         let extent = Extent::new(6, 2, 9);
         let sides = slice.sides(&rays, &Geometry::default(), extent);
         let inside = |y: f64| sides.iter().all(|side| side.height(DVec3::new(1.0, y, 1.0)) >= 0.0);

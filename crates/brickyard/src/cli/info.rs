@@ -4,8 +4,7 @@ use super::failure::Failure;
 use super::values;
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ReadError, Store};
-use brickyard::volume::Level;
-use brickyard::volume::counted;
+use brickyard::volume::{Level, Orientation, Side, counted};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -96,6 +95,7 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
         format!("  {}, {}", counted(info.times.into(), "time step"), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
+        orientation(info.store.orientation.as_ref()),
         format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
     ];
     for (c, channel) in info.store.channels.iter().enumerate() {
@@ -129,6 +129,20 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
     }
     lines.join("\n")
+}
+
+/// How the volume lies in a patient, in words.
+fn orientation(orientation: Option<&Orientation>) -> String {
+    let Some(orientation) = orientation else {
+        return "  orientation not known: the world's axes are the volume's own".into();
+    };
+    let towards = [0, 1, 2].map(|axis| Side::of(orientation.step(axis)).name());
+    let code = orientation.code();
+    let first = triple(orientation.first_centre().to_array());
+    format!(
+        "  in a patient: axes run to {code} (x nearest to {}, y to {}, z to {}), first voxel centre at {first} right, front, head",
+        towards[0], towards[1], towards[2]
+    )
 }
 
 /// Each number with as many digits as it takes to read back as the same.

@@ -17,6 +17,7 @@ mod sampling_args;
 mod scene_args;
 mod session_args;
 mod session_errors;
+mod slice_argument;
 mod store_errors;
 mod synth;
 mod values;

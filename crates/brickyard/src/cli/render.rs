@@ -9,6 +9,7 @@ use super::store_errors;
 use super::views::Views;
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
+use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::pager::ExactError;
@@ -74,7 +75,14 @@ impl Pictures<'_> {
     ) -> Result<(), Failure> {
         let (mut stats, mut frame_ms) = (std::mem::take(&mut self.stats), Vec::new());
         for (scene, output) in self.views.iter() {
-            let (resolved, picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
+            let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
+            if scene.slice.is_some()
+                && resolved.is_anatomical
+                && resolved.stereo.is_none()
+                && !self.arguments.no_letters
+            {
+                letter_sides(&mut picture, &resolved.camera).map_err(Failure::failed)?;
+            }
             write_shown(&output, &picture, &resolved.shown(&scene), &stats).map_err(Failure::failed)?;
         }
         stats.frame_ms = Percentiles::of(&frame_ms);

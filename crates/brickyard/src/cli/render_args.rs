@@ -61,6 +61,9 @@ pub(crate) struct RenderArguments {
     /// Write statistics (JSON)
     #[arg(long, value_name = "stats.json")]
     pub(super) stats: Option<PathBuf>,
+    /// Write no letters on slices of a patient, which say which side is where
+    #[arg(long)]
+    pub(super) no_letters: bool,
     /// Replace existing pictures
     #[arg(long)]
     pub(super) overwrite: bool,

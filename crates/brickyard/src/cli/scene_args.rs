@@ -1,13 +1,15 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
 use super::failure::Failure;
+use super::slice_argument::{self, SliceArgument, ViewArgument};
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
 use brickyard::scene_file;
 use brickyard::session::VolumeSource;
+use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{
-    Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Slice,
-    Stereo, StereoLayout, TransferFunction,
+    Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Stereo,
+    StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -60,7 +62,7 @@ pub(crate) struct SceneArguments {
     /// black to it over the window; gamma=G, by which colours and opacities are bent over the window; opacity=0..1; blend=mix|add;
     /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's;
     /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
-    /// crop=X0:X1,Y0:Y1,Z0:Z1 in the store's world; channel=C; visible=true|false
+    /// crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
     #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
     /// Show one value made of several layers', through one transfer function: `max(a, b * 0.5)`, where a is the first layer
@@ -82,15 +84,20 @@ pub(crate) struct SceneArguments {
     #[arg(long)]
     channel: Option<u32>,
     /// Show only this box, world units
-    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::world_box, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
     /// Show only what is on the side of this plane that its normal points to (a point and the normal, world units); up to six times
     #[arg(long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
     clip_plane: Vec<ClipPlane>,
-    /// Show only this plane, seen straight on unless there is a camera: across an axis at a world coordinate, or through a point
-    /// with a normal that points to the viewer; the mode is average, mip or minip [default: average]
-    #[arg(long, value_name = "x=VALUE|X,Y,Z:NX,NY,NZ", value_parser = values::slice, allow_hyphen_values = true)]
-    slice: Option<Slice>,
+    /// Show only this plane, seen straight on unless there is a camera: across x, y or z of the world at a coordinate; across i, j or k,
+    /// the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a patient, at a world coordinate; or
+    /// through a point with a normal that points to the viewer. The mode is average, mip or minip [default: average]
+    #[arg(long, value_name = "z=VALUE|k=INDEX|axial=VALUE|X,Y,Z:NX,NY,NZ", value_parser = slice_argument::slice, allow_hyphen_values = true)]
+    slice: Option<SliceArgument>,
+    /// Look from this side at all that is shown: of a patient anterior, posterior, left, right, superior or inferior; else +x, -x,
+    /// +y, -y, +z or -z
+    #[arg(long, value_name = "SIDE", value_parser = slice_argument::view, allow_hyphen_values = true, conflicts_with = "slice")]
+    view: Option<ViewArgument>,
     /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
     #[arg(long, value_name = "WIDTH", value_parser = values::positive)]
     thickness: Option<f64>,
@@ -186,12 +193,13 @@ impl SceneArguments {
         show_all(&mut scene, volumes.len());
         self.set_picture(&mut scene)?;
         self.set_layers(&mut scene)?;
+        self.set_slice(&mut scene, volumes)?;
         for remark in scene_file::read_named_files(&mut scene, volumes).map_err(Failure::bad_input)? {
             eprintln!("note: {remark}");
         }
         self.set_gradient_opacity(&mut scene, volumes)?;
-        let boxes: Vec<_> = volumes.iter().map(VolumeSource::world_box).collect();
-        scene.camera = Some(self.camera(&scene, scene.world_box(&boxes), size_px));
+        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+        scene.camera = Some(self.camera(&scene, &places, size_px)?);
         Ok(scene)
     }
 
@@ -211,14 +219,6 @@ impl SceneArguments {
         scene.clip = self.clip.or(scene.clip);
         if !self.clip_plane.is_empty() {
             scene.clip_planes.clone_from(&self.clip_plane);
-        }
-        scene.slice = self.slice.or(scene.slice);
-        match (&mut scene.slice, self.thickness) {
-            (Some(slice), Some(thickness)) => slice.thickness = thickness,
-            (None, Some(_)) => {
-                return Err(Failure::usage("--thickness is a slice's: add --slice, as in --slice z=12.5"));
-            }
-            (_, None) => {}
         }
         if !self.mesh.is_empty() {
             scene.meshes.clone_from(&self.mesh);
@@ -250,6 +250,20 @@ impl SceneArguments {
         self.volume.iter().try_for_each(|setting| setting.apply(scene))
     }
 
+    fn set_slice(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
+        if let Some(slice) = self.slice {
+            scene.slice = Some(slice.resolve(scene, volumes)?);
+        }
+        match (&mut scene.slice, self.thickness) {
+            (Some(slice), Some(thickness)) => slice.thickness = thickness,
+            (None, Some(_)) => {
+                return Err(Failure::usage("--thickness is a slice's: add --slice, as in --slice z=12.5"));
+            }
+            (_, None) => {}
+        }
+        Ok(())
+    }
+
     fn set_gradient_opacity(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let Some(GradientOpacity(points)) = &self.gradient_opacity else { return Ok(()) };
         if scene.expression.is_some() {
@@ -279,8 +293,12 @@ impl SceneArguments {
         Ok(stereo)
     }
 
-    fn camera(&self, scene: &Scene, world_box: (DVec3, DVec3), size_px: (u32, u32)) -> Camera {
-        let mut camera = scene.camera_for(world_box, size_px);
+    fn camera(&self, scene: &Scene, places: &[VolumePlace], size_px: (u32, u32)) -> Result<Camera, Failure> {
+        let mut camera = scene.camera_for(places, size_px).map_err(Failure::usage)?;
+        if let Some(view) = self.view {
+            let (from, up) = view.resolve(scene.is_anatomical(places))?;
+            camera = Camera::looking_from(from, up, scene.world_box(places).map_err(Failure::usage)?);
+        }
         camera.eye = self.eye.unwrap_or(camera.eye);
         camera.target = self.target.unwrap_or(camera.target);
         camera.up = self.up.unwrap_or(camera.up);
@@ -289,7 +307,7 @@ impl SceneArguments {
             (_, Some(height)) => Projection::Orthographic { height },
             _ => camera.projection,
         };
-        camera
+        Ok(camera)
     }
 }
 

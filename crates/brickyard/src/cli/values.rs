@@ -1,6 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
-use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Slice, TransferFunction, VoxelBox};
+use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, TransferFunction, VoxelBox};
 use glam::DVec3;
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
@@ -119,9 +119,9 @@ pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
     Ok(VoxelBox::new(ends.map(|e| e[0]), ends.map(|e| e[1])))
 }
 
-/// `X0:X1,Y0:Y1,Z0:Z1` in world units: two corners.
-pub(crate) fn world_box(text: &str) -> Result<[DVec3; 2], String> {
-    let ends: [[f64; 2]; 3] = box_ends(text, "X0:X1,Y0:Y1,Z0:Z1 in world units")?;
+/// `X0:X1,Y0:Y1,Z0:Z1`: two corners, in whatever unit.
+pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
+    let ends: [[f64; 2]; 3] = box_ends(text, "X0:X1,Y0:Y1,Z0:Z1")?;
     let corners = [0, 1].map(|i| DVec3::from_array(ends.map(|end| end[i])));
     if corners.iter().all(|corner| corner.is_finite()) {
         Ok(corners)
@@ -137,21 +137,6 @@ pub(crate) fn plane(text: &str) -> Result<ClipPlane, String> {
     let vector = |part: &String| list(part, ',', form).map_err(|_| format!("'{text}': expected {form}"));
     let plane = ClipPlane { point: vector(&parts[0])?.into(), normal: vector(&parts[1])?.into() };
     plane.normalized().map(|_| plane).map_err(|error| format!("'{text}': {error}"))
-}
-
-/// `x=VALUE`, `y=VALUE`, `z=VALUE`, or a plane.
-pub(crate) fn slice(text: &str) -> Result<Slice, String> {
-    let Some((axis, at)) = text.split_once('=') else {
-        return match text.contains(':') {
-            true => plane(text).map(|ClipPlane { point, normal }| Slice { point, normal, thickness: 0.0 }),
-            false => Err(format!("'{text}': expected x=VALUE, y=VALUE, z=VALUE or X,Y,Z:NX,NY,NZ, in world units")),
-        };
-    };
-    let axis = ["x", "y", "z"].iter().position(|name| *name == axis.trim());
-    match (axis, at.trim().parse::<f64>()) {
-        (Some(axis), Ok(at)) if at.is_finite() => Ok(Slice::across(axis, at)),
-        _ => Err(format!("'{text}': expected x, y or z and a finite world coordinate, as in z=12.5")),
-    }
 }
 
 /// `FILE[,color=R:G:B][,opacity=A][,unlit]`: a mesh and how it looks. Commas that no such word follows are the name's.
@@ -275,9 +260,9 @@ mod tests {
         assert_eq!(voxel_box("0:2,1:3,5:9"), Ok(VoxelBox::new([0, 1, 5], [2, 3, 9])));
         assert!(voxel_box("0:2,3:3,5:9").unwrap_err().contains("empty"));
         assert!(voxel_box("0:2,3").is_err());
-        assert_eq!(world_box("-1:2,1.5:3,5:9"), Ok([DVec3::new(-1.0, 1.5, 5.0), DVec3::new(2.0, 3.0, 9.0)]));
-        assert!(world_box("0:2,3:1,5:9").unwrap_err().contains("empty"));
-        assert!(world_box("0:nan,0:1,5:9").is_err() && world_box("0:inf,0:1,5:9").is_err());
+        assert_eq!(corners("-1:2,1.5:3,5:9"), Ok([DVec3::new(-1.0, 1.5, 5.0), DVec3::new(2.0, 3.0, 9.0)]));
+        assert!(corners("0:2,3:1,5:9").unwrap_err().contains("empty"));
+        assert!(corners("0:nan,0:1,5:9").is_err() && corners("0:inf,0:1,5:9").is_err());
     }
 
     #[test]
@@ -286,16 +271,6 @@ mod tests {
         assert_eq!(plane("1,-2,3.5:0,0,-2"), Ok(expected));
         for bad in ["1,2,3", "1,2,3:0,0", "1,2,3:0,0,0", "1,2,nan:0,0,1", "1,2,3:0,inf,1", "1,2,3:a,0,1", "1:2:3"] {
             assert!(plane(bad).unwrap_err().contains(bad), "{bad}");
-        }
-    }
-
-    #[test]
-    fn slices_are_across_an_axis_or_a_plane() {
-        assert_eq!(slice("y=-2.5"), Ok(Slice::across(1, -2.5)));
-        let oblique = Slice { point: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 1.0, 1.0), thickness: 0.0 };
-        assert_eq!(slice("1,2,3:0,1,1"), Ok(oblique));
-        for bad in ["w=3", "z=", "z=inf", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
-            assert!(slice(bad).unwrap_err().contains(bad), "{bad}");
         }
     }
 

@@ -131,7 +131,7 @@ impl VolumeKey {
                 layer.opacity = opacity.ok_or_else(|| format!("opacity '{value}': expected a number from 0 to 1"))?;
             }
             Self::Isovalue => layer.isosurfaces.push(values::isosurface(value)?),
-            Self::Crop => layer.crop = Some(values::world_box(value)?),
+            Self::Crop => layer.crop = Some(values::corners(value)?),
             Self::Channel => {
                 let channel = value.parse().map_err(|_| format!("channel '{value}': expected a number from 0"))?;
                 layer.channel = channel;

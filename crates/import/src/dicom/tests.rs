@@ -163,7 +163,7 @@ fn slices_are_sorted_by_place_and_placed_in_a_world_of_right_front_and_head() {
     assert_eq!(info.geometry.spacing, DVec3::new(0.5, 0.75, 2.5));
     assert_eq!(info.geometry.unit.as_deref(), Some("millimeter"));
     let expected = [[-0.5, 0.0, 0.0, 100.0], [0.0, -0.75, 0.0, 50.0], [0.0, 0.0, 2.5, 20.0]];
-    assert_eq!(info.orientation, Some(expected));
+    assert_eq!(info.orientation.unwrap().rows(), expected);
     assert!(info.calibrated);
 }
 
@@ -174,7 +174,9 @@ fn rows_to_the_right_and_columns_to_the_front_are_upright() {
         slice
     });
     let (_folder, source) = Folder::opened(slices);
-    assert_eq!((source.info().orientation, source.info().geometry.origin), (None, DVec3::new(100.0, 50.0, 20.0)));
+    let info = source.info();
+    assert!(info.orientation.unwrap().is_upright());
+    assert_eq!(info.geometry.origin, DVec3::new(100.0, 50.0, 20.0));
     assert_eq!(voxels(&*source), counting(5));
 }
 
@@ -190,7 +192,7 @@ fn sagittal_slices_go_along_their_normal() {
     let (_folder, source) = Folder::opened([sagittal(10.0, 0), sagittal(8.0, 200), sagittal(9.0, 100)]);
     assert_eq!(voxels(&*source), counting(3));
     let expected = [[0.0, 0.0, 1.0, -10.0], [-0.5, 0.0, 0.0, -7.0], [0.0, -0.75, 0.0, 9.0]];
-    let found = source.info().orientation.unwrap();
+    let found = source.info().orientation.unwrap().rows();
     for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
         assert!((f - e).abs() < 1e-12, "{found:?}");
     }

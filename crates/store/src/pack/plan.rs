@@ -185,9 +185,9 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         let found = format!("{:?} (x, y, z)", origin.to_array());
         return unfit("origin is", found, "finite numbers", "give it with `origin` X,Y,Z");
     }
-    let orientation = info.orientation.as_ref().map_or(&[][..], |rows| rows.as_flattened());
-    if !orientation.iter().all(|n| n.is_finite()) {
-        return unfit("orientation is", format!("{orientation:?}"), "finite numbers", "mend its header");
+    if let Some(Err(error)) = info.orientation.map(|orientation| orientation.placement(&info.geometry)) {
+        let expected = "one that fits the voxel spacing";
+        return unfit("orientation has", error.to_string(), expected, "mend its header, or give `spacing` X,Y,Z");
     }
     Ok(())
 }

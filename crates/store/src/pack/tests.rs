@@ -10,7 +10,9 @@ use crate::layout::JOURNAL_NAME;
 use crate::shard_file::IoMode;
 use crate::store::Store;
 use brickyard_import::{Access, SourceInfo};
-use brickyard_volume::{BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Pyramid, Voxel, VoxelBox};
+use brickyard_volume::{
+    BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, Voxel, VoxelBox,
+};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};

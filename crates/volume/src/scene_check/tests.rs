@@ -1,5 +1,7 @@
 use super::*;
+use crate::Placement;
 use crate::lighting::LightingModel;
+use crate::scene::VolumePlace;
 use crate::transfer::TransferFunction;
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -126,6 +128,14 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
         assert!(error.to_string().contains(word), "{name}: {error}");
         found.insert(name);
     }
+    // What depends on the stores' own places is found when the scene's world is.
+    let stretched = || Placement::from_text("1e5 0 0 0  0 1 0 0  0 0 1 0").expect("a map");
+    let scene = Scene::of(SceneLayer { world_from_volume: stretched(), ..SceneLayer::default() });
+    let own_box = (DVec3::ZERO, DVec3::ONE);
+    let place = VolumePlace { own_box, placement: stretched(), is_anatomical: false };
+    let error = scene.world_box(&[place]).expect_err("a map that cannot be used");
+    assert!(error.to_string().contains("layer 0: the matrix stretches"), "{error}");
+    found.insert("Placement");
     assert_eq!(found, variants(), "each has its scene");
 }
 

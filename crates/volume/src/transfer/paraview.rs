@@ -8,7 +8,8 @@ use super::color_space::ColorSpace;
 use super::curve::{self, Node};
 use super::imported::{Imported, Subject};
 use super::presets::RISING;
-use super::{TransferError, TransferFunction, check_points, hint};
+use super::{TransferError, TransferFunction, check_points};
+use crate::near_name;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -80,7 +81,7 @@ fn choose<'a>(maps: &'a [Value], name: Option<&str>, remarks: &mut Vec<String>) 
             let more = names().count().saturating_sub(LISTED);
             let more = if more > 0 { format!(", and {more} more") } else { String::new() };
             let known = format!("there are {listed}{more}");
-            TransferError::UnknownName { name: name.to_string(), hint: hint(name, names()), known }
+            TransferError::UnknownName { name: name.to_string(), hint: near_name::hint(name, names()), known }
         }),
         None => {
             if maps.len() > 1 {

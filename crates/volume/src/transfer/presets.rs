@@ -1,6 +1,7 @@
 //! Transfer functions by name: the perceptual maps and other ramps over a window, and presets for CT and MR.
 
-use super::{TransferError, TransferFunction, hint, maps};
+use super::{TransferError, TransferFunction, maps};
+use crate::near_name;
 
 impl TransferFunction {
     /// The names that [`TransferFunction::preset`] knows.
@@ -91,7 +92,7 @@ impl TransferFunction {
             _ => match maps::colors(name) {
                 Some(colors) => over_window(&ramp(&colors), &RISING),
                 None => {
-                    let (hint, known) = (hint(name, Self::PRESETS.into_iter()), Self::PRESETS.join(", "));
+                    let (hint, known) = (near_name::hint(name, Self::PRESETS.into_iter()), Self::PRESETS.join(", "));
                     return Err(TransferError::UnknownPreset { name: name.to_string(), hint, known });
                 }
             },

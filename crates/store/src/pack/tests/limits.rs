@@ -37,7 +37,8 @@ fn pack_options() -> impl Strategy<Value = PackOptions> {
 fn source_info() -> impl Strategy<Value = SourceInfo> {
     let shape = (prop::array::uniform3(1u32..40), 1u32..3, 1u32..4);
     let placed = prop::array::uniform3(odd_number());
-    let orientation = prop::option::weighted(0.2, prop::array::uniform3(prop::array::uniform4(odd_number())));
+    let orientation = prop::option::weighted(0.2, prop::array::uniform3(prop::array::uniform4(odd_number())))
+        .prop_map(|rows| rows.and_then(|rows| Orientation::new(rows).ok()));
     let words = prop::option::of("[ -~µ\"\\\\]{0,12}");
     (shape, prop::sample::select(VoxelType::ALL.to_vec()), placed, prop::bool::weighted(0.3), orientation, words)
         .prop_map(|((extent, times, channels), voxel_type, numbers, is_origin, orientation, unit)| {
@@ -113,8 +114,9 @@ fn what_cannot_be_opened_is_refused_before_anything_is_written() {
     source.info.geometry.origin.z = f64::NEG_INFINITY;
     refused(source, &sound, &["origin", "-inf"]);
     let mut source = array();
-    source.info.orientation = Some([[f64::NAN; 4]; 3]);
-    refused(source, &sound, &["orientation", "NaN"]);
+    source.info.geometry.spacing.x = 1e-7;
+    source.info.orientation = Orientation::new([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).ok();
+    refused(source, &sound, &["orientation", "`spacing` X,Y,Z"]);
     let mut source = array();
     source.info.channels = 5000;
     refused(source, &sound, &["channels", "5000", "4096"]);

@@ -553,7 +553,13 @@ fn every_setting_is_compared_on_resume() {
         assert_eq!(changed, [key]);
     };
     differs(&|_, o| o.kind = Kind::Labels, "kind");
-    differs(&|s, _| s.info.orientation = Some([[1.0; 4]; 3]), "orientation");
+    differs(
+        &|s, _| {
+            s.info.orientation =
+                Orientation::new([[2.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).ok()
+        },
+        "orientation",
+    );
     differs(&|s, _| s.info.geometry.origin.x = 1.0, "geometry");
     differs(&|s, _| s.info.geometry.unit = Some("m".into()), "geometry");
     differs(&|s, _| s.info.identity = "other".into(), "source");

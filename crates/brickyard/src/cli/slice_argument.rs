@@ -1,0 +1,193 @@
+//! `--slice` and `--view`: planes and directions by their names in the world, in a patient, or along a volume's own axes. What a name means depends
+//! on the volumes, so it is found once they are open.
+
+use super::failure::Failure;
+use super::values;
+use brickyard::session::VolumeSource;
+use brickyard::volume::{ClipPlane, Placement, Scene, Side, Slice, near_name};
+use glam::DVec3;
+
+/// A slice as the user writes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum SliceArgument {
+    /// A plane in the world.
+    Plane(ClipPlane),
+    /// Across an axis of the world (0 is x), at a coordinate.
+    World(usize, f64),
+    /// Across an axis of the patient (0 is from left to right), at a coordinate of the world.
+    Patient(usize, f64),
+    /// Across an axis of the first layer's volume (0 is x), through the centres of the voxels with this index.
+    Voxels(usize, f64),
+}
+
+/// The planes that have names, each with its axis.
+const PLANES: [(&str, fn(usize, f64) -> SliceArgument, usize); 9] = [
+    ("x", SliceArgument::World, 0),
+    ("y", SliceArgument::World, 1),
+    ("z", SliceArgument::World, 2),
+    ("i", SliceArgument::Voxels, 0),
+    ("j", SliceArgument::Voxels, 1),
+    ("k", SliceArgument::Voxels, 2),
+    ("sagittal", SliceArgument::Patient, 0),
+    ("coronal", SliceArgument::Patient, 1),
+    ("axial", SliceArgument::Patient, 2),
+];
+
+/// `AXIS=VALUE`, or a plane `X,Y,Z:NX,NY,NZ`.
+pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
+    let form = "z=VALUE, k=INDEX, axial=VALUE and the like, or X,Y,Z:NX,NY,NZ, in world units";
+    let Some((name, at)) = text.split_once('=') else {
+        return match text.contains(':') {
+            true => values::plane(text).map(SliceArgument::Plane),
+            false => Err(format!("'{text}': expected {form}")),
+        };
+    };
+    let name = name.trim();
+    let Some((_, make, axis)) = PLANES.iter().find(|(known, ..)| *known == name) else {
+        let names = PLANES.map(|(name, ..)| name);
+        let near = near_name::hint(name, names.into_iter());
+        return Err(format!("'{text}': no axis or plane '{name}'{near}: expected one of {}", names.join(", ")));
+    };
+    match at.trim().parse::<f64>() {
+        Ok(at) if at.is_finite() => Ok(make(*axis, at)),
+        _ => Err(format!("'{text}': expected a finite number after '{name}='")),
+    }
+}
+
+impl SliceArgument {
+    /// The slice in the scene's world.
+    ///
+    /// # Errors
+    /// If the plane is a patient's and no volume's orientation is known, or no voxel has the index.
+    pub(crate) fn resolve(self, scene: &Scene, volumes: &[VolumeSource]) -> Result<Slice, Failure> {
+        let is_anatomical = scene.is_anatomical(&volumes.iter().map(VolumeSource::place).collect::<Vec<_>>());
+        match self {
+            Self::Plane(ClipPlane { point, normal }) => Ok(Slice { point, normal, thickness: 0.0 }),
+            Self::World(axis, at) | Self::Patient(axis, at) if is_anatomical => Ok(Slice::of_patient(axis, at)),
+            Self::World(axis, at) => Ok(Slice::across(axis, at)),
+            Self::Patient(axis, _) => {
+                let name = ["sagittal", "coronal", "axial"][axis];
+                let others = ["x=VALUE or i=INDEX", "y=VALUE or j=INDEX", "z=VALUE or k=INDEX"][axis];
+                Err(unoriented(&format!("--slice {name}"), others))
+            }
+            Self::Voxels(axis, index) => across_voxels(scene, volumes, is_anatomical, axis, index),
+        }
+    }
+}
+
+/// The slice through the centres of the voxels with this index along an axis of the first layer's volume.
+fn across_voxels(
+    scene: &Scene,
+    volumes: &[VolumeSource],
+    is_anatomical: bool,
+    axis: usize,
+    index: f64,
+) -> Result<Slice, Failure> {
+    let store = scene.layers.first().map_or(0, |_| scene.store(0));
+    let Some(volume) = volumes.get(store) else {
+        return Err(Failure::usage("--slice: the scene's first layer shows no store"));
+    };
+    let voxels = volume.source.pyramid().levels()[0].extent.to_array()[axis];
+    if !(-0.5..=f64::from(voxels) - 0.5).contains(&index) {
+        let name = ["i", "j", "k"][axis];
+        let last = voxels - 1;
+        return Err(Failure::usage(format!("--slice {name}={index}: outside of the volume: expected 0 to {last}")));
+    }
+    let placement = scene.placement(0, &volume.place()).map_err(Failure::usage)?;
+    let own_point = volume.source.geometry().world_from_voxel(DVec3::AXES[axis] * (index + 0.5));
+    Ok(Slice {
+        point: placement.world_from_volume(own_point),
+        normal: viewer_side(&placement, is_anatomical, axis),
+        thickness: 0.0,
+    })
+}
+
+/// The normal, in the world, of the planes across an axis of a volume, on the side from which they are looked at.
+fn viewer_side(placement: &Placement, is_anatomical: bool, axis: usize) -> DVec3 {
+    let across = |slice: fn(usize, f64) -> Slice, axis: usize| slice(axis, 0.0).normal;
+    let normal = placement.world_gradient(across(Slice::across, axis)).normalize_or_zero();
+    if !is_anatomical {
+        return normal;
+    }
+    // As the planes of the patient that are nearest.
+    let nearest = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())).unwrap_or(2);
+    normal * across(Slice::of_patient, nearest).dot(normal).signum()
+}
+
+/// A direction from which a scene is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ViewArgument {
+    /// From a side of the patient.
+    Patient(Side),
+    /// From where an axis of the world points to.
+    World(DVec3),
+}
+
+/// The directions of the world's axes by their names.
+const DIRECTIONS: [(&str, DVec3); 6] = [
+    ("+x", DVec3::X),
+    ("-x", DVec3::NEG_X),
+    ("+y", DVec3::Y),
+    ("-y", DVec3::NEG_Y),
+    ("+z", DVec3::Z),
+    ("-z", DVec3::NEG_Z),
+];
+
+/// A side of the patient, or a direction of the world.
+pub(crate) fn view(text: &str) -> Result<ViewArgument, String> {
+    let sides = Side::ALL.into_iter().map(|side| (side.name(), ViewArgument::Patient(side)));
+    let directions = DIRECTIONS.into_iter().map(|(name, direction)| (name, ViewArgument::World(direction)));
+    let known: Vec<_> = sides.chain(directions).collect();
+    known.iter().find(|(name, _)| *name == text).map(|(_, view)| *view).ok_or_else(|| {
+        let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
+        let near = near_name::hint(text, names.iter().copied());
+        format!("no view '{text}'{near}: expected one of {}", names.join(", "))
+    })
+}
+
+impl ViewArgument {
+    /// The direction to the viewer, and what is up.
+    ///
+    /// # Errors
+    /// If it is a side of a patient and no volume's orientation is known.
+    pub(crate) fn resolve(self, is_anatomical: bool) -> Result<(DVec3, DVec3), Failure> {
+        match self {
+            Self::Patient(side) if is_anatomical => Ok((side.direction(), side.up())),
+            Self::Patient(side) => Err(unoriented(&format!("--view {}", side.name()), "+x, -y and the like")),
+            Self::World(from) => Ok((from, Side::of(from).up())),
+        }
+    }
+}
+
+fn unoriented(what: &str, instead: &str) -> Failure {
+    Failure::usage(format!(
+        "{what}: no store says how its volume lies in a patient (`brickyard info STORE` shows it): use {instead}"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slices_are_across_an_axis_or_a_plane() {
+        assert_eq!(slice("y=-2.5"), Ok(SliceArgument::World(1, -2.5)));
+        assert_eq!(slice("k=7"), Ok(SliceArgument::Voxels(2, 7.0)));
+        assert_eq!(slice("sagittal=3"), Ok(SliceArgument::Patient(0, 3.0)));
+        let oblique = ClipPlane { point: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 1.0, 1.0) };
+        assert_eq!(slice("1,2,3:0,1,1"), Ok(SliceArgument::Plane(oblique)));
+        for bad in ["w=3", "z=", "z=inf", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
+            assert!(slice(bad).unwrap_err().contains(bad), "{bad}");
+        }
+        assert!(slice("axail=3").unwrap_err().contains("did you mean 'axial'?"));
+    }
+
+    #[test]
+    fn views_are_from_sides_of_a_patient_or_along_the_world_s_axes() {
+        assert_eq!(view("left"), Ok(ViewArgument::Patient(Side::Left)));
+        assert_eq!(view("-y"), Ok(ViewArgument::World(DVec3::NEG_Y)));
+        assert!(view("postreior").unwrap_err().contains("did you mean 'posterior'?"));
+        assert!(view("left").unwrap().resolve(false).unwrap_err().message.contains("+x, -y"));
+        assert_eq!(view("superior").unwrap().resolve(true).unwrap(), (DVec3::Z, DVec3::Y));
+    }
+}
