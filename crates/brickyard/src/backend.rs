@@ -1,4 +1,4 @@
-//! Renderers behind one face: bricks go into the slots of layers, and frames come out.
+//! One interface to all rendering backends: bricks go into the slots of layers, and pictures come out.
 
 use crate::device::Device;
 #[cfg(feature = "gpu")]
@@ -11,10 +11,10 @@ use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 
-/// A backend that could not be made or has failed.
+/// Why a backend could not be made, or how it has failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
-    /// The GPU backend's error.
+    /// An error of the GPU backend.
     #[cfg(feature = "gpu")]
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -22,16 +22,16 @@ pub enum BackendError {
     #[cfg(not(feature = "gpu"))]
     #[error("a GPU was asked for, and this build has no GPU backend (the feature `gpu`)")]
     NoGpu,
-    /// The CPU backend's error.
+    /// An error of the CPU backend.
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
-    /// The CPU backend knows one compositor.
+    /// The CPU backend does not have the compositor that was asked for, only `raycast`.
     #[error("the CPU backend has no `{0}` compositor, only `raycast`")]
     CpuCompositor(&'static str),
 }
 
 impl BackendError {
-    /// Whether the device is gone, so that [`Renderer::renew`] may help.
+    /// Whether the GPU device is lost, so that [`Renderer::renew`] may help.
     pub fn is_loss(&self) -> bool {
         #[cfg(feature = "gpu")]
         return matches!(self, Self::Gpu(GpuError::DeviceLost(_)));
@@ -40,28 +40,28 @@ impl BackendError {
     }
 }
 
-/// A renderer of the layers that it was made for, and the slots that it draws them from.
+/// A rendering backend for the layers that it was made for, with the slots that it draws them from.
 pub trait Renderer: Send {
-    /// `gpu` or `cpu`.
+    /// The backend's name: `gpu` or `cpu`.
     fn name(&self) -> &'static str;
 
-    /// `sorted`, `raycast` or `compute`.
+    /// The compositor's name: `sorted`, `raycast` or `compute`.
     fn compositor(&self) -> &'static str {
         "raycast"
     }
 
-    /// How many bricks of a layer fit.
+    /// Number of slots in a layer's pool, which all layers of the pool share.
     fn slots(&self, layer: usize) -> u32;
 
-    /// Everything that is allocated for slots, tables, targets and staging.
+    /// Bytes of everything that is allocated for slots, tables, targets and staging.
     fn bytes(&self) -> u64;
 
-    /// What [`Renderer::bytes`] would be, had the device not refused some of it.
+    /// Bytes that [`Renderer::bytes`] would be if the device had not refused some of them.
     fn asked_bytes(&self) -> u64 {
         self.bytes()
     }
 
-    /// Puts a padded brick into a layer's slot.
+    /// Puts a padded brick into a slot of a layer's pool.
     ///
     /// # Errors
     /// If the device is lost.
@@ -72,7 +72,7 @@ pub trait Renderer: Send {
         None
     }
 
-    /// Sends what has been uploaded on its way: what is drawn from now on shows it.
+    /// Submits what has been uploaded, so that everything drawn from now on shows it.
     ///
     /// # Errors
     /// If the device is lost.
@@ -80,48 +80,51 @@ pub trait Renderer: Send {
         Ok(())
     }
 
-    /// Renders one frame of the layers, which come in the order that the renderer was made for; or an expression over them.
+    /// Renders a picture of layers, or of an expression over them. The layers come in the order that the renderer was
+    /// made for; some may be left out.
     ///
     /// # Errors
     /// If the device is lost or out of memory.
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError>;
 
-    /// Has a thread make what [`Renderer::render`] of the same would have to make first, such as compiled shaders. Other pictures can be drawn
-    /// meanwhile; what was asked for before and is not begun is left.
+    /// Prepares [`Renderer::render`] of these layers on another thread, for example by compiling shaders. Other
+    /// pictures can be drawn meanwhile. What was asked for before and has not begun is dropped.
     fn prepare(&mut self, _layers: &[Layer<'_>], _combination: Option<&Combination>) {}
 
-    /// Whether [`Renderer::render`] of the same has nothing to make first. What is drawn sooner makes it, or waits for the thread.
+    /// Whether [`Renderer::render`] of these layers has nothing left to prepare. A picture that is drawn sooner
+    /// prepares itself, or waits for the thread.
     fn is_prepared(&self, _layers: &[Layer<'_>], _combination: Option<&Combination>) -> bool {
         true
     }
 
-    /// For each cell of a layer's last list drawn, in its order, how much light was left where a ray entered it, the most of all
-    /// rays: 0 of a cell that nobody could see. `None` where that is not known: of projections, and of `sorted`.
+    /// For each entry of a layer's draw list in the last picture, in order, the greatest transmittance with which a ray
+    /// entered the cell; 0 if no ray did. `None` if that is not known, as for projections and for `sorted`.
     fn visibility(&self, _layer: usize) -> Option<&[f32]> {
         None
     }
 
-    /// Starts a lost GPU anew, from the choice of the adapter on. All slots are empty then, and there may be fewer.
+    /// Makes a lost GPU device anew, from the choice of the adapter on. All slots are empty then, and there may be
+    /// fewer.
     ///
     /// # Errors
-    /// If there is no GPU any more, or it gives too little.
+    /// If there is no GPU any more, it has too little memory, or the device is an application's.
     fn renew(&mut self) -> Result<(), BackendError> {
         Ok(())
     }
 
-    /// The GPU renderer, if it is that.
+    /// This backend as the GPU renderer; `None` if it is another one.
     #[cfg(feature = "gpu")]
     fn as_gpu(&mut self) -> Option<&mut GpuRenderer> {
         None
     }
 
-    /// Ends it: its device, and what has been compiled for it. `None` without a device.
+    /// Ends the backend, and returns its device with what has been compiled for it. `None` if it has no device.
     #[cfg(feature = "gpu")]
     fn into_compiled(self: Box<Self>) -> Option<Result<Compiled, GpuError>> {
         None
     }
 
-    /// Loses the device as a driver does: for tests.
+    /// Destroys the device, as a driver may: for tests.
     #[doc(hidden)]
     fn destroy_device(&self) {}
 }
@@ -152,7 +155,7 @@ impl Renderer for SoftwareRenderer {
     }
 }
 
-/// A layer's needs of a renderer where bricks have these.
+/// Returns what a layer with the bricks of a source needs of a renderer. `bricks` is what pictures need of the bricks.
 pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeeds {
     let pyramid = source.pyramid();
     // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
@@ -173,17 +176,18 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeed
 /// What pictures a backend is made for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pictures {
-    /// The largest, pixels.
+    /// Size of the largest picture, pixels.
     pub(crate) size_px: (u32, u32),
     /// Whether there may be expressions over the layers.
     pub(crate) has_expressions: bool,
 }
 
-/// Makes the chosen backend for layers and pictures, and says which in one line. A device that is lent is used whatever is chosen.
+/// Makes the chosen backend for layers and pictures, and returns it with a line that describes it. An application's
+/// device is used whatever the options choose.
 ///
 /// # Errors
-/// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a picture and
-/// the least bricks.
+/// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a
+/// picture and the fewest bricks.
 pub(crate) fn open(
     device: &mut Device,
     layers: &[VolumeNeeds],

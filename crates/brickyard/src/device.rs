@@ -4,7 +4,7 @@ use crate::backend::Renderer;
 #[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, Gpu};
 
-/// The device.
+/// The device on which a session makes its backends: an application's, or one that the first backend has opened.
 #[derive(Default)]
 pub(crate) struct Device {
     #[cfg(feature = "gpu")]
@@ -15,13 +15,13 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// An application's device.
+    /// Takes an application's device.
     #[cfg(feature = "gpu")]
     pub(crate) fn lent(gpu: Gpu) -> Self {
         Self { lent: Some(gpu), left: None }
     }
 
-    /// Whether it is an application's.
+    /// Whether the device is an application's.
     pub(crate) fn is_lent(&self) -> bool {
         #[cfg(feature = "gpu")]
         return self.lent.is_some();
@@ -29,13 +29,14 @@ impl Device {
         return false;
     }
 
-    /// What the next backend is to be made on; none opens a device of its own.
+    /// Takes the device for the next backend, with what has been compiled for it. `None` means that the backend opens a
+    /// device of its own.
     #[cfg(feature = "gpu")]
     pub(crate) fn take(&mut self) -> Option<Compiled> {
         self.left.take().or_else(|| self.lent.clone().map(Compiled::from))
     }
 
-    /// Takes what a backend leaves.
+    /// Ends a backend, and keeps its device for the next one with what has been compiled for it.
     pub(crate) fn take_back(&mut self, backend: Box<dyn Renderer>) {
         #[cfg(feature = "gpu")]
         match backend.into_compiled() {

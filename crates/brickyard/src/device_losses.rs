@@ -6,7 +6,7 @@ use crate::session_error::SessionError;
 /// Losses without a picture between them after which making the device anew is given up.
 const MAX_IN_A_ROW: u32 = 3;
 
-/// Losses so far.
+/// Counts how often the GPU device was lost.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     total: u32,
@@ -15,10 +15,11 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// Takes note of a lost device, which is to be made anew then.
+    /// Counts the loss of a device. The caller makes the device anew then.
     ///
     /// # Errors
-    /// If it is something else that is wrong, or it was lost too often.
+    /// If `error` is not the loss of a device, or the device was lost more than three times without a picture in
+    /// between.
     pub(crate) fn record(&mut self, error: BackendError) -> Result<(), SessionError> {
         if !error.is_loss() {
             return Err(error.into());
@@ -32,12 +33,12 @@ impl Losses {
         Ok(())
     }
 
-    /// Takes note of a picture.
+    /// Takes note that a picture was drawn, which ends a row of losses.
     pub(crate) fn picture(&mut self) {
         self.in_a_row = 0;
     }
 
-    /// All of them.
+    /// Number of losses so far.
     pub(crate) fn total(&self) -> u32 {
         self.total
     }

@@ -42,7 +42,8 @@ impl Session {
         session
     }
 
-    /// Goes on with another device of the application's, as when it has lost the one before: slots are filled anew from what is decoded.
+    /// Goes on with another device of the application's, for example after the one before was lost. Slots are filled
+    /// anew from the bricks that are decoded.
     pub fn set_gpu(&mut self, gpu: Gpu) {
         self.move_to(Device::lent(gpu));
     }
@@ -50,16 +51,16 @@ impl Session {
     /// Puts a frame on an application's texture: submits what draws it, unless the session's own texture shows it already, and records one
     /// pass in the application's encoder. Nothing is waited for. Submit the encoder before the next call.
     ///
-    /// Returns whether it is this frame, and all of it. While the shaders of a new kind of picture are compiled by a thread the picture before
-    /// stays, and the target as it was where there is none. While it is not known how many layers translucent meshes have, some may be
-    /// missing.
+    /// Returns whether the target shows this frame, and all of it. While a thread compiles the shaders of a new kind of
+    /// picture, the target shows the picture before; if there is none it stays as it was. While it is not known how
+    /// many layers translucent meshes have, some layers may be missing.
     ///
-    /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes: the same frame can be
-    /// put wherever the application likes, and is not drawn again.
+    /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes.
+    /// The same frame can be put on any texture, and is not drawn again.
     ///
     /// # Errors
-    /// If the session does not draw on an application's device, the frame is an earlier step's, nothing can be drawn in such a format, or the
-    /// device is lost or out of memory.
+    /// If the session does not draw on an application's device, the frame is an earlier step's, nothing can be drawn in
+    /// the target's format, or the device is lost or out of memory.
     pub fn draw_to(
         &mut self,
         frame: &Frame,
@@ -96,16 +97,18 @@ impl Session {
         Ok(lacks_layers == Some(false))
     }
 
-    /// Asks for the pixels of the picture that the session's own texture shows: they come as [`Session::picture`], without waiting. Returns
-    /// false while those of an earlier one are on their way, or if nothing has been drawn.
+    /// Asks for the pixels of the picture that the session's own texture shows, without waiting; [`Session::picture`]
+    /// returns them once they are there. Returns false, and does nothing, while the pixels of an earlier picture are on
+    /// their way or if nothing has been drawn.
     ///
     /// # Errors
-    /// If the session does not draw on an application's device, or that is lost; before the first step.
+    /// If the session does not draw on an application's device, the device is lost, or there has been no step yet.
     pub fn read_back(&mut self) -> Result<bool, SessionError> {
         Ok(self.renderer()?.read_back().map_err(BackendError::from)?)
     }
 
-    /// The picture whose pixels were asked for, once they are there; of two eyes the right one's.
+    /// Returns the picture whose pixels [`Session::read_back`] has asked for; `None` while they are on their way, or if
+    /// none was asked for. In stereo it is the right eye's picture.
     ///
     /// # Errors
     /// As [`Session::read_back`].
@@ -113,23 +116,24 @@ impl Session {
         Ok(self.renderer()?.picture().map_err(BackendError::from)?)
     }
 
-    /// How long the last picture took on the GPU, of which that is known: where the device has timestamps.
+    /// Returns how long a picture took on the GPU, the last one of which that is known. `None` before there is one, or
+    /// if the device has no timestamps.
     pub fn gpu_time(&self) -> Option<Duration> {
         let ms = self.fit.as_ref()?.shown.gpu_ms?;
         Some(Duration::from_secs_f64(ms.max(0.0) / 1e3))
     }
 
-    /// The longest time that the session has waited for the device since this was last asked. What makes slots and tables waits: the first
-    /// step, and a scene that asks for more than those before. So do [`Session::render`] and [`Session::draw`], which return pixels. Nothing
-    /// else does.
+    /// Returns the longest time that the session has waited for the device since this method was last called. The first
+    /// step waits, and a scene that asks for more than those before it, because slots and tables are made.
+    /// [`Session::render`] and [`Session::draw`] wait for their pixels. Nothing else waits.
     ///
     /// # Errors
-    /// If the session does not draw on an application's device; before the first step.
+    /// If the session does not draw on an application's device, or there has been no step yet.
     pub fn take_longest_gpu_wait(&mut self) -> Result<Duration, SessionError> {
         Ok(self.renderer()?.gpu().take_longest_wait())
     }
 
-    /// Holds back for so many steps what is answered about pictures: for tests.
+    /// Holds back answers about pictures for a number of steps: for tests.
     #[doc(hidden)]
     pub fn answer_late(&mut self, steps: usize) {
         self.fit.iter_mut().for_each(|fit| fit.shown.late_steps = steps);

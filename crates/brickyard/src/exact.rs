@@ -14,31 +14,31 @@ use brickyard_volume::{FrameSettings, Needs, Picture};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// There is no exact picture.
+/// Why an exact picture could not be drawn in passes.
 #[derive(Debug, thiserror::Error)]
 pub enum ExactPictureError {
-    /// The CPU backend keeps nothing of a picture between passes, nor does `raycast`, which goes from front to back.
+    /// The options ask for the CPU backend, or for rays. Neither keeps a picture between passes from back to front.
     #[error(
         "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor"
     )]
     Way,
-    /// Passes are of one layer in its own world.
+    /// The scene is not a single layer in its own world.
     #[error("passes draw one volume in its own world")]
     Mixed,
-    /// No backend, too little memory for it, or a lost device.
+    /// There is no GPU, it has too little memory, or its device was lost.
     #[error(transparent)]
     Backend(#[from] BackendError),
     /// The bricks cannot be listed or read.
     #[error(transparent)]
     Passes(#[from] ExactError),
-    /// The time allowed was not enough.
+    /// The picture was not finished in the time allowed.
     #[error("the picture is not finished after {waited_s:.1} s: {drawn} of {cells} bricks are drawn")]
     TooLong {
         /// Seconds waited.
         waited_s: f64,
-        /// Bricks drawn.
+        /// Number of bricks drawn so far.
         drawn: usize,
-        /// Bricks of the picture.
+        /// Number of bricks that the picture has.
         cells: usize,
     },
 }
@@ -55,7 +55,7 @@ const POLL: Duration = Duration::from_millis(50);
 /// Losses of the device after which a picture is given up.
 const MAX_LOSSES: u32 = 3;
 
-/// Draws exact pictures of one volume.
+/// Draws exact pictures of one volume on a GPU, in passes from back to front.
 pub struct ExactRenderer {
     source: Arc<dyn BrickSource>,
     renderer: GpuRenderer,
@@ -64,10 +64,11 @@ pub struct ExactRenderer {
 }
 
 impl ExactRenderer {
-    /// Joins a source and a GPU, for pictures up to a size whose bricks have what is needed.
+    /// Makes a renderer for a source, on a GPU. `bricks` is what the pictures need of bricks, and `max_size_px` the
+    /// size of the largest picture.
     ///
     /// # Errors
-    /// If the options ask for another way, there is no GPU, or a budget is too small.
+    /// If the options ask for the CPU or for rays, there is no GPU, or a budget is too small.
     pub fn new(
         source: Arc<dyn BrickSource>,
         bricks: Needs,
@@ -97,23 +98,23 @@ impl ExactRenderer {
         Ok(Self { source, renderer, backend_line, config })
     }
 
-    /// The backend, in words.
+    /// A line that describes the backend: the adapter and its driver.
     pub fn backend_line(&self) -> &str {
         &self.backend_line
     }
 
-    /// The renderer.
+    /// The GPU renderer that draws the pictures.
     pub fn renderer(&self) -> &GpuRenderer {
         &self.renderer
     }
 
-    /// Draws a picture. Adds to `stats`; `started` is when the whole run began. Where the device is lost, the picture is
-    /// begun anew. The eyes of a stereo pair are drawn one after the other: no brick stays from one pass to the next, so nothing
-    /// could be shared but the order, which they do not.
+    /// Draws an exact picture of a scene, and adds to `stats`. `started` is when the whole run began. If the device is
+    /// lost, it is made anew and the picture is begun again. The eyes of a stereo pair are drawn one after the other,
+    /// since they share neither slots nor order.
     ///
     /// # Errors
-    /// If a part can be drawn from no level at all, the cells do not fit the host budget, `max_wait` passes, or the device
-    /// fails.
+    /// If the scene is not a single layer in its own world, a part of it can be drawn from no level at all, the cells
+    /// do not fit the host budget, `max_wait` passes, or the device fails.
     pub fn render(
         &mut self,
         scene: &ResolvedScene,

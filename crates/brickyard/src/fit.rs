@@ -31,8 +31,8 @@ const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duratio
 /// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
 const LIVE_FADE: Duration = Duration::from_millis(200);
 
-/// Pictures of live sessions may grow up to the next multiple of so many pixels: a window that is being resized asks for another fit now and
-/// then, and not in every frame.
+/// Pictures of live sessions may grow up to the next multiple of this number of pixels, so that a window that is being
+/// resized asks for another fit now and then, and not in every frame.
 const LIVE_SIZE_PX: u32 = 256;
 
 /// A scene's demand on slots, tables and targets.
@@ -40,14 +40,15 @@ const LIVE_SIZE_PX: u32 = 256;
 pub(crate) struct Demand {
     /// Each layer's place in scenes, and its volume's among the session's.
     layers: Vec<(usize, usize)>,
-    /// What bricks have.
+    /// What the pictures need of bricks.
     pub(crate) bricks: Needs,
-    /// What pictures are drawn of them.
+    /// The pictures that are drawn: the largest size, and whether they may show expressions.
     pub(crate) pictures: Pictures,
 }
 
 impl Demand {
-    /// The demand of a scene. In a live session it is of the layers that the scene hides, too: they keep their coarsest bricks.
+    /// Returns the demand of a scene. In a live session it includes the layers that the scene hides, which keep their
+    /// coarsest bricks.
     pub(crate) fn of(scene: &ResolvedScene, is_live: bool) -> Self {
         let hidden = scene.hidden.iter().filter(|_| is_live).map(|layer| (layer.place, layer.volume));
         let mut layers: Vec<_> = scene.layers.iter().map(|layer| (layer.place, layer.volume)).chain(hidden).collect();
@@ -61,7 +62,8 @@ impl Demand {
         }
     }
 
-    /// The demand of this scene and of those that `before` suffices for, of this one's layers.
+    /// Returns a demand for this one's layers that suffices for this one's bricks and pictures and for those of
+    /// `before`.
     pub(crate) fn grown(&self, before: &Self) -> Self {
         let (own, other) = (&self.pictures, &before.pictures);
         Self {
@@ -77,7 +79,7 @@ impl Demand {
 
 /// A layer, and what of it is drawn now.
 struct FitLayer {
-    /// Its place in scenes, and its volume's among the session's.
+    /// The layer's place in scenes, and the index of its volume in the session.
     place: usize,
     volume: usize,
     source: Arc<dyn BrickSource>,
@@ -106,11 +108,11 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
-    /// Makes a backend on a device, and pagers. Of `kept` the cores of these volumes are taken.
+    /// Makes a backend on a device, and its pagers. Decoded cores of these volumes are taken from `kept`.
     ///
     /// # Errors
-    /// If no backend can be made, it has no compositor for several layers, or a budget is too small; the message says the least that
-    /// works.
+    /// If no backend can be made, it does not have the compositor, or a budget is too small. The message then says the
+    /// least budget that works.
     pub(crate) fn make(
         volumes: &[VolumeSource],
         demand: Demand,
@@ -140,7 +142,7 @@ impl Fit {
         })
     }
 
-    /// Whether a scene can be shown with it.
+    /// Whether a scene with the demand `asked` can be shown with this fit.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
         let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
         let is_of_volume = |own: &FitLayer, (place, volume)| (own.place, own.volume) == (place, volume);
@@ -155,13 +157,13 @@ impl Fit {
             && size_px.1 >= asked.pictures.size_px.1
     }
 
-    /// Ends it: what has been decoded, and the device, may serve another one.
+    /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit.
     pub(crate) fn into_cores(self, device: &mut Device) -> Vec<KeptCores> {
         device.take_back(self.backend);
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
     }
 
-    /// A scene's view of each layer.
+    /// Returns a scene's view for each layer of the fit, hidden layers included.
     pub(crate) fn views(&self, scene: &ResolvedScene) -> Vec<View> {
         let view = |own: &FitLayer| {
             let shown = scene.layers.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
@@ -172,7 +174,8 @@ impl Fit {
         self.layers.iter().filter_map(view).collect()
     }
 
-    /// How far all layers are together, after their uploads; `None` of no layers.
+    /// Streams one step towards `views`, one for each layer: takes in bricks, plans and uploads. `at` is the time of
+    /// the step. Returns the status of all layers together; `None` if there are no layers.
     pub(crate) fn step(&mut self, views: &[View], at: Duration) -> Result<Option<Status>, BackendError> {
         let mut whole: Option<Status> = None;
         #[cfg(feature = "gpu")]
@@ -202,7 +205,7 @@ impl Fit {
         Ok(whole)
     }
 
-    /// Waits until a brick has arrived, at most this long.
+    /// Waits until a brick has arrived, at most for `timeout`.
     pub(crate) fn wait(&mut self, timeout: Duration) {
         if let [pool] = &mut self.pools[..] {
             pool.pager.wait(timeout);
@@ -217,7 +220,7 @@ impl Fit {
         }
     }
 
-    /// Renders a scene with what is in the slots. Where `tells`, pagers are told what was seen.
+    /// Renders a scene from the bricks in the slots. If `tells`, the pagers are told what was seen.
     pub(crate) fn draw(&mut self, scene: &ResolvedScene, tells: bool) -> Result<Picture, BackendError> {
         let Self { layers: own, pools, backend, .. } = self;
         let eyes = 1 + scene.stereo.is_some() as usize;
@@ -246,17 +249,17 @@ impl Fit {
         Ok(picture)
     }
 
-    /// Has a thread make what drawing a scene would have to make first.
+    /// Prepares drawing a scene on another thread, for example by compiling shaders.
     pub(crate) fn prepare(&mut self, scene: &ResolvedScene) {
         self.backend.prepare(&drawn(&self.layers, scene, 0), scene.combination.as_ref());
     }
 
-    /// Whether drawing a scene has nothing to make first.
+    /// Whether drawing a scene has nothing left to prepare.
     pub(crate) fn is_prepared(&self, scene: &ResolvedScene) -> bool {
         self.backend.is_prepared(&drawn(&self.layers, scene, 0), scene.combination.as_ref())
     }
 
-    /// Starts a lost device anew; its slots are empty.
+    /// Makes a lost device anew. All slots are empty then.
     pub(crate) fn renew(&mut self) -> Result<(), SessionError> {
         self.backend.renew()?;
         for Pool { layers, pager, .. } in &mut self.pools {
@@ -266,12 +269,12 @@ impl Fit {
         Ok(())
     }
 
-    /// Bricks of all layers that fit at once.
+    /// Number of slots in all pools, which is how many bricks fit at once.
     pub(crate) fn slots(&self) -> u64 {
         self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
     }
 
-    /// The present draw list of each layer, for the one eye or the left one.
+    /// Returns the present draw list of each layer; in stereo the left eye's.
     pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.layers.iter().filter_map(|layer| layer.draws.first())
     }

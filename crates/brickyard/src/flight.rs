@@ -14,52 +14,53 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What a flight took.
+/// What was measured on a flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightReport {
-    /// The scenario.
+    /// The scenario that is flown.
     pub scenario: Scenario,
-    /// The backend in words.
+    /// A line that describes the backend.
     pub adapter: String,
-    /// `sorted` or `raycast`.
+    /// The compositor's name: `sorted`, `raycast` or `compute`.
     pub compositor: &'static str,
-    /// Slots for bricks.
+    /// Number of slots for bricks.
     pub slots: u64,
-    /// From the start to a session that can be asked for frames, milliseconds.
+    /// Milliseconds from the start to a session that can be asked for frames.
     pub open_ms: f64,
-    /// To the first complete picture, drawn.
+    /// Milliseconds from the start until the first complete picture was drawn.
     pub first_picture_ms: f64,
-    /// To the first picture of which nothing is missing.
+    /// Milliseconds from the start until nothing was missing from the first view.
     pub settled_ms: f64,
-    /// Frames of the flight.
+    /// Number of frames of the flight.
     pub frames: u32,
-    /// A frame: taking in bricks, planning, uploading, drawing.
+    /// Milliseconds that a frame took: taking in bricks, planning, uploading, drawing.
     pub frame_ms: Percentiles,
-    /// The part of [`Self::frame_ms`] before drawing: taking in bricks, planning, uploading.
+    /// Milliseconds of a frame before drawing: taking in bricks, planning, uploading.
     pub step_ms: Percentiles,
-    /// Mean share of an exact frame's work, pixels over step length, that frames were drawn with.
+    /// Mean share of an exact frame's work (pixels over step length) that frames were drawn with; 1 if all were exact.
     pub quality: f64,
-    /// From the last frame until nothing was missing any more, and the exact picture drawn if the last one was not.
+    /// Milliseconds from the last frame until nothing was missing and, if there is a frame goal, the exact picture was
+    /// drawn.
     pub settle_after_ms: f64,
-    /// Frames in which something was drawn with nothing at all.
+    /// Number of frames in which some cell had no brick at all to be drawn with.
     pub uncovered_frames: u32,
-    /// Frames after which an accounted budget was exceeded.
+    /// Number of frames after which the accounted memory exceeded a budget.
     pub frames_over_budget: u32,
-    /// Mean share of the screen drawn at the level that the view wanted.
+    /// Mean share of the screen that was drawn at the level that the view wanted, 0 to 1.
     pub completeness: f64,
-    /// Bricks of the flight, the first view not included.
+    /// Counts of bricks: uploads during the flight, without the first view, and all other counts at its end.
     pub bricks: BrickCounts,
-    /// Uploads in it of bricks that no view wanted yet.
+    /// Number of uploads during the flight of bricks that no view wanted yet.
     pub uploaded_ahead: u64,
-    /// Cores decoded in it. Stored aprons count in `bytes` alone.
+    /// Number of bricks' cores decoded during the flight. Stored aprons count in [`Self::bytes`] alone.
     pub bricks_decoded: u64,
-    /// Bytes of it.
+    /// Bytes read, decoded and uploaded during the flight.
     pub bytes: ByteCounts,
-    /// The most that was accounted to the backend.
+    /// Highest accounted bytes of the backend.
     pub gpu_bytes_peak: u64,
-    /// The most that was accounted to decoded bricks, staging and scratch.
+    /// Highest accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
-    /// The most anonymous memory of the whole process.
+    /// Highest anonymous memory of the process, looked at in every step, bytes.
     pub anonymous_peak: u64,
 }
 
@@ -72,32 +73,33 @@ pub enum FlightError {
     /// The session failed.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// A view did not settle in time.
+    /// A view did not settle within the number of seconds given.
     #[error("the view has not settled after {0:.0} s")]
     NotSettled(f64),
 }
 
-/// What to fly.
+/// The plan of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct FlightPlan<'a> {
-    /// The scenario.
+    /// The scenario that is flown.
     pub scenario: Scenario,
-    /// Its first frame; the camera and transfer functions may be left open.
+    /// The scene of the first frame. Its camera and transfer functions may be left open.
     pub scene: &'a Scene,
-    /// Number of frames.
+    /// Number of frames of the flight.
     pub frames: u32,
     /// Size of the pictures, pixels.
     pub size_px: (u32, u32),
-    /// The random scenario's seed.
+    /// Seed of [`Scenario::Random`].
     pub seed: u64,
-    /// How long a frame may take: quality gives way to that while the camera moves. All frames are exact without.
+    /// How long a frame may take: while the camera moves, quality is lowered to keep to that. `None` draws all frames
+    /// exactly.
     pub frame_goal: Option<Duration>,
 }
 
 /// How long a view may take to settle.
 const LONGEST: Duration = Duration::from_secs(600);
 
-/// Flies a scenario over stores that are opened for it, all in one picture.
+/// Opens stores, and flies a scenario over all of them in one picture.
 ///
 /// # Errors
 /// If a store does not open, the session fails, or a view does not settle within ten minutes.

@@ -12,17 +12,17 @@ use brickyard_volume::FrameSettings;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What one frame is drawn with.
+/// The quality of a frame: its resolution and its step length, relative to the exact frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Pixels along an axis, of those of the exact frame: above 0, at most 1.
+    /// Share of the exact frame's pixels along an axis, above 0 and at most 1.
     pub scale: f64,
-    /// Times the exact frame's step: 1 or more.
+    /// Length of a step in steps of the exact frame, 1 or more.
     pub step: f64,
 }
 
 impl Quality {
-    /// Every pixel, every step.
+    /// The quality of the exact frame: every pixel, every step.
     pub const EXACT: Self = Self { scale: 1.0, step: 1.0 };
 
     /// Spends a share of the exact frame's work: as many times fewer pixels as longer steps.
@@ -31,13 +31,13 @@ impl Quality {
         Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
     }
 
-    /// The share of the exact frame's work that this takes.
+    /// Returns the share of the exact frame's work that this quality takes, above 0 and at most 1.
     pub fn share(self) -> f64 {
         self.scale * self.scale / self.step
     }
 
-    /// The frame drawn so: of the same view, with fewer pixels (to be stretched over the window) and longer steps. What is
-    /// streamed stays what the exact frame wants.
+    /// Returns the settings of a frame of this quality: the same view as the exact frame, with fewer pixels (to be
+    /// stretched over the window) and longer steps. Bricks are still streamed for the exact frame.
     pub fn settings(self, exact: &FrameSettings) -> FrameSettings {
         let mut frame = exact.clone();
         let pixels = |exact: u32| ((exact as f64 * self.scale).round() as u32).max(1);
@@ -46,7 +46,7 @@ impl Quality {
         frame
     }
 
-    /// The frame of a session, drawn so.
+    /// Returns a session's frame at this quality, to be drawn in place of the exact one.
     pub fn frame(self, exact: &Frame) -> Frame {
         let mut drawn = exact.clone();
         for frame in Arc::make_mut(&mut drawn.scene).layers.iter_mut().flat_map(|layer| &mut layer.frames) {
@@ -65,16 +65,16 @@ const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.
 const DEAD_BAND: f64 = 0.1;
 
-/// What the picture depends on, as far as it can change between frames.
+/// What has changed since the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
-    /// The camera, the transfer function or the mode is another than in the last frame.
+    /// Whether the camera, the transfer function or the mode has changed since the last frame.
     pub moved: bool,
-    /// Bricks have come since the last frame, or fade in.
+    /// Whether bricks have come since the last frame, or are fading in.
     pub refined: bool,
 }
 
-/// Decides, before every frame, how it is to be drawn.
+/// Decides before every frame at what quality it is drawn, to keep to a time goal while the camera moves.
 #[derive(Clone, Debug)]
 pub struct QualityControl {
     goal_ms: f64,
@@ -85,12 +85,12 @@ pub struct QualityControl {
 }
 
 impl QualityControl {
-    /// Frames are to take at most `goal` while the camera moves.
+    /// Makes a control for frames that are to take at most `goal` while the camera moves.
     pub fn new(goal: Duration) -> Self {
         Self { goal_ms: goal.as_secs_f64() * 1e3, share: MIN_SHARE, last: None }
     }
 
-    /// How to draw the next frame; `None` if the last one still stands.
+    /// Returns the quality of the next frame; `None` if the last frame still stands, and nothing has to be drawn.
     pub fn next(&mut self, change: Change) -> Option<Quality> {
         let stands = self.last == Some(Quality::EXACT) && !change.refined;
         let quality = match change.moved {
@@ -102,7 +102,8 @@ impl QualityControl {
         Some(quality)
     }
 
-    /// How long the frame took that was last decided on. Exact frames count too: they say what all of the work takes.
+    /// Takes in how long it took to draw the frame whose quality was decided last. Exact frames count too: they say
+    /// what all of the work takes.
     pub fn took(&mut self, time: Duration) {
         let Some(last) = self.last else { return };
         let ms = (time.as_secs_f64() * 1e3).max(1e-3);

@@ -7,10 +7,10 @@ use brickyard_pager::{Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_volume::{Combination, Picture};
 
-/// The GPU backend of layers, and which it is in one line.
+/// Makes the GPU backend for layers and pictures, and returns it with a line that describes it.
 ///
 /// # Errors
-/// If there is no such adapter, or the memory cannot hold a picture and the least bricks.
+/// If there is no such adapter, or the memory cannot hold a picture and the fewest bricks.
 pub(crate) fn open(
     preference: GpuPreference,
     device: &mut Device,
@@ -22,7 +22,7 @@ pub(crate) fn open(
     Ok((Box::new(renderer), line))
 }
 
-/// The GPU renderer of layers, and which it is in one line.
+/// Makes a GPU renderer for layers and pictures, and returns it with a line that describes it.
 ///
 /// # Errors
 /// As [`open`].

@@ -1,4 +1,4 @@
-//! What the process holds, and what there is for it, as the kernel counts it.
+//! Memory of this process, and memory that it may use, as the kernel counts it.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ pub struct ProcessMemory {
 }
 
 impl ProcessMemory {
-    /// Asks the kernel (Linux; elsewhere zeros).
+    /// Asks the kernel for the memory of this process. All fields are 0 on systems other than Linux.
     pub fn now() -> Self {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let field = |name: &str| {

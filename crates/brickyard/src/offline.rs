@@ -17,41 +17,42 @@ pub enum OfflineError {
     /// Not even the bricks behind one pixel fit at once.
     #[error("the bricks that the pixel in column {x} of row {y} wants do not fit at once: there are {slots} slots")]
     Pixel {
-        /// Its column.
+        /// Column of the pixel, from 0.
         x: u32,
-        /// Its row.
+        /// Row of the pixel, from 0.
         y: u32,
-        /// How many fit.
+        /// Number of slots, which is how many bricks fit at once.
         slots: u64,
     },
-    /// The time allowed was not enough.
+    /// The view has not settled in the time allowed.
     #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there")]
     NotSettled {
         /// Seconds waited.
         waited_s: f64,
-        /// Bricks there.
+        /// Number of wanted bricks that are resident.
         resident: usize,
-        /// Bricks wanted.
+        /// Number of bricks that the view wants.
         wanted: usize,
     },
 }
 
-/// A settled picture.
+/// A settled picture, with its scene and statistics.
 #[derive(Clone, Debug)]
 pub struct Rendered {
     /// The picture.
     pub picture: Picture,
-    /// Its scene, with what was left open: the camera and the transfer functions in use.
+    /// The scene of the picture, in which the camera and transfer functions that were left open are filled in.
     pub shown: Scene,
-    /// What it took, and whether it is as fine as the scene wants: see [`RenderStats::memory_bound`] and [`RenderStats::completeness`].
+    /// What the picture took, and whether it is as fine as the scene wants: see [`RenderStats::memory_bound`] and
+    /// [`RenderStats::completeness`].
     pub stats: RenderStats,
 }
 
 impl Rendered {
-    /// Writes the picture as a PNG file, with the scene that it is of.
+    /// Writes the picture as a PNG file, with its scene in a text chunk.
     ///
     /// # Errors
-    /// If the file cannot be written; what was there before stays then.
+    /// If the file cannot be written. What was at `path` before stays then.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), PictureError> {
         write_shown(path.as_ref(), &self.picture, &self.shown, &self.stats)
     }
@@ -61,7 +62,8 @@ impl Rendered {
 const LONGEST: Duration = Duration::from_secs(600);
 
 impl Session {
-    /// A picture of a scene of which nothing is missing but what memory has no room for and what cannot be read; [`Rendered::stats`] tells.
+    /// Renders a scene, and waits until its view has settled. Only bricks that memory has no room for or that cannot be
+    /// read are missing then, and [`Rendered::stats`] says whether there are any.
     ///
     /// # Errors
     /// If a step fails, or the view has not settled after ten minutes.
@@ -79,7 +81,8 @@ impl Session {
 /// How long to wait for a brick before looking again whether time is up.
 pub(crate) const POLL: Duration = Duration::from_millis(50);
 
-/// Streams until the view has settled, then draws it. Adds to `stats`; `started` is when the whole run began.
+/// Streams until the view of a scene has settled, then draws it. Adds to `stats`, and to `frame_ms` the milliseconds
+/// that drawing took. `started` is when the whole run began.
 ///
 /// # Errors
 /// If the session fails, or `max_wait` passes first.

@@ -2,10 +2,10 @@
 
 use crate::memory::available_bytes;
 
-/// Which backend to use.
+/// Which backend draws.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BackendChoice {
-    /// The GPU if there is a real one, else the CPU.
+    /// The GPU if there is one that is not a software rasteriser, else the CPU.
     #[default]
     Auto,
     /// Any GPU adapter, a software one too.
@@ -17,19 +17,19 @@ pub enum BackendChoice {
 /// How a backend is to gather samples into a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CompositorChoice {
-    /// What measures fastest over all scenes: `raycast`, on the GPU and on the CPU.
+    /// The compositor that is fastest over all scenes by measurement: `raycast`, on the GPU and on the CPU.
     #[default]
     Auto,
     /// Bricks back to front, blended; GPU only.
     Sorted,
     /// A ray per pixel, front to back.
     Raycast,
-    /// The same rays by compute shaders; GPU only.
+    /// Casts the same rays as [`CompositorChoice::Raycast`] in compute shaders; GPU only.
     Compute,
 }
 
-/// The choices and limits of a session. The default suits the machine: all of its processors, and a quarter of its memory, or of what the process's
-/// control group may use.
+/// The choices and limits of a session. The default suits the machine: all of its processors, and a quarter of its
+/// memory (or of what the process's control group may use), for the backend at most 1 GiB.
 ///
 /// ```
 /// use brickyard::session::SessionOptions;
@@ -39,17 +39,19 @@ pub enum CompositorChoice {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
-    /// Which backend.
+    /// Which backend draws.
     pub backend: BackendChoice,
-    /// Which compositor.
+    /// Which compositor gathers samples.
     pub compositor: CompositorChoice,
-    /// Hard limit of the backend's memory, bytes.
+    /// Hard limit of the backend's memory, bytes: slots, tables, targets and staging, on the GPU or for the CPU
+    /// backend.
     pub gpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
-    /// Decode workers, and threads of the CPU backend.
+    /// Number of threads that decode bricks, and of threads of the CPU backend.
     pub threads: usize,
-    /// Whether what shows nothing is neither read nor sampled: always, but to measure what that gains.
+    /// Whether bricks that show nothing are not read, and empty space is not sampled. Turn it off only to measure what
+    /// it gains.
     pub skips_empty: bool,
     /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
     /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.

@@ -11,7 +11,7 @@ use std::collections::HashSet;
 /// The reference picture could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum OracleError {
-    /// Whole levels do not fit.
+    /// Whole levels do not fit into the memory allowed.
     #[error(
         "the reference compositor holds whole levels in memory: it needs {needed} bytes, and {allowed} are allowed"
     )]
@@ -26,11 +26,11 @@ pub enum OracleError {
     Read(#[from] ReadError),
 }
 
-/// Renders the scene from the same cuts that streaming with unlimited memory would settle on; `stores` are those that the scene was
-/// resolved for.
+/// Renders a scene with the reference renderer, from the same cuts that streaming with unlimited memory would settle
+/// on. `stores` are those that the scene was resolved for.
 ///
 /// # Errors
-/// If the levels that the views need do not fit `host_memory_bytes` as f64, all layers' together, or cannot be read.
+/// If the levels that all layers' views need do not fit `host_memory_bytes` as f64, or cannot be read.
 pub fn render_reference(
     stores: &[&Store],
     scene: &ResolvedScene,

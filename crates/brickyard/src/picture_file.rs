@@ -9,16 +9,16 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {reason}", path = path.display())]
 pub struct PictureError {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
     /// What went wrong.
     pub reason: String,
 }
 
-/// Writes an 8-bit RGB PNG with `(keyword, text)` notes.
+/// Writes a picture as an 8-bit RGB PNG file, with `(keyword, text)` notes in text chunks.
 ///
 /// # Errors
-/// If the file cannot be written; nothing is left under its name then.
+/// If the file cannot be written. What was at `path` before stays then.
 pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), PictureError> {
     let fail = |reason: String| PictureError { path: path.to_path_buf(), reason };
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -31,10 +31,10 @@ pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Re
     })
 }
 
-/// Writes a picture as a PNG file, and into it the scene that it is of and how many of its bricks were there.
+/// Writes a picture as a PNG file, with its scene and its counts of bricks in text chunks.
 ///
 /// # Errors
-/// If the file cannot be written; nothing new is left under its name then.
+/// If the file cannot be written. What was at `path` before stays then.
 pub fn write_shown(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), PictureError> {
     let fail = |error: serde_json::Error| PictureError { path: path.to_path_buf(), reason: error.to_string() };
     let bricks = &stats.bricks;

@@ -23,9 +23,9 @@ pub struct ResolvedScene {
     pub hidden: Vec<HiddenLayer>,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
-    /// The camera in use.
+    /// The camera in use: the scene's, or one that shows all layers if the scene has none.
     pub camera: Camera,
-    /// The box around all layers where they stand, world.
+    /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
     /// Whether the world is a patient's: x to the right, y to the front, z to the head.
     pub is_anatomical: bool,
@@ -40,15 +40,15 @@ pub struct ResolvedScene {
 pub struct ResolvedLayer {
     /// The layer's place in the scene.
     pub place: usize,
-    /// The place of its store among all that the scene was resolved for.
+    /// The place of the layer's store among all that the scene was resolved for.
     pub volume: usize,
     /// The scene's layer, with its transfer function written out unless an expression's takes its place.
     pub style: SceneLayer,
-    /// What its pager streams for. In stereo that is what both eyes see, the left one first.
+    /// The view that the layer's pager streams for. In stereo it holds both eyes, the left one first.
     pub view: View,
     /// The layer's frames, which renderers draw: one for each eye, the left one's first.
     pub frames: Vec<VolumeFrame>,
-    /// The transfer function in use, opacity and all.
+    /// The transfer function in use, with the layer's opacity applied.
     pub transfer: TransferFunction,
 }
 
@@ -57,14 +57,15 @@ pub struct ResolvedLayer {
 pub struct HiddenLayer {
     /// The layer's place in the scene.
     pub place: usize,
-    /// The place of its store among all that the scene was resolved for.
+    /// The place of the layer's store among all that the scene was resolved for.
     pub volume: usize,
     /// A view to which the layer has nothing to show: a pager keeps its coarsest bricks for when it is shown again.
     pub view: View,
 }
 
 impl ResolvedScene {
-    /// The scene that it is of, with what was left to be found.
+    /// Returns `scene`, from which this one was resolved, with the camera and transfer functions that were left open
+    /// filled in.
     pub fn shown(&self, scene: &Scene) -> Scene {
         let mut shown = Scene { camera: Some(self.camera), ..scene.clone() };
         for layer in &self.layers {
@@ -76,10 +77,11 @@ impl ResolvedScene {
         shown
     }
 
-    /// The picture of the scene, whoever draws an eye's, given its number.
+    /// Makes the picture of the scene. `draw` draws an eye's picture, given its number: 0 for the only or left eye, 1
+    /// for the right one.
     ///
     /// # Errors
-    /// If `draw` fails, its error.
+    /// The error of `draw`, if it fails.
     pub fn picture<E>(&self, mut draw: impl FnMut(usize) -> Result<Picture, E>) -> Result<Picture, E> {
         let first = draw(0)?;
         let Some(layout) = self.stereo else { return Ok(first) };
@@ -87,7 +89,7 @@ impl ResolvedScene {
         Ok(layout.compose([&first, &second]))
     }
 
-    /// The scene as one of its eyes sees it, by itself.
+    /// Returns the scene as one of its eyes sees it: 0 for the left one, 1 for the right one.
     pub(crate) fn of_eye(&self, eye: usize) -> Self {
         let mut scene = Self { stereo: None, ..self.clone() };
         for layer in &mut scene.layers {
@@ -99,7 +101,8 @@ impl ResolvedScene {
         scene
     }
 
-    /// Whether it is a single layer in its own world, of which the picture shows what the layer shows by itself.
+    /// Whether the scene is a single layer in its own world, without an expression, whose picture is what the layer
+    /// shows by itself.
     pub fn is_alone(&self) -> bool {
         let in_its_own_world = |layer: &ResolvedLayer| layer.view.placement.is_identity();
         let alone = matches!(&self.layers[..], [layer] if in_its_own_world(layer) && layer.frames[0].is_plain());
@@ -122,16 +125,18 @@ impl Eyes {
     }
 }
 
-/// Resolves a scene against stores: default camera and transfer functions, tables, lattice, opaque bins.
+/// Resolves a scene for volumes and a picture size: fills in the camera and transfer functions that are left open,
+/// makes transfer tables, and lays out the lattice.
 ///
 /// # Errors
-/// If the scene is impossible ([`Scene::check`]), or its camera.
+/// If the scene is invalid ([`Scene::check`]), or its camera is.
 pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
     let table = |_, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
     resolve_with(volumes, scene, size_px, table)
 }
 
-/// Resolves a scene with the tables of whoever has some, given a store's place, a function and how codes stand for values.
+/// Resolves a scene as [`resolve`] does, with transfer tables from `table`, which is given a store's place, a transfer
+/// function and the encoding of codes.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,

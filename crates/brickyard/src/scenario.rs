@@ -12,23 +12,23 @@ use std::f64::consts::TAU;
 pub enum Scenario {
     /// Nothing moves: the same frame again and again.
     Still,
-    /// Once around the target.
+    /// The camera goes once around the target.
     Orbit,
-    /// Straight through the volume and out on the other side, looking ahead.
+    /// The camera flies straight through the volume and out on the other side, looking ahead.
     Fly,
-    /// From the whole volume to a few voxels.
+    /// The camera comes nearer, from the whole volume to a few voxels.
     Zoom,
     /// The transfer functions' points move up and down the values; the camera stands still.
     Sweep,
-    /// From one random place to the next, in and around the volume.
+    /// The camera flies from one random place to the next, in and around the volume.
     Random,
 }
 
 impl Scenario {
-    /// All of them.
+    /// All scenarios.
     pub const ALL: [Self; 6] = [Self::Still, Self::Orbit, Self::Fly, Self::Zoom, Self::Sweep, Self::Random];
 
-    /// Its name on the command line.
+    /// The scenario's name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Still => "still",
@@ -46,13 +46,13 @@ impl Scenario {
 pub struct Setting {
     /// The scene of the first frame, with transfer functions written out.
     pub scene: Scene,
-    /// Its camera.
+    /// The camera of the first frame.
     pub camera: Camera,
-    /// The box around all layers in the world.
+    /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
     /// World size of the finest voxels.
     pub voxel_size: f64,
-    /// The random scenario's seed.
+    /// Seed of [`Scenario::Random`].
     pub seed: u64,
 }
 
@@ -60,7 +60,7 @@ pub struct Setting {
 const FRAMES_PER_LEG: u32 = 60;
 
 impl Setting {
-    /// The scene of frame `frame` of `frames`.
+    /// Returns the scene of frame `frame` of a flight of `frames` frames.
     pub fn at(&self, scenario: Scenario, frame: u32, frames: u32) -> Scene {
         let t = frame as f64 / frames.max(1) as f64;
         let camera = match scenario {

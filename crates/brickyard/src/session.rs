@@ -22,13 +22,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A step's result, which can be drawn. The slots of its bricks are theirs until the next step.
+/// The result of a step, which can be drawn. Its bricks keep their slots until the next step.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The scene, resolved. What takes no other bricks may be changed before it is drawn: jitter, the length of steps, the resolution
-    /// ([`Quality::frame`](crate::frame_governor::Quality::frame)).
+    /// The resolved scene. Anything that needs no other bricks may be changed before drawing: jitter, step length,
+    /// resolution ([`Quality::frame`](crate::frame_governor::Quality::frame)).
     pub scene: Arc<ResolvedScene>,
-    /// How far the view is.
+    /// How far the view is: how many bricks it wants, how many are resident, and whether it has settled.
     pub status: Status,
     /// The number of the step.
     step: u64,
@@ -36,12 +36,12 @@ pub struct Frame {
 
 #[cfg(feature = "gpu")]
 impl Frame {
-    /// Whether it is of a session's last step, whose number is given.
+    /// Whether this frame is of the step with this number.
     pub(crate) fn is_of(&self, step: u64) -> bool {
         self.step == step
     }
 
-    /// Whether another one is known to be the same picture: a copy of this one.
+    /// Whether this frame is a copy of another one, so that both have the same picture.
     pub(crate) fn is_copy_of(&self, other: &Self) -> bool {
         self.step == other.step && Arc::ptr_eq(&self.scene, &other.scene)
     }
@@ -61,8 +61,8 @@ impl Past {
     }
 }
 
-/// Volumes, shown through one backend within budgets. It is made for one thread, and lives as long as the volumes are looked at: scenes,
-/// sizes of pictures and time steps may change with every frame.
+/// Shows volumes through one backend, within memory budgets. A session is used by one thread, and lives as long as the
+/// volumes are looked at. Scenes, sizes of pictures and time steps may change with every frame.
 ///
 /// ```no_run
 /// use brickyard::session::{Session, SessionOptions};
@@ -80,17 +80,17 @@ pub struct Session {
     pub(crate) device: Device,
     /// What was decoded for a device that is lost.
     kept: Vec<KeptCores>,
-    /// `None` before the first step, and after one that could not make it.
+    /// The backend and its pagers; `None` before the first step, and after a step that could not make them.
     pub(crate) fit: Option<Fit>,
     /// What was counted before it was made, and with the last step.
     past: Past,
     counted: Past,
-    /// Steps so far.
+    /// Number of steps so far.
     pub(crate) steps: u64,
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
-    /// The frame that the session's own texture shows; none while it shows nothing.
+    /// The frame that the session's own texture shows; `None` while it shows nothing.
     #[cfg(feature = "gpu")]
     pub(crate) shown: Option<Frame>,
     /// When it began, if it is live.
@@ -98,15 +98,16 @@ pub struct Session {
 }
 
 impl Session {
-    /// Opens a store. Scenes show it, or several of its channels.
+    /// Opens a store and makes a session of it. Scenes may show several of its channels.
     ///
     /// # Errors
-    /// If it is no store, unfinished or damaged.
+    /// If there is no store at this path, or it is unfinished or damaged.
     pub fn open(store: impl AsRef<Path>, options: SessionOptions) -> Result<Self, SessionError> {
         Ok(Self::new(vec![VolumeSource::open(store)?], options))
     }
 
-    /// A session of several volumes, numbered as scenes number them. Nothing is read or made before the first step.
+    /// Makes a session of several volumes. Scenes name them by their index in `volumes`. Nothing is read or made before
+    /// the first step.
     pub fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Self {
         Self {
             tables: volumes.iter().map(|volume| Tables::new(volume.encoding())).collect(),
@@ -126,7 +127,8 @@ impl Session {
         }
     }
 
-    /// Resolves a scene against the session's volumes: cameras and transfer functions that are left open are found, and tables made.
+    /// Resolves a scene for the session's volumes: fills in the camera and transfer functions that are left open, and
+    /// makes transfer tables that are not kept.
     ///
     /// # Errors
     /// As [`resolve`]; and if the compositor has no order for the scene's layers.
@@ -160,8 +162,8 @@ impl Session {
         if !is_sorted || is_projection || has_one_grid() { Ok(()) } else { Err(SessionError::NoOrder) }
     }
 
-    /// Makes what the first step of a scene would have to make: a backend with slots, and pagers. For whoever wants to know about the
-    /// backend before that.
+    /// Makes the backend and the pagers for a scene, unless those there are suffice. The first step of a scene does
+    /// this by itself; call it to know the backend before that.
     ///
     /// # Errors
     /// If no backend can be made, it does not have the compositor, or a budget is too small; the message says the least that works.
@@ -194,7 +196,7 @@ impl Session {
         self.fit.take()
     }
 
-    /// Gives up the backend for others on another device; what is decoded stays.
+    /// Goes on with backends on another device. What is decoded stays.
     #[cfg(feature = "gpu")]
     pub(crate) fn move_to(&mut self, device: Device) {
         if let Some(fit) = self.take_fit() {
@@ -203,20 +205,21 @@ impl Session {
         self.device = device;
     }
 
-    /// Has threads make what is to be made of a transfer function before it can be shown. Until [`Session::is_prepared`] says that it is
-    /// done, scenes with the function before can be drawn as ever; one that is resolved sooner makes it itself, and waits for that.
+    /// Makes the tables of a transfer function on other threads, before the function is shown. Other scenes can be
+    /// drawn meanwhile; [`Session::is_prepared`] says when the tables are there. A scene with this function that is
+    /// resolved sooner makes them itself, and takes as long.
     pub fn prepare(&self, transfer: &TransferFunction) {
         self.tables.iter().for_each(|tables| tables.prepare(transfer));
     }
 
-    /// Whether a scene with this transfer function resolves at once.
+    /// Whether the tables of a transfer function are there, so that a scene with it resolves at once.
     pub fn is_prepared(&self, transfer: &TransferFunction) -> bool {
         self.tables.iter().all(|tables| tables.is_prepared(transfer))
     }
 
-    /// Has a thread make what drawing this scene would have to make first, such as compiled shaders. Until
-    /// [`Session::is_scene_prepared`] says that it is done, the scene before can be drawn as ever; one that is drawn sooner waits. A scene
-    /// that takes another backend cannot be prepared for while this one is in use.
+    /// Prepares drawing a scene on another thread, for example by compiling shaders. Other scenes can be drawn
+    /// meanwhile; [`Session::is_scene_prepared`] says when it is done. If the scene is drawn sooner, drawing waits.
+    /// Nothing is prepared for a scene that takes another backend than the one in use.
     pub fn prepare_scene(&mut self, scene: &ResolvedScene) {
         let asked = Demand::of(scene, self.options.live);
         if let Some(fit) = self.fit.as_mut().filter(|fit| fit.suffices(scene, &asked)) {
@@ -224,17 +227,18 @@ impl Session {
         }
     }
 
-    /// Whether nothing more can be prepared for this scene.
+    /// Whether there is nothing left to prepare for a scene, or nothing can be prepared before its first step.
     pub fn is_scene_prepared(&self, scene: &ResolvedScene) -> bool {
         let asked = Demand::of(scene, self.options.live);
         self.fit.as_ref().is_none_or(|fit| !fit.suffices(scene, &asked) || fit.is_prepared(scene))
     }
 
-    /// One step of streaming towards a picture of a scene: takes in the bricks that have come, uploads them, asks for others. What it returns
-    /// can be drawn until the next step.
+    /// Takes one step of streaming towards a picture of a scene: takes in the bricks that have come, uploads them, and
+    /// asks for others. The frame that it returns can be drawn until the next step.
     ///
     /// # Errors
-    /// If the scene is impossible, a budget is too small for it, there is no device (any more), or nothing can be drawn at all.
+    /// If the scene is invalid, a budget is too small for it, there is no device (any more), or a part of the settled
+    /// picture can be drawn from no level at all.
     pub fn step(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<Frame, SessionError> {
         self.suit(scene)?;
         self.step_resolved(&self.resolve(scene, size_px)?)
@@ -258,7 +262,8 @@ impl Session {
         Ok(())
     }
 
-    /// [`Session::step`] of a scene that has been [resolved](Session::resolve) for these volumes.
+    /// Takes a step as [`Session::step`] does, towards a scene that has been [resolved](Session::resolve) for these
+    /// volumes.
     ///
     /// # Errors
     /// As [`Session::step`].
@@ -290,16 +295,17 @@ impl Session {
         }
     }
 
-    /// Waits until a brick has arrived, at most this long.
+    /// Waits until a brick has arrived, at most for `timeout`. Returns at once before the first step.
     pub fn wait(&mut self, timeout: Duration) {
         self.fit.iter_mut().for_each(|fit| fit.wait(timeout));
     }
 
-    /// Renders what the last step left in the slots, both eyes from the same bricks. Where the device turns out to be lost, it is made anew and
-    /// filled as far as it was before: the picture is the same, but takes as long as the first one of its view.
+    /// Renders the last step's frame from the bricks in the slots, both eyes from the same bricks. If the device turns
+    /// out to be lost, it is made anew and its slots are filled as far as before. The picture is the same then, but
+    /// takes as long as the first one of its view.
     ///
     /// # Errors
-    /// If the frame is an earlier step's, there is no device any more, or it is out of memory.
+    /// If the frame is an earlier step's, there is no device any more, or the device is out of memory.
     pub fn draw(&mut self, frame: &Frame) -> Result<Picture, SessionError> {
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
@@ -343,12 +349,12 @@ impl Session {
         }
     }
 
-    /// How many times the GPU's device was lost and made anew.
+    /// Number of times that the GPU's device was lost so far.
     pub fn device_losses(&self) -> u32 {
         self.losses.total()
     }
 
-    /// The backend, in words: `gpu, llvmpipe (...)` or `cpu, 2 threads`; empty before the first step.
+    /// A line that describes the backend: `gpu, llvmpipe (...)` or `cpu, 2 threads`. Empty before the first step.
     pub fn backend_line(&self) -> &str {
         self.fit.as_ref().map_or("", |fit| &fit.backend_line)
     }
@@ -358,17 +364,17 @@ impl Session {
         self.fit.as_ref().map(|fit| &*fit.backend)
     }
 
-    /// Bytes of the backend's memory: slots, tables, targets and staging.
+    /// Bytes of the backend's memory: slots, tables, targets and staging; 0 before the first step.
     pub fn backend_bytes(&self) -> u64 {
         self.backend().map_or(0, Renderer::bytes)
     }
 
-    /// Bricks of all layers that fit at once.
+    /// Number of slots, which is how many bricks of all layers fit at once; 0 before the first step.
     pub fn slots(&self) -> u64 {
         self.fit.as_ref().map_or(0, Fit::slots)
     }
 
-    /// The present draw list of each layer, for the one eye or the left one.
+    /// Returns the present draw list of each layer; in stereo the left eye's.
     pub fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.fit.iter().flat_map(Fit::draw_lists)
     }

@@ -9,16 +9,16 @@ use brickyard_volume::{SceneError, StereoError};
 /// Why a session cannot open or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// No backend, too little memory for it, or a lost device.
+    /// There is no backend, too little memory for it, or its device was lost.
     #[error(transparent)]
     Backend(#[from] BackendError),
-    /// A budget too small for one brick.
+    /// A budget is too small for the fewest bricks, or aprons or gradients do not fit the bricks.
     #[error(transparent)]
     Pager(#[from] PagerError),
     /// Part of the view can be drawn from no level at all.
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
-    /// The device goes as often as it is made anew.
+    /// The device was lost again and again, without a picture in between.
     #[error("no picture came through before the GPU was lost {times} times: {last}")]
     LostAgain {
         /// How many times in a row.
@@ -26,13 +26,13 @@ pub enum SessionError {
         /// The last loss.
         last: BackendError,
     },
-    /// The camera makes no picture.
+    /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// The camera makes no stereo picture.
+    /// The stereo settings are invalid, or do not fit the size of the picture.
     #[error(transparent)]
     Stereo(#[from] StereoError),
-    /// The scene is impossible.
+    /// The scene is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// The store does not open.
@@ -41,10 +41,11 @@ pub enum SessionError {
     /// The frame is not the last step's: its bricks may have given their slots to others.
     #[error("the frame was superseded by a later step: draw what the last step returned")]
     Superseded,
-    /// Pictures are put on textures of the device that a session draws on.
+    /// The session does not draw on an application's device, so it cannot put pictures on the application's textures.
     #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
     NoDevice,
-    /// Cells of layers that differ in grid, place or voxel size are in no one order from back to front.
+    /// The compositor is `sorted`, and the layers differ in grid, place or voxel size, so that their cells have no
+    /// common order from back to front.
     #[error(
         "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"
     )]

@@ -6,60 +6,62 @@ use brickyard_pager::Status;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Statistics of one run of `render`.
+/// Statistics of one run of the command `render`, or of [`Session::render`].
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct RenderStats {
-    /// The backend in words: adapter or processor.
+    /// A line that describes the backend: the adapter or the CPU.
     pub adapter: String,
-    /// `gpu` or `cpu`.
+    /// The backend's name: `gpu` or `cpu`.
     pub backend: &'static str,
-    /// `sorted`, `raycast` or `reference`.
+    /// The compositor's name: `sorted`, `raycast`, `compute` or `reference`.
     pub compositor: &'static str,
-    /// Settled pictures written.
+    /// Number of settled pictures drawn.
     pub frames: usize,
     /// Time to draw a settled frame, milliseconds.
     pub frame_ms: Percentiles,
     /// From the start of the command's work (opening the store) to the first complete picture, milliseconds.
     pub first_image_ms: f64,
-    /// From the start to the first settled picture, milliseconds.
+    /// From the start of the command's work to the first settled picture, milliseconds.
     pub settled_ms: f64,
     /// Highest accounted bytes of the backend.
     pub gpu_bytes_peak: u64,
-    /// What that would have been, had the device not refused some of it.
+    /// Bytes that the backend would have taken if the device had not refused some of them.
     pub gpu_bytes_asked: u64,
     /// Highest accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
-    /// Highest resident set of the process, mapped files included.
+    /// Highest resident set of the process, mapped files included, bytes.
     pub rss_peak: u64,
-    /// Highest anonymous memory seen.
+    /// Highest anonymous memory of the process when it was looked at, bytes.
     pub anonymous_peak: u64,
-    /// Bricks of the last frame and of the whole run.
+    /// Counts of bricks, of the last frame or of the whole run.
     pub bricks: BrickCounts,
-    /// Bytes of the whole run.
+    /// Bytes read, decoded and uploaded in the whole run.
     pub bytes: ByteCounts,
     /// Share of the picture, by area, drawn at the level that the view wants; 1 when settled without failures.
     pub completeness: f64,
-    /// The largest projected voxel, pixels, among those that a finer level could improve; 0 if there are none. No number
-    /// (`null` in JSON) if the eye is inside such a brick, where there is no bound, and of the reference compositor.
+    /// Size in pixels of the largest projected voxel among those that a finer level could improve; 0 if there are none.
+    /// `None` (`null` in JSON) if the eye is inside such a brick, where there is no bound, and for the reference
+    /// compositor.
     pub effective_pixel_error: Option<f64>,
-    /// What was asked for, pixels.
+    /// The pixel error that was asked for, pixels.
     pub pixel_error: f64,
-    /// Passes of the last picture, if it was asked to be exact and drawn in passes.
+    /// Number of passes of the last picture, if it was asked to be exact and drawn in passes; `None` otherwise.
     pub passes: Option<usize>,
-    /// Tiles of the last picture, if it was asked to be exact and drawn in tiles.
+    /// Number of tiles of the last picture, if it was asked to be exact and drawn in tiles; `None` otherwise.
     pub tiles: Option<usize>,
-    /// How many times the GPU was lost and started anew.
+    /// Number of times that the GPU's device was lost.
     pub device_losses: u32,
     /// Whether the budget, not the view, ended the refinement.
     pub memory_bound: bool,
-    /// How many cells of the last frame were drawn from each level, finest first.
+    /// Number of cells of the last picture that were drawn from each level, finest first. Filled by the command and by
+    /// exact pictures in passes, otherwise empty.
     pub level_cells: Vec<usize>,
 }
 
 /// The middle and the tail of a list of times.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Percentiles {
-    /// Median.
+    /// Median, the 50th percentile.
     pub p50: f64,
     /// 95th percentile.
     pub p95: f64,
@@ -68,7 +70,7 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    /// Nearest-rank percentiles; zeros for an empty list.
+    /// Computes the nearest-rank percentiles of a list; zeros for an empty one.
     pub fn of(values: &[f64]) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -80,7 +82,7 @@ impl Percentiles {
     }
 }
 
-/// Milliseconds since then.
+/// Returns the milliseconds since an instant.
 pub fn ms(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
@@ -88,33 +90,34 @@ pub fn ms(since: Instant) -> f64 {
 /// Counts of bricks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BrickCounts {
-    /// Wanted by the last view.
+    /// Bricks that the last view wanted.
     pub wanted: u64,
     /// Wanted bricks that are resident.
     pub resident: u64,
-    /// Uploads of the whole run.
+    /// Bricks uploaded in the whole run, with repeats.
     pub uploaded: u64,
-    /// Uploads of bricks that had been uploaded before.
+    /// Uploads of bricks that had been evicted recently; as many evicted bricks are remembered as there are slots.
     pub reuploaded: u64,
     /// Wanted bricks that could not be read.
     pub failed: u64,
-    /// Bricks and stored aprons that could not be read, wanted for themselves or for what borders on them, over the whole run.
+    /// Bricks and stored aprons that could not be read in the whole run, whether wanted for themselves or for a
+    /// neighbour's apron.
     pub unreadable: u64,
 }
 
 /// Counts of bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ByteCounts {
-    /// Encoded bricks from the store's files, whether the disk or the page cache had them.
+    /// Bytes of encoded bricks that were read from the store's files, whether the disk or the page cache had them.
     pub read: u64,
-    /// Decoded voxels.
+    /// Bytes of decoded voxels.
     pub decoded: u64,
-    /// Padded bricks handed to the backend.
+    /// Bytes of padded bricks that were handed to the backend.
     pub uploaded: u64,
 }
 
 impl RenderStats {
-    /// Takes over what draws in a session.
+    /// Fills in which backend and compositor draw in a session.
     pub fn describe(&mut self, session: &Session) {
         self.adapter = session.backend_line().into();
         if let Some(backend) = session.backend() {
@@ -123,7 +126,7 @@ impl RenderStats {
         }
     }
 
-    /// Takes over what the pager reports and what the kernel counts.
+    /// Takes in a pager's status, the backend's bytes, and the memory that the kernel counts for the process.
     pub fn record(&mut self, status: &Status, gpu_bytes: u64) {
         let memory = ProcessMemory::now();
         self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);

@@ -26,23 +26,23 @@ use std::time::{Duration, Instant};
 const TRUTH: (Method, f64) = (Method::Pdvr, 2.0);
 const TRUTH_BY_GRADIENT: (Method, f64) = (Method::Udvr, 8.0);
 
-/// What is measured.
+/// What a survey measures.
 pub struct SurveyPlan<'a> {
-    /// The view; method, filter, lighting model, jitter, step and level are the survey's.
+    /// The scene that is drawn. The survey sets its method, filter, lighting model, jitter, step and level.
     pub scene: &'a Scene,
-    /// Picture size.
+    /// Size of the pictures, pixels.
     pub size_px: (u32, u32),
-    /// Sampling methods.
+    /// The sampling methods to compare.
     pub methods: Vec<Method>,
-    /// Virtual samples of a segment, of methods that have some.
+    /// The numbers of virtual samples per segment to compare, for methods that have some.
     pub virtual_samples: Vec<u8>,
-    /// Filters.
+    /// The filters to compare.
     pub filters: Vec<Filter>,
-    /// Lighting models.
+    /// The lighting models to compare.
     pub lightings: Vec<LightingModel>,
-    /// Segments along a voxel; positive, at least one.
+    /// The sampling rates to compare, segments per voxel: at least one, all positive.
     pub samples_per_voxel: Vec<f64>,
-    /// Pictures of a series; at least two.
+    /// Number of pictures in a series, at least two.
     pub frames: u32,
     /// How long one series may wait for its bricks.
     pub max_wait: Duration,
@@ -51,36 +51,37 @@ pub struct SurveyPlan<'a> {
 /// What was found of one way to sample at one rate.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// How segments become media.
+    /// The sampling method: how ray segments become media.
     pub method: Method,
-    /// Virtual samples of a segment, if the method has some.
+    /// Number of virtual samples per segment; `None` if the method has none.
     pub virtual_samples: Option<u8>,
-    /// How the field is made of voxels.
+    /// The filter: how the field is made of voxels.
     pub filter: Filter,
-    /// How it is lit.
+    /// The lighting model.
     pub lighting: LightingModel,
-    /// Segments along a voxel.
+    /// The sampling rate, segments per voxel.
     pub samples_per_voxel: f64,
-    /// Pixels that show the volume.
+    /// Number of pixels that show the volume.
     pub pixels: usize,
-    /// The signal-to-noise ratio by the variance of RGB; infinite (`null` in JSON) where no pixel varies.
+    /// Signal-to-noise ratio by the variance of RGB, dB; infinite (`null` in JSON) if no pixel varies.
     pub rgb_db: f64,
-    /// The signal-to-noise ratio by the variance of YCbCr.
+    /// Signal-to-noise ratio by the variance of YCbCr, dB; infinite (`null` in JSON) if no pixel varies.
     pub ycbcr_db: f64,
-    /// The signal-to-noise ratio by the variance of HSL.
+    /// Signal-to-noise ratio by the variance of HSL, dB; infinite (`null` in JSON) if no pixel varies.
     pub hsl_db: f64,
-    /// The ratio against the truth.
+    /// Signal-to-noise ratio against the picture that is taken for the truth, dB.
     pub truth_db: f64,
-    /// Share of the pixels that are so far from the truth that it is seen: see [`noise::NOTICED`].
+    /// Share of the pixels whose colour differs noticeably from the truth's, 0 to 1: see [`noise::NOTICED`].
     pub noticed: f64,
-    /// Median time of a frame.
+    /// Median time of a frame, milliseconds.
     pub frame_ms: f64,
-    /// Least processor time of a frame, all threads together: what curves show, for other work on the machine counts least in it.
+    /// Least processor time of a frame, all threads together, milliseconds. Curves show this time, since other work on
+    /// the machine affects it least.
     pub cpu_ms: f64,
 }
 
 impl Row {
-    /// Whether it has as many virtual samples as there are unless told otherwise, or none at all.
+    /// Whether the row has the default number of virtual samples, or none.
     pub fn is_usual(&self) -> bool {
         self.virtual_samples.is_none_or(|count| count == VIRTUAL_SAMPLES)
     }
@@ -89,15 +90,15 @@ impl Row {
 /// A survey that cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum SurveyError {
-    /// No picture.
+    /// A picture could not be drawn.
     #[error(transparent)]
     Picture(#[from] OfflineError),
-    /// Pictures of coarser bricks would be measured.
+    /// Not all bricks of level 0 are resident, so pictures of coarser bricks would be measured.
     #[error("{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0")]
     Coarse {
-        /// Bricks there.
+        /// Number of wanted bricks that are resident.
         resident: u64,
-        /// Bricks wanted.
+        /// Number of bricks that the view wants.
         wanted: u64,
     },
 }
@@ -108,11 +109,11 @@ impl From<SessionError> for SurveyError {
     }
 }
 
-/// Measures everything, and hands over each row with its series. `options` are for sessions on the CPU; what bricks have is
-/// each method's own need.
+/// Measures everything that a plan asks for, and calls `found` with each row and its series of pictures. `options` are
+/// those of the sessions, which have to draw on the CPU for their times to be meaningful.
 ///
 /// # Errors
-/// If a picture cannot be drawn from level 0; or those of `found`.
+/// If a picture cannot be drawn from level 0, or `found` fails.
 pub fn survey<E: From<SurveyError>>(
     volume: &VolumeSource,
     plan: &SurveyPlan<'_>,

@@ -23,7 +23,7 @@ struct Kept {
     has_integrals: bool,
 }
 
-/// The tables of the layers of one volume.
+/// The transfer tables of the layers that show one volume.
 pub(crate) struct Tables {
     encoding: SlotEncoding,
     kept: Arc<Mutex<Kept>>,
@@ -40,13 +40,13 @@ impl Tables {
         Self { encoding, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// Says in how many layers a scene shows the volume, and whether by running integrals.
+    /// Says in how many layers the next scene shows the volume, and whether their tables need running integrals.
     pub(crate) fn expect(&self, layers: usize, has_integrals: bool) {
         let mut kept = lock(&self.kept);
         (kept.layers, kept.has_integrals) = (layers, has_integrals);
     }
 
-    /// A function's table: one that was used for the last picture or made ahead, or a new one.
+    /// Returns a transfer function's table: one that was used lately or made ahead, or a new one.
     pub(crate) fn table(&self, transfer: &TransferFunction) -> Arc<TransferTable> {
         let is_it = |made: &&Made| made.transfer == *transfer;
         let found = {
@@ -61,8 +61,8 @@ impl Tables {
         table
     }
 
-    /// Has a function's table made by a thread; the newest wanted is made first, and others not at all. Without a thread nothing is
-    /// made ahead.
+    /// Makes a transfer function's table on another thread. Of several functions that wait, only the newest one's table
+    /// is made. If no thread can be started, nothing is made ahead.
     pub(crate) fn prepare(&self, transfer: &TransferFunction) {
         if !self.is_prepared(transfer) {
             let wanted = self.wanted.get_or_init(|| self.start());
@@ -71,7 +71,7 @@ impl Tables {
         }
     }
 
-    /// Whether there is a function's table.
+    /// Whether a transfer function's table is there.
     pub(crate) fn is_prepared(&self, transfer: &TransferFunction) -> bool {
         let kept = lock(&self.kept);
         kept.used.iter().chain(&kept.ahead).any(|made| made.transfer == *transfer)

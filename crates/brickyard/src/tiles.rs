@@ -11,7 +11,8 @@ use crate::stats::{RenderStats, ms};
 use brickyard_volume::{Picture, PixelRect};
 use std::time::{Duration, Instant};
 
-/// Streams and draws tile by tile. Adds to `stats`; `started` is when the whole run began. Of two eyes each is drawn by itself.
+/// Streams and draws an exact picture of a scene tile by tile, and adds to `stats`. `started` is when the whole run
+/// began. The eyes of a stereo pair are drawn one after the other.
 ///
 /// # Errors
 /// If the session fails, `max_wait` passes first, or the bricks of a single pixel do not fit.

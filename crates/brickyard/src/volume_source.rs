@@ -7,12 +7,13 @@ use brickyard_volume::{Extent, Mode, Orientation, Placement, PlacementError, Slo
 use std::path::Path;
 use std::sync::Arc;
 
-/// Where the bricks of a scene's layers come from, and the values that their default transfer functions span.
+/// A volume as sessions take it: where its bricks come from, and the values that its default transfer functions span.
 #[derive(Clone)]
 pub struct VolumeSource {
     /// Where the bricks come from.
     pub source: Arc<dyn BrickSource>,
-    /// The window of each channel; the source's whole range for channels past these.
+    /// For each channel the range of values that its default transfer function spans. Channels past the end of the list
+    /// have the source's whole range.
     pub default_windows: Vec<(f64, f64)>,
     /// How the volume lies in a patient, if that is known: then it stands there, in millimetres, in the world of scenes.
     orientation: Option<Orientation>,
@@ -23,7 +24,7 @@ pub struct VolumeSource {
 }
 
 impl VolumeSource {
-    /// A program's own bricks. Default transfer functions span the source's range of values.
+    /// Makes a volume of a program's own bricks. Default transfer functions span the source's range of values.
     pub fn new(source: Arc<dyn BrickSource>) -> Self {
         Self { source, default_windows: Vec::new(), orientation: None, placement: Placement::default(), store: None }
     }
@@ -37,15 +38,15 @@ impl VolumeSource {
         Ok(Self { orientation: Some(orientation), placement, ..self })
     }
 
-    /// A store in a folder.
+    /// Opens the store in a folder as a volume.
     ///
     /// # Errors
-    /// If it does not open.
+    /// If the store does not open.
     pub fn open(store: impl AsRef<Path>) -> Result<Self, OpenError> {
         Ok(Self::of_store(&Arc::new(Store::open(store.as_ref())?)))
     }
 
-    /// A store, with the default windows of its channels.
+    /// Makes a volume of an open store, with the default windows of the store's channels.
     pub fn of_store(store: &Arc<Store>) -> Self {
         let default_windows = (0..store.channels()).map(|channel| store.default_window(channel)).collect();
         Self {
@@ -82,7 +83,7 @@ impl VolumeSource {
         Ok(Some(Self::of_store(&Arc::new(store))))
     }
 
-    /// This volume, drawn from the pyramid that suits a mode.
+    /// Returns this volume with the pyramid that suits a mode.
     ///
     /// # Errors
     /// As [`VolumeSource::for_mode`].
@@ -95,7 +96,7 @@ impl VolumeSource {
         self.orientation
     }
 
-    /// The store that it is; `None` of a program's own bricks.
+    /// The store that the volume is of; `None` for a program's own bricks.
     pub fn store(&self) -> Option<&Arc<Store>> {
         self.store.as_ref()
     }

@@ -18,17 +18,22 @@ use std::ptr::{null, null_mut};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering, fence};
 
-/// A read-only map of a whole file. See the module's documentation for what its readers owe: [`GuardedMap::lost`] after reading.
+/// A read-only memory map of a whole file. Bytes that are lost while it is mapped (by a truncation, or a disk or
+/// network that fails) read as zeros, without a signal that ends the process.
+///
+/// Readers must ask [`GuardedMap::lost`] after they have copied or decoded, and trust nothing that they read from a map
+/// that has lost bytes. Where a file is cut short within a page, the rest of that page reads as zeros although `lost`
+/// is false: only a checksum or the length of the file shows that.
 pub struct GuardedMap {
     map: Mmap,
     place: &'static Place,
 }
 
 impl GuardedMap {
-    /// Maps a file.
+    /// Maps a file, and installs the handler of SIGBUS signals with the first map of the process.
     ///
     /// # Errors
-    /// If the operating system refuses.
+    /// If the operating system refuses the map or the handler.
     pub fn new(file: &File) -> std::io::Result<Self> {
         install()?;
         // SAFETY: the map is read-only, of pages that the handler keeps readable, and lent as bytes, for which every value is valid.
@@ -39,7 +44,7 @@ impl GuardedMap {
         Ok(Self { map, place })
     }
 
-    /// Whether bytes of the file could not be read, so that there are zeros in their place.
+    /// Whether bytes of the file could not be read, so that zeros were read in their place.
     pub fn lost(&self) -> bool {
         // What was read before is read before: another thread's fault may have put the zeros there.
         fence(Ordering::Acquire);

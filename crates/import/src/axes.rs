@@ -12,12 +12,14 @@ pub(crate) enum Axis {
     X,
 }
 
-/// Axis letters, slowest first, each at most once, x and y always among them. Axes not named have size 1.
+/// The order of an array's axes, slowest first. Each axis occurs at most once, and x and y always do. An axis that is
+/// left out has size 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AxisOrder(Vec<Axis>);
 
 impl AxisOrder {
-    /// The usual order of `dimensions` axes where it is beyond doubt: `yx` and `zyx`.
+    /// Returns the usual order for an array of `dimensions` dimensions: `yx` for 2 and `zyx` for 3. `None` for other
+    /// numbers, whose order is ambiguous.
     pub(crate) fn usual(dimensions: usize) -> Option<Self> {
         match dimensions {
             2 => Some(Self(vec![Axis::Y, Axis::X])),
@@ -26,12 +28,12 @@ impl AxisOrder {
         }
     }
 
-    /// From axes that are known to be sound.
+    /// Creates an order from axes, slowest first, that are known to be valid: no duplicates, x and y among them.
     pub(crate) fn of(axes: &[Axis]) -> Self {
         Self(axes.to_vec())
     }
 
-    /// Fastest first.
+    /// Returns the axes in reverse order, as an array in Fortran order has them.
     pub(crate) fn reversed(mut self) -> Self {
         self.0.reverse();
         self
@@ -92,7 +94,7 @@ impl std::fmt::Display for AxisOrder {
     }
 }
 
-/// Sizes of all five axes.
+/// The sizes of an array along its five axes, in voxels, channels and time steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) extent: Extent,
@@ -111,7 +113,7 @@ impl Sizes {
         }
     }
 
-    /// From sizes in the given order, axes not named being 1.
+    /// Creates sizes from a list in the order of `axes`. An axis that is not in `axes` has size 1.
     pub(crate) fn from_ordered(axes: &[Axis], sizes: &[u32]) -> Self {
         let size = |axis| axes.iter().position(|&a| a == axis).map_or(1, |i| sizes[i]);
         Self {
@@ -121,7 +123,8 @@ impl Sizes {
         }
     }
 
-    /// Bytes of the whole array, or why there is no such number.
+    /// Returns the size of the whole array in bytes. The error says which size is 0, or that the array exceeds 2^63
+    /// bytes.
     pub(crate) fn checked_bytes(self, element_bytes: usize) -> Result<u64, String> {
         let Sizes { extent, channels, times } = self;
         let all = [extent.x, extent.y, extent.z, channels, times];

@@ -37,7 +37,7 @@ use std::path::{Path, PathBuf};
 /// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
 
-/// Slices in files.
+/// A DICOM series as a source: slices sorted by position, each decoded from its file when it is asked for.
 pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
@@ -45,7 +45,8 @@ pub(crate) struct DicomSeries {
     slices: Vec<(Slice, Meaning)>,
 }
 
-/// Opens a file. Where it is one slice, the other slices of its series are taken from its folder, as most programs do.
+/// Opens a DICOM file. If it holds a single slice, the other slices of its series are read from its folder, as most
+/// programs do.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
@@ -65,7 +66,8 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     DicomSeries::new(series, options, vec![note]).map(|s| Box::new(s) as _)
 }
 
-/// Opens the DICOM files of a folder, or a list of files, all of one series.
+/// Opens DICOM files of one series as a volume. If they are a folder's (`is_folder`), files without an image are left
+/// out; otherwise such a file is an error.
 pub(crate) fn open_series(
     paths: &[PathBuf],
     is_folder: bool,

@@ -4,20 +4,21 @@ use crate::error::ImportError;
 use crate::files::{first_bytes, is_file};
 use std::path::{Path, PathBuf};
 
-/// Where the mark stands, behind a preamble of any content, and where what is said begins.
+/// Byte at which the mark `DICM` stands, after a preamble of any content.
 const MAGIC_AT: usize = 128;
+/// Byte at which the data begin, after the mark `DICM`.
 pub(crate) const BODY_AT: usize = 132;
 const MAGIC: &[u8] = b"DICM";
 
-/// Bytes that [`is_dicom`] needs to see.
+/// Number of first bytes that [`is_dicom`] needs.
 pub(crate) const MAGIC_BYTES: usize = BODY_AT;
 
-/// Whether a file, of which these are the first bytes, is DICOM.
+/// Whether a file that starts with these bytes is a DICOM file.
 pub(crate) fn is_dicom(start: &[u8]) -> bool {
     start.get(MAGIC_AT..BODY_AT) == Some(MAGIC)
 }
 
-/// The DICOM files of a folder, hidden ones aside, by name.
+/// Lists the DICOM files of a folder, sorted by path, without hidden ones.
 pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {

@@ -42,11 +42,11 @@ impl std::fmt::Display for Endian {
     }
 }
 
-/// The type of a number in a file: a voxel type, one that is widened, or one of the wider ones that must be narrowed.
+/// The type of a number in a file: a voxel type, a type that is widened to one, or a wider type that must be narrowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     Voxel(VoxelType),
-    /// Widened to f32, which holds every one of them.
+    /// 16-bit float, which is widened to f32 without loss.
     F16,
     I64,
     U64,
@@ -72,7 +72,7 @@ impl Element {
         }
     }
 
-    /// The voxel type that stands for it.
+    /// The voxel type that numbers of this type become if they are not scaled.
     pub(crate) fn voxel_type(self) -> VoxelType {
         match self {
             Self::Voxel(t) => t,
@@ -82,7 +82,7 @@ impl Element {
         }
     }
 
-    /// Least and greatest number that may be stored; those of floats are finite.
+    /// Least and greatest number of this type; for floats the finite ones.
     pub(crate) fn limits(self) -> [f64; 2] {
         match self {
             Self::Voxel(t) => with_voxel_type!(t, T => [T::MIN as f64, T::MAX as f64]),
@@ -94,17 +94,18 @@ impl Element {
     }
 }
 
-/// `value * slope + intercept`, as some formats ask for.
+/// A linear map of stored numbers to values, `stored * slope + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scale {
     pub(crate) slope: f64,
     pub(crate) intercept: f64,
-    /// The type of what comes out: f32, or an integer that holds every scaled number.
+    /// Voxel type of the values: f32, or an integer type that holds every one of them.
     pub(crate) to: VoxelType,
 }
 
 impl Scale {
-    /// Nothing if it changes nothing. Integers stay integers where slope and intercept are, and a type holds them all.
+    /// Creates the scale for numbers of a type; `None` if it would change nothing. Integers stay integers if slope and
+    /// intercept are integers and a type holds every value.
     pub(crate) fn exact(element: Element, slope: f64, intercept: f64) -> Option<Self> {
         let [a, b] = element.limits().map(|n| n * slope + intercept);
         let is_integer = |n: f64| n == n.trunc() && n.abs() < 1e9;
@@ -137,7 +138,7 @@ pub(crate) struct Decode {
 }
 
 impl Decode {
-    /// The type that comes out.
+    /// The voxel type that decoding gives.
     pub(crate) fn voxel_type(&self) -> VoxelType {
         self.scale.map_or(self.element.voxel_type(), |scale| scale.to)
     }
@@ -178,7 +179,7 @@ impl Decode {
         }
     }
 
-    /// Whether a number's bytes are its voxel's.
+    /// Whether decoding is a plain copy: a voxel has the same bytes as its stored number.
     pub(crate) fn is_copy(&self) -> bool {
         let is_little = self.endian == Endian::Little || self.element.bytes() == 1;
         matches!(self.element, Element::Voxel(_)) && self.scale.is_none() && is_little

@@ -2,42 +2,42 @@
 
 use std::path::{Path, PathBuf};
 
-/// Why an input cannot be read. Every message says which file, what was expected, what was found and what to do.
+/// Why an input cannot be read. Every message names the file and says what was expected, what was found and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// The operating system refused.
+    /// The operating system could not open, read or write a file.
     #[error("{path}: {error}", path = path.display())]
     Io {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What it said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
     /// The file is damaged, cut short or not what it says.
     #[error("{path}: {problem}", path = path.display())]
     Invalid {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// Expected, found, and what to do.
+        /// What was expected, what was found, and what to do.
         problem: String,
     },
-    /// A sound file with something this reader does not do.
+    /// The file is valid but uses a feature that is not supported.
     #[error("{path}: {feature} is not supported{advice}", path = path.display())]
     Unsupported {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What it uses.
+        /// The feature that is not supported.
         feature: String,
-        /// What to do, after a semicolon; empty where nothing helps.
+        /// What to do instead, starting with a semicolon; empty if nothing helps.
         advice: String,
     },
     /// The file does not say what is needed, or options contradict it or each other: the caller must choose.
     #[error("{path}: {problem}", path = path.display())]
     Options {
-        /// The file.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What is missing or contradictory, and the flag that settles it.
+        /// What is missing or contradictory, and which option settles it.
         problem: String,
     },
 }

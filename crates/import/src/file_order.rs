@@ -13,15 +13,17 @@ use std::path::{Path, PathBuf};
 /// Files in the order in which they are read.
 pub(crate) struct FileList {
     pub(crate) paths: Vec<PathBuf>,
-    /// Which order that is, one sentence.
+    /// A sentence for the user that says which order this is.
     pub(crate) note: String,
 }
 
 impl FileList {
-    /// Files of a folder. `are_planes` says that each is a plane, of which `--axes` may say more.
+    /// Sorts the files of a folder by the numbers in their names. `told` is the order that the caller asks for.
+    /// `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
     ///
     /// # Errors
-    /// If the numbers in their names do not count them one after another, and the caller has not said that it is so.
+    /// If `told` is [`FileOrder::Given`], since files of a folder have no given order; or if it is `None` and the
+    /// numbers in the names do not count the files without gaps.
     pub(crate) fn of_folder(
         folder: &Path,
         paths: &[PathBuf],
@@ -37,7 +39,13 @@ impl FileList {
         Ok(list)
     }
 
-    /// Files that the caller has named, two at least. The rest as for [`FileList::of_folder`].
+    /// Puts at least two files that the caller has named in order. `told` is the order that the caller asks for. If it
+    /// is `None`, files whose order is neither alphabetical nor natural keep it, and others are sorted by the numbers
+    /// in their names. `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
+    ///
+    /// # Errors
+    /// If `told` is `None`, files are sorted by the numbers in their names, and these do not count the files without
+    /// gaps.
     pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
         let list = Self::by_numbers(paths);
         let is_natural = list.paths == paths;
@@ -82,7 +90,7 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Sorted so that numbers within names count as numbers: `s2` before `s10`.
+/// Sorts paths so that numbers within names count as numbers: `s2` before `s10`.
 pub(crate) fn in_natural_order(paths: &[PathBuf]) -> Vec<PathBuf> {
     let mut sorted = paths.to_vec();
     sorted.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()).then_with(|| a.cmp(b)));

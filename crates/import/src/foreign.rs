@@ -65,7 +65,7 @@ const NAMES: &[(&str, &str)] = &[
     (".mgz", "a FreeSurfer MGZ file"),
 ];
 
-/// Refuses a file by its format's name, if it is one that is known but not read.
+/// Refuses a file whose format is known but not read. `name` is the file's name in lower case.
 pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     let mut start = Vec::new();
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
@@ -79,7 +79,7 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     }
 }
 
-/// What a folder is that holds no files of slices, if that is known.
+/// Refuses a folder of a kind that is known but not read: a Zarr folder.
 pub(crate) fn refuse_folder(folder: &Path) -> Result<(), ImportError> {
     let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
     let advice = "export it to .npy or TIFF, or render it where brickyard packed it";

@@ -8,7 +8,7 @@ use crate::error::ImportError;
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
 
-/// A census of the numbers of an input.
+/// Counts the numbers of an input that its voxels cannot hold as they are.
 pub(crate) struct Losses<'a> {
     /// The file that is looked at.
     path: &'a Path,
@@ -39,7 +39,8 @@ impl Fate {
         if fits { Self::Kept } else { Self::Beyond }
     }
 
-    /// Of a number that becomes f32. That of fewer bits is scaled to what f32 has anyway: its rounding is no loss.
+    /// Returns the fate of a number that becomes f32. Rounding counts as a loss only if `is_wide`, for numbers of 64
+    /// bits.
     fn of_float(stored: f64, value: f64, is_wide: bool) -> Self {
         let held = value as f32;
         match () {
@@ -51,7 +52,8 @@ impl Fate {
 }
 
 impl<'a> Losses<'a> {
-    /// Nothing if nothing can be lost.
+    /// Starts a count; `None` if decoding cannot lose anything. `allowed` says whether losses are counted; otherwise
+    /// the first one is an error.
     pub(crate) fn may_occur(path: &'a Path, decode: Decode, allowed: bool) -> Option<Self> {
         let [least, greatest] = decode.element.limits();
         let may = match (decode.element, decode.scale) {
@@ -80,7 +82,8 @@ impl<'a> Losses<'a> {
         self.files_before += 1;
     }
 
-    /// Counts numbers that lie side by side; an error as soon as one is lost that must not be.
+    /// Counts contiguous stored numbers and those among them that are lost. If losses are not allowed, the first one is
+    /// an error.
     pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
         macro_rules! each {
             ($t:ty, $n:ident => $fate:expr) => {{
@@ -142,7 +145,7 @@ impl<'a> Losses<'a> {
         }
     }
 
-    /// What was found, for the user.
+    /// Returns a sentence for the user that says how many values are changed, and how.
     pub(crate) fn note(&self) -> String {
         let (from, to) = (self.decode.element.name(), self.decode.voxel_type());
         let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);

@@ -7,7 +7,8 @@ use std::fs::File;
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 
-/// A mapped file. What is gone of it reads as zeros: so [`MappedFile::confirm`] after every read.
+/// A memory-mapped file. Bytes that the file no longer has read as zeros, so call [`MappedFile::confirm`] after every
+/// read.
 pub(crate) struct MappedFile {
     path: PathBuf,
     map: GuardedMap,
@@ -16,7 +17,7 @@ pub(crate) struct MappedFile {
 }
 
 impl MappedFile {
-    /// Maps the file of a name.
+    /// Maps the file at `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         // The stamp before the map: what changes between the two is noticed.
@@ -25,13 +26,13 @@ impl MappedFile {
         Ok(Self { path: path.to_owned(), map, stamp: Some(stamp) })
     }
 
-    /// Maps a scratch file without a name, made from the file of the name given.
+    /// Maps a scratch file that has no name. `path` is the file that it was made from, for messages.
     pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
         let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: None })
     }
 
-    /// The state in which it was opened; `None` for a scratch file.
+    /// The size and modification time that the file had when it was opened; `None` for a scratch file.
     pub(crate) fn stamp(&self) -> Option<Stamp> {
         self.stamp
     }
@@ -40,7 +41,7 @@ impl MappedFile {
         &self.path
     }
 
-    /// Whether the bytes that were read so far can be believed.
+    /// Checks that the bytes read so far are the file's.
     ///
     /// # Errors
     /// If the file has changed since it was opened, or its disk could not read all that was asked for.

@@ -14,11 +14,11 @@ use brickyard_volume::mesh::PLAIN_COLOR;
 use brickyard_volume::{Mesh, MeshError};
 use std::path::Path;
 
-/// Reads the mesh in a file.
+/// Reads the triangle mesh in an STL, PLY, OBJ or glTF file.
 ///
 /// # Errors
-/// If there is no such file, its extension is no mesh's, it is damaged or cut short, it has no triangle, a triangle names a vertex
-/// that is not there, or a vertex is not finite.
+/// If the file cannot be read, its extension is not that of a mesh format, it is damaged or cut short, it has no
+/// triangle, a triangle names a vertex that does not exist, or a vertex is not finite.
 pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let read: fn(&Path, Vec<u8>) -> Result<Parts, ImportError> = match extension.as_str() {

@@ -21,7 +21,7 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// Opens a NIfTI file, or a pair by either of its names.
+/// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
     let (header_path, pair_body) = pair_of(path);
     let stamp = Stamp::of(&header_path)?;

@@ -45,10 +45,11 @@ impl Name {
     }
 }
 
-/// Checks files in natural order, two at least. `are_planes` says that each is a plane, of which `--axes` may say more.
+/// Checks that the numbers in the names of files count them without gaps. The files are at least two, in natural order.
+/// `are_planes` says that each file is one plane, so that the message may suggest `axes`.
 ///
 /// # Errors
-/// Says what is missing or too much, and how to have it all the same.
+/// A message that says which numbers are missing or surplus, and how to read the files all the same.
 pub(crate) fn check(paths: &[PathBuf], are_planes: bool) -> Result<(), String> {
     let names: Vec<Name> = paths.iter().map(|path| Name::of(path)).collect();
     let mut kinds: BTreeMap<&[String], usize> = BTreeMap::new();

@@ -26,12 +26,13 @@ enum Format {
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
                     .hdr with .img), TIFF (.tif, .tiff, or a folder of them), DICOM (a folder, files or one file of a series)";
 
-/// Opens one input; several inputs are one file per time step, or, if they are TIFF files of a single page, one file per plane, in the
-/// order that is given or that of the numbers in their names ([`OpenOptions::order`]). DICOM files are of one series, and sorted
-/// by what they say of their place.
+/// Opens an input: a file, a list of files, or a folder of TIFF or DICOM files. Several files are one time step each
+/// or, if they are TIFF files of a single page, one plane each; [`OpenOptions::order`] is their order. DICOM files must
+/// be of one series, and are sorted by the positions in their headers.
 ///
 /// # Errors
-/// Says which file cannot be read, why, and which option would help: messages name options of [`OpenOptions`] in backticks.
+/// If the input cannot be read. The message says which file, why, and which option would help; it names options of
+/// [`OpenOptions`] in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let (paths, folder) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),

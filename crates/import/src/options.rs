@@ -9,16 +9,16 @@ use std::path::PathBuf;
 /// How several files are put in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileOrder {
-    /// The files in the order in which they are given.
+    /// The order in which the files are given.
     Given,
-    /// The files by the numbers in their names, whatever these count.
+    /// The order of the numbers in the files' names, whether or not these count the files without gaps.
     Natural,
 }
 
-/// What the user says of the input. Everything is optional but for raw files, which need shape and type.
+/// What the caller says about an input. Every field is optional, but a raw file needs `shape` and `voxel_type`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
-    /// Voxels along x, y, z of a raw file; makes any file be read as raw.
+    /// Number of voxels along x, y, z of a raw file. If it is given, any file is read as raw.
     pub shape: Option<Extent>,
     /// Voxel type of a raw file.
     pub voxel_type: Option<VoxelType>,
@@ -26,23 +26,27 @@ pub struct OpenOptions {
     pub endian: Endian,
     /// Bytes before the first voxel of a raw file.
     pub offset: u64,
-    /// Number of channels of a raw file, or of a TIFF file whose `axes` are given.
+    /// Number of channels in a raw file (1 by default), or in a TIFF file whose `axes` are given.
     pub channels: Option<u32>,
-    /// Number of time steps in a raw file, or in a TIFF file whose `axes` are given.
+    /// Number of time steps in a raw file (1 by default), or in a TIFF file whose `axes` are given.
     pub times: Option<u32>,
-    /// Order of the axes, slowest first, in place of what the file or the format says.
+    /// Order of the axes, slowest first, in place of what the file or the format says. Raw, `.npy` and TIFF files use
+    /// it; NIfTI and DICOM files do not.
     pub axes: Option<AxisOrder>,
-    /// The order of several files. By default that of a list, unless a shell made it of a pattern, and else that of the numbers in their
-    /// names, where these count them one after another.
+    /// How several files are put in order. `None` keeps the order of a list that is neither alphabetical nor natural.
+    /// Other lists, and folders, are sorted by the numbers in the files' names, which must count the files without
+    /// gaps. For DICOM files it must be `None`.
     pub order: Option<FileOrder>,
-    /// Spacing in place of the file's.
+    /// Distance between voxel centres along x, y, z, in place of the file's; every one must be above 0. DICOM slices
+    /// are then taken as evenly spaced.
     pub spacing: Option<DVec3>,
     /// Position of the first voxel's centre in place of the file's.
     pub origin: Option<DVec3>,
-    /// UDUNITS name of the unit in place of the file's.
+    /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.
     pub unit: Option<String>,
-    /// Whether 64-bit numbers may be narrowed to 32.
+    /// Whether values that a voxel cannot hold may be rounded, clamped or become infinite: 64-bit numbers, and scaled
+    /// numbers beyond f32. Otherwise the first such value is an error.
     pub allow_lossy: bool,
-    /// Where compressed inputs are inflated; the system's temporary directory by default.
+    /// Folder in which compressed inputs are inflated; `None` is the system's temporary directory.
     pub scratch_dir: Option<PathBuf>,
 }

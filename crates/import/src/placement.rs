@@ -4,7 +4,7 @@ use crate::source::SourceInfo;
 use brickyard_volume::Orientation;
 use glam::DVec3;
 
-/// A column of a matrix of rows.
+/// Column `a` (0 to 3) of a matrix that is stored by rows.
 pub(crate) fn column(matrix: &[[f64; 4]; 3], a: usize) -> DVec3 {
     DVec3::new(matrix[0][a], matrix[1][a], matrix[2][a])
 }

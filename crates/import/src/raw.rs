@@ -18,16 +18,16 @@ use std::path::Path;
 /// Bytes looked at in one go for what they lose: whole numbers of every type.
 const LOSSES_AT_ONCE: usize = 1 << 20;
 
-/// What a headerless file holds.
+/// The layout of a headerless file: what it holds, and in which order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawLayout {
-    /// Voxels of one volume.
+    /// Number of voxels along x, y, z of one volume.
     pub extent: Extent,
     /// Type of a stored voxel.
     pub voxel_type: VoxelType,
     /// Byte order of a stored voxel.
     pub endian: Endian,
-    /// Bytes before the first voxel of every file.
+    /// Bytes before the first voxel of the file.
     pub offset: u64,
     /// Number of channels.
     pub channels: u32,
@@ -63,12 +63,12 @@ pub(crate) struct ArrayLayout {
 }
 
 impl ArrayLayout {
-    /// Bytes of the array, offset not included.
+    /// Returns the size of the array in bytes, without the offset; the error says why there is no such size.
     pub(crate) fn body_bytes(&self) -> Result<u64, String> {
         self.sizes.checked_bytes(self.decode.element.bytes())
     }
 
-    /// A description with sizes and type, and nothing known of its place in the world.
+    /// A source's description with the array's sizes and voxel type, and a default geometry.
     pub(crate) fn info(&self) -> SourceInfo {
         SourceInfo::plain(self.sizes, self.decode.voxel_type())
     }
@@ -106,7 +106,10 @@ impl RawSource {
         Self::new(file, array, info)
     }
 
-    /// An array in a file whose size the reader of its format has checked.
+    /// Creates a source of an array in a mapped file.
+    ///
+    /// # Errors
+    /// If the file is shorter than the array's layout says.
     pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
@@ -117,10 +120,11 @@ impl RawSource {
         Ok(Self { info, file, array })
     }
 
-    /// The same, with a note that counts what its voxels lose, over the whole array.
+    /// Reads the whole array, counts the values that its voxels cannot hold, and adds a note on them. Arrays that
+    /// cannot lose anything are not read.
     ///
     /// # Errors
-    /// If something is lost that is not allowed to be, or the file cannot be read.
+    /// If a value is lost and `allowed` is false, or the file cannot be read.
     pub(crate) fn with_losses(mut self, allowed: bool) -> Result<Self, ImportError> {
         let path = self.file.path();
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, allowed) else { return Ok(self) };
@@ -303,7 +307,8 @@ fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
     fits
 }
 
-/// What identifies input files: a prefix for how they are read, then each one's absolute name, size and time.
+/// Returns a text that identifies input files: `prefix` for how they are read, then the absolute path, size and
+/// modification time of each file.
 pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String, ImportError> {
     let mut identity = prefix.to_owned();
     for path in paths {

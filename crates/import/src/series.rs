@@ -5,14 +5,17 @@ use crate::source::{Access, Lent, Source, SourceInfo};
 use brickyard_volume::VoxelBox;
 use std::path::PathBuf;
 
-/// Steps that agree in everything but their voxels.
+/// A time series: sources of one time step each that agree in extent, voxel type, channels and spacing.
 pub(crate) struct Series {
     info: SourceInfo,
     steps: Vec<Box<dyn Source>>,
 }
 
 impl Series {
-    /// Joins the steps; the paths are theirs, for messages.
+    /// Joins sources of one time step each. `paths` are their files, for messages.
+    ///
+    /// # Errors
+    /// If a source has several time steps or differs from the first.
     pub(crate) fn new(paths: &[PathBuf], steps: Vec<Box<dyn Source>>) -> Result<Self, ImportError> {
         let mut info = steps[0].info().clone();
         info.times = steps.len() as u32;

@@ -8,17 +8,17 @@ use brickyard_volume::{Extent, Geometry, Orientation, VoxelBox, VoxelType};
 /// What a source says of itself before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceInfo {
-    /// Voxels of one volume.
+    /// Number of voxels along x, y, z of one volume.
     pub extent: Extent,
     /// Number of channels, at least 1.
     pub channels: u32,
     /// Number of time steps, at least 1.
     pub times: u32,
-    /// Type of a voxel as delivered by [`Source::read_box`].
+    /// Voxel type that [`Source::read_box`] delivers.
     pub voxel_type: VoxelType,
     /// Spacing, origin and unit, as far as the format has them.
     pub geometry: Geometry,
-    /// Whether the format gave a spacing; without one the volume is uncalibrated.
+    /// Whether the spacing is known, from the format or from the caller. If not, the volume is uncalibrated.
     pub calibrated: bool,
     /// How the volume lies in a patient, where the format says it.
     pub orientation: Option<Orientation>,
@@ -29,7 +29,7 @@ pub struct SourceInfo {
 }
 
 impl SourceInfo {
-    /// Sizes and type, and nothing known of the place in the world.
+    /// A description with sizes and voxel type, a default geometry, and no identity or notes.
     pub(crate) fn plain(sizes: Sizes, voxel_type: VoxelType) -> Self {
         Self {
             extent: sizes.extent,
@@ -44,7 +44,7 @@ impl SourceInfo {
         }
     }
 
-    /// Panics as [`Source::read_box`] promises.
+    /// Checks the arguments of [`Source::read_box`], and panics as that method documents.
     pub(crate) fn check_box(&self, time: u32, channel: u32, region: VoxelBox, out: &[u8]) {
         assert!(time < self.times && channel < self.channels, "no t{time} c{channel} in the source");
         let inside = self.extent.full_box().intersect(region) == region && !region.is_empty();
@@ -57,57 +57,57 @@ impl SourceInfo {
 /// How boxes are best asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Any box costs its own bytes.
+    /// Reading a box costs the box's own bytes, whatever its shape.
     Box,
-    /// Whole z planes are decoded whatever part of them is asked for: ask for each plane once.
+    /// Reading any part of a z plane decodes the whole plane, so each plane is best asked for once.
     Planes,
 }
 
-/// Voxels in memory, little-endian, those of a row side by side. Nothing is aligned.
+/// The voxels of a box that a source lends from memory: little-endian, without gaps along x, not aligned.
 #[derive(Clone, Copy)]
 pub struct Lent<'a> {
-    /// From the first voxel of a box on.
+    /// The bytes from the first voxel of the box on; what follows its last voxel is not part of it.
     pub bytes: &'a [u8],
-    /// From one row to the next along y.
+    /// Bytes from one row to the next along y.
     pub row_bytes: usize,
-    /// From one slice to the next along z.
+    /// Bytes from one slice to the next along z.
     pub slice_bytes: usize,
     /// The file they lie in, if it is one that others can change.
     file: Option<&'a MappedFile>,
 }
 
 impl<'a> Lent<'a> {
-    /// Voxels in memory that is nobody else's.
+    /// Lends voxels in memory that nobody else can change.
     pub fn new(bytes: &'a [u8], row_bytes: usize, slice_bytes: usize) -> Self {
         Self { bytes, row_bytes, slice_bytes, file: None }
     }
 
-    /// Voxels in a file.
+    /// Lends voxels in a mapped file, from byte `start` on.
     pub(crate) fn of_file(file: &'a MappedFile, start: usize, row_bytes: usize, slice_bytes: usize) -> Self {
         Self { bytes: &file[start..], row_bytes, slice_bytes, file: Some(file) }
     }
 
-    /// Whether the voxels that were read so far can be believed. To be asked after they were copied: a file may be cut short or
+    /// Checks that the voxels read so far are the file's. Call it after copying them: a file may be cut short or
     /// written to while it is read.
     ///
     /// # Errors
-    /// Names the file and what has become of it.
+    /// If the file has changed or could not be read. The error names the file and says what happened.
     pub fn confirm(&self) -> Result<(), ImportError> {
         self.file.map_or(Ok(()), MappedFile::confirm)
     }
 }
 
-/// A readable volume, series or multi-channel set. Calls may come from many threads.
+/// A volume, time series or multi-channel set that can be read box by box. Calls may come from many threads at once.
 pub trait Source: Send + Sync {
-    /// The description.
+    /// The description of the source: sizes, voxel type and geometry.
     fn info(&self) -> &SourceInfo;
 
-    /// How boxes are best asked for.
+    /// How the source's boxes are best asked for: [`Access::Box`] unless a source says otherwise.
     fn access(&self) -> Access {
         Access::Box
     }
 
-    /// Memory that a thread takes, at most, while it reads a box, besides the buffer that it fills: what must be decoded at once.
+    /// Most memory in bytes that one thread takes while it reads a box, besides the buffer that it fills.
     fn reader_bytes(&self) -> u64 {
         0
     }
@@ -115,22 +115,24 @@ pub trait Source: Send + Sync {
     /// Fills `out` with the box's voxels, little-endian, x fastest.
     ///
     /// # Errors
-    /// Names the file and the place where reading or decoding failed.
+    /// If reading or decoding fails. The error names the file and the place.
     ///
     /// # Panics
-    /// If the box leaves the extent, or `out` is not exactly the box's bytes.
+    /// If there is no such time step or channel, the box is empty or leaves the extent, or `out` is not exactly the
+    /// box's bytes.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
-    /// The voxels of a box where they lie, if they lie in memory as [`Source::read_box`] would deliver them. Whoever has copied them
-    /// asks [`Lent::confirm`] then.
+    /// Lends the voxels of a box without a copy; `None` unless they lie in memory as [`Source::read_box`] would deliver
+    /// them. Call [`Lent::confirm`] after copying them.
     fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<Lent<'_>> {
         None
     }
 
-    /// Tells that a box will be read soon: a hint, which costs nothing where it does not help.
+    /// Hints that a box will be read soon, so that the source may fetch it ahead.
     fn announce(&self, _time: u32, _channel: u32, _region: VoxelBox) {}
 
-    /// The value that every voxel of the box is known to have without reading it, if the source can tell cheaply.
+    /// Returns the value of all voxels of a box if the source knows, without reading the box, that they are equal.
+    /// `None` says nothing.
     fn constant_in(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<f64> {
         None
     }

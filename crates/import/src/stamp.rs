@@ -5,8 +5,9 @@ use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The state of a file when it was opened. A source reads a file while it is packed, for days perhaps; whatever was checked at the
-/// begin holds only for this state. Not part of it is the file's number: on some network file systems that changes by itself.
+/// The state of a file when it was opened: its size and modification time. A source may read a file for days, and what
+/// was checked at the start holds only for this state. The inode number is left out, because on some network file
+/// systems it changes by itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stamp {
     bytes: u64,
@@ -14,7 +15,7 @@ pub(crate) struct Stamp {
 }
 
 impl Stamp {
-    /// The state of the file that has this name now.
+    /// Returns the present state of the file at `path`.
     pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
         std::fs::metadata(path).map(|file| Self::in_metadata(&file)).map_err(ImportError::io(path))
     }
@@ -23,15 +24,15 @@ impl Stamp {
         Self { bytes: file.len(), modified: file.modified().ok() }
     }
 
-    /// Bytes of the file.
+    /// Size of the file in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Checks that the file of this name is as it was. To be called *after* the bytes were read that are to be believed.
+    /// Checks that the file at `path` still has this state. Call it *after* reading the bytes that it is to vouch for.
     ///
     /// # Errors
-    /// If it is gone, or was cut short, replaced or written to.
+    /// If the file is gone, or was cut short, replaced or written to.
     pub(crate) fn check(&self, path: &Path) -> Result<(), ImportError> {
         let found = Self::of(path)?;
         if found == *self {

@@ -22,7 +22,7 @@ use glam::DVec3;
 use shapes::{MarschnerLobb, Ramp, Sparse, Spheres};
 use turbulence::Turbulence;
 
-/// What to generate.
+/// A kind of generated volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SynthKind {
     /// Noise of all scales everywhere: nothing to skip, little to compress.
@@ -38,20 +38,20 @@ pub enum SynthKind {
     /// Zero but for a few small spheres and the very last voxel ([`SPARSE_LAST_UNITS`]); boxes of zeros are known
     /// without making them, so extents may be huge.
     Sparse,
-    /// Linear along the main diagonal, from 0 to 255.
+    /// A linear ramp along the main diagonal, from 0 to 255 units.
     Ramp,
-    /// [`CONSTANT_UNITS`] everywhere.
+    /// The same value, [`CONSTANT_UNITS`], in every voxel.
     Constant,
 }
 
-/// Value of every voxel of [`SynthKind::Constant`], in units.
+/// Value of every voxel of [`SynthKind::Constant`], in units of 0 to 255. A u16 voxel stores 200 times as much.
 pub const CONSTANT_UNITS: f64 = 100.0;
 
-/// Value of the last voxel of [`SynthKind::Sparse`], in units.
+/// Value of the last voxel of [`SynthKind::Sparse`], in units of 0 to 255. A u16 voxel stores 200 times as much.
 pub const SPARSE_LAST_UNITS: f64 = 199.0;
 
 impl SynthKind {
-    /// All kinds.
+    /// All kinds of generated volumes.
     pub const ALL: [SynthKind; 8] = [
         Self::Turbulence,
         Self::MarschnerLobb,
@@ -63,7 +63,7 @@ impl SynthKind {
         Self::Constant,
     ];
 
-    /// The name on the command line.
+    /// The kind's name on the command line, such as `marschner-lobb`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Turbulence => "turbulence",
@@ -116,10 +116,10 @@ trait RowField {
 }
 
 impl SynthSource {
-    /// A generator of `steps` time steps (only [`SynthKind::Flow`] changes with time).
+    /// Creates a source of `steps` time steps. Only [`SynthKind::Flow`] changes with time.
     ///
     /// # Errors
-    /// If an axis or the number of steps is zero, the extent overflows, or the type is not u8, u16 or f32.
+    /// If an axis or the number of steps is 0, the volume exceeds 2^63 bytes, or the voxel type is not u8, u16 or f32.
     pub fn new(
         kind: SynthKind,
         extent: Extent,
@@ -151,8 +151,8 @@ impl SynthSource {
         Ok(Self { info, seed, units, field })
     }
 
-    /// The unrounded value, as stored, at a continuous voxel position (voxel `i` is centred at `i + 0.5`), for kinds
-    /// that have a formula: marschner-lobb, spheres, sparse, ramp, constant.
+    /// Returns the value at a continuous voxel position, as stored but not rounded. Voxel `i` is centred at `i + 0.5`.
+    /// `None` for kinds without a formula: turbulence, ct, flow.
     pub fn value_at(&self, position: DVec3) -> Option<f64> {
         let extent = self.info.extent;
         let n = DVec3::new(extent.x as f64, extent.y as f64, extent.z as f64);

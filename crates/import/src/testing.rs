@@ -32,7 +32,7 @@ impl Field {
         });
     }
 
-    /// The array with its axes in the given order, slowest first.
+    /// Returns the array's bytes with its axes in the given order, slowest first, in either byte order.
     pub(crate) fn bytes(self, axes: &str, big: bool) -> Vec<u8> {
         let order: Vec<usize> = axes.chars().map(|a| "xyzct".find(a).unwrap()).collect();
         let mut out = Vec::new();
@@ -61,7 +61,7 @@ impl Field {
     }
 }
 
-/// Checks the description, the whole of every volume, and random boxes.
+/// Checks that a source delivers a field: its description, every whole volume, and random boxes.
 pub(crate) fn assert_boxes(source: &dyn Source, field: Field) {
     let [x, y, z, c, t] = field.sizes;
     let info = source.info();
@@ -97,7 +97,7 @@ pub(crate) fn assert_boxes(source: &dyn Source, field: Field) {
         .unwrap();
 }
 
-/// A file in a folder of its own, which vanishes with the folder's guard.
+/// Writes a file in a temporary folder of its own, which is removed when the returned guard is dropped.
 pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -105,8 +105,8 @@ pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf
     (folder, path)
 }
 
-/// Runs the test of this name again in a process of its own, whose memory is its own too, on a file that is written here. In that process,
-/// the file.
+/// Runs the test of this name again in a process of its own, so that its memory can be measured, on a file that `write`
+/// makes. Returns that file in the new process, and `None` in the one that started it.
 pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBuf> {
     const ALONE: &str = "BRICKYARD_TEST_ALONE";
     if let Some(path) = std::env::var_os(ALONE) {
@@ -123,14 +123,15 @@ pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBu
     None
 }
 
-/// The most memory that this process has had, as the kernel counts it.
+/// Largest resident memory of this process so far, in bytes, as the kernel counts it.
 pub(crate) fn peak_bytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     peak.trim().trim_end_matches("kB").trim().parse::<u64>().unwrap() << 10
 }
 
-/// Checks that opening and reading a source of one plane take about what it says and no more, beside the plane itself.
+/// Checks that opening and reading a source of one plane take about as much memory as [`Source::reader_bytes`] says,
+/// beside the plane itself.
 pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, plane_bytes: usize) {
     const SLACK_BYTES: u64 = 4 << 20;
     let mut plane = vec![1; plane_bytes];

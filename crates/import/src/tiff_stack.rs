@@ -28,7 +28,7 @@ use page::{OpenTiff, PageFormat};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Planes in TIFF files.
+/// A stack of planes in TIFF files as a source; strips and tiles are decoded when they are asked for.
 pub(crate) struct TiffStack {
     info: SourceInfo,
     format: PageFormat,
@@ -71,12 +71,12 @@ impl PageOrder {
     }
 }
 
-/// Whether the first directory is followed by another.
+/// Whether a TIFF file has more than one page.
 pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
     OpenTiff::open(path).map(|tiff| tiff.has_more_pages())
 }
 
-/// Opens one multi-page file.
+/// Opens one TIFF file, of one page or several.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let mut tiff = OpenTiff::open(path)?;
     let format = tiff.format()?;

@@ -13,12 +13,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 /// Bytes that one thread makes at a time.
 const PIECE_BYTES: u64 = 8 << 20;
 
-/// Writes all voxels little-endian, x fastest, then y, z, channel, time. `progress` is told the bytes written so far and
-/// in all, from any thread but never from two at once.
+/// Writes all voxels of a source to a headerless file: little-endian, x fastest, then y, z, channel, time. `progress`
+/// is called with the bytes written so far and in all, from any thread but never from two at once.
 ///
 /// # Errors
-/// If the file exists already and is not to be replaced, the source fails, or the disk does; then nothing has changed
-/// under the name.
+/// If the file exists and `overwrite` is false, the source fails, or the file cannot be written. What was at `path` is
+/// then unchanged.
 pub fn write_raw(
     source: &dyn Source,
     path: &Path,

@@ -20,7 +20,7 @@ macro_rules! with_widths {
     };
 }
 
-/// Copies a core's six slabs (see [`Layout`]): of the low and the high x face, then y, then z.
+/// Copies a core's six slabs into its shell (see [`layout`](crate::layout)): those of the low and the high x face, then y, then z.
 pub(crate) fn copy_shell(layout: &Layout, core: &[u8], shell: &mut [u8]) {
     let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
     let (rows, slice, slab) = (layout.apron * row, layout.edge * row, layout.slab_bytes());
@@ -48,7 +48,7 @@ fn copy_row_ends(apron: usize, row: usize, rows: &[u8], low: &mut [u8], high: &m
     }
 }
 
-/// Copies a stored apron around the core of a padded brick.
+/// Copies a stored apron, which may be wider than asked for, around the core of a padded brick.
 pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     let mut codes = codes;
     let stored = layout.stored_apron();
@@ -60,7 +60,7 @@ pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     }
 }
 
-/// A part's codes, and where they go: all but the counts in bytes.
+/// The codes of a part of a padded brick, and where they go. All numbers are in bytes, besides the counts of rows and slices.
 pub(crate) struct Block<'a> {
     /// From the first code on.
     codes: &'a [u8],
@@ -76,8 +76,8 @@ pub(crate) struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The block of a part with these spans, out of the core if the part is the brick's own, else out of its lender's
-    /// shell.
+    /// The block of a part with these spans. `codes` is the core if the part is the brick's own, else the shell of the part's
+    /// lender.
     pub(crate) fn new(layout: &Layout, part: Part, mut codes: &'a [u8], [x, y, z]: [Span; 3]) -> Self {
         let (mut from, mut size) = ([x.from, y.from, z.from], [layout.edge; 3]);
         if let Some(axis) = (0..3).find(|&a| part.side[a] != 1) {
@@ -121,7 +121,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Copies blocks that lie side by side along x to their places in a padded brick.
+/// Copies up to three blocks, which lie side by side along x, to their places in a padded brick.
 pub(crate) fn paste(layout: &Layout, bar: [Option<Block>; 3], out: &mut [u8]) {
     let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
     let width = layout.padded() * layout.code_bytes;

@@ -19,7 +19,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Reads padded bricks of one source through a RAM cache: one reader per thread.
+/// Reads padded bricks of one source through a RAM cache. Each thread needs a reader of its own.
 pub struct PaddedReader {
     cache: Arc<RamCache>,
     layout: Layout,
@@ -27,22 +27,23 @@ pub struct PaddedReader {
 }
 
 impl PaddedReader {
-    /// A reader through `cache`, which sets the apron.
+    /// A reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
         let (layout, scratch) = (cache.layout(), vec![0; cache.scratch_bytes()]);
         Self { cache, layout, scratch }
     }
 
-    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, and gradients.
+    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, and gradients if there are any.
     pub fn padded_bytes(&self) -> usize {
         self.layout.padded_bytes()
     }
 
-    /// Fills `out` with the brick and its apron, x fastest, and gradients behind them. Waits where a read fails for a reason that
-    /// may pass, and tries again, a few times.
+    /// Fills `out`, which has [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, and gradients behind them. If a
+    /// read fails for a reason that may pass, this function waits and tries again, a few times. In place of a neighbour that cannot be
+    /// read, the brick's own edge is repeated.
     ///
     /// # Errors
-    /// If the brick itself cannot be read. A neighbour that cannot be read leaves the brick's own edge repeated there.
+    /// If the brick itself cannot be read.
     pub fn read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         loop {
             match self.try_read(id, out) {
@@ -54,8 +55,8 @@ impl PaddedReader {
         }
     }
 
-    /// The same without waiting: the failure says when to try again. A brick is not made with a neighbour's apron missing
-    /// that may yet be read.
+    /// Does what [`PaddedReader::read`] does, but without waiting: the failure says when to try again. While a neighbour may yet be read, the
+    /// brick is not made without that neighbour's voxels.
     pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();

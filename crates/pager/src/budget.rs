@@ -10,26 +10,26 @@ use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What a pager may use.
+/// What a pager may use, and how it works.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PagerConfig {
-    /// Slots of the atlas.
+    /// Slots of the atlas, shared by all of the pager's volumes.
     pub slots: u32,
     /// Voxels copied from neighbours on each side of a brick: 1 for trilinear samples, 2 for tricubic ones.
     pub apron: u32,
-    /// Layers of stored gradients outside of a brick, which are put behind its voxels; 0 for no gradients.
+    /// Layers of gradient nodes outside of a brick's core; 0 for no gradients at all. A brick's gradients are put behind its voxels.
     pub gradient_layers: u32,
-    /// Limit for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
+    /// The most host memory, in bytes, for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
     pub host_bytes: u64,
     /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
     pub workers: u32,
-    /// Where cuts are made.
+    /// Whether cuts are made within the frame or on a thread of their own.
     pub planning: Planning,
     /// Whether to fetch bricks that the next views may want.
     pub prefetch: bool,
     /// Limits for one frame's uploads; `None` where frames may wait (rendering offline).
     pub uploads: Option<UploadLimits>,
-    /// How long a finer brick takes to fade in where a coarser one was drawn; `None` for at once, so that the same view is
+    /// How long a finer brick takes to fade in where a coarser one was drawn. With `None` it is drawn at once, so that the same view is
     /// always the same picture.
     pub fade: Option<Duration>,
 }
@@ -37,22 +37,22 @@ pub struct PagerConfig {
 /// Why a pager cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum PagerError {
-    /// The host budget cannot hold one brick on its way.
+    /// The host budget cannot hold what it takes to decode one brick.
     #[error("{given} bytes of host memory are too few: at least {least} are needed to decode one brick")]
     HostMemory {
-        /// The budget.
+        /// The budget given, in bytes.
         given: u64,
-        /// The least that works.
+        /// The least budget that works, in bytes.
         least: u64,
     },
     /// There are fewer slots than bricks that must always be resident.
     #[error("there are slots for {given} bricks: at least {least} ({least_bytes} bytes) are needed")]
     Slots {
-        /// Slots given.
+        /// The number of slots given.
         given: u32,
-        /// The least that works.
+        /// The least number of slots that works.
         least: u64,
-        /// The least number of slots, in bytes.
+        /// The bytes that the least number of slots takes.
         least_bytes: u64,
     },
     /// The apron does not fit the bricks.
@@ -60,9 +60,9 @@ pub enum PagerError {
         "an apron of {apron} voxels does not fit bricks of {edge}: expected 1 to {MAX_REACH}, and no more than the brick's edge"
     )]
     Apron {
-        /// The apron given.
+        /// The width of the apron given, in voxels.
         apron: u32,
-        /// The bricks' edge.
+        /// The edge of the bricks' cores, in voxels.
         edge: u32,
     },
     /// The gradients do not fit the bricks.
@@ -70,11 +70,11 @@ pub enum PagerError {
         "stored gradients need bricks of an even edge with an apron of {least} voxels: these have an edge of {edge} and an apron of {apron}"
     )]
     Gradients {
-        /// The apron given.
+        /// The width of the apron given, in voxels.
         apron: u32,
-        /// The narrowest that works.
+        /// The narrowest apron that works, in voxels.
         least: u32,
-        /// The bricks' edge.
+        /// The edge of the bricks' cores, in voxels.
         edge: u32,
     },
     /// A thread could not be started.
@@ -82,7 +82,7 @@ pub enum PagerError {
     Thread(#[from] std::io::Error),
 }
 
-/// Bytes in use, their peak, and the limit.
+/// A meter of the bytes of host memory in use and of their peak, with a limit that debug builds assert.
 #[derive(Debug)]
 pub(crate) struct Meter {
     limit: u64,
@@ -114,43 +114,46 @@ impl Meter {
     }
 }
 
-/// Sizes of the buffers a budget is split into.
+/// Sizes, in bytes, of the buffers that a host budget is split into.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferSizes {
-    /// What the source and its pages of occupancy take, whatever is read.
+    /// Bytes that the source and its pages of occupancy take, whatever is read.
     pub(crate) fixed: u64,
-    /// What a worker needs to decode, besides the core's own buffer.
+    /// Bytes that a worker needs to decode, besides the core's own buffer.
     pub(crate) scratch: u64,
-    /// Codes of a cached core and its share of the shells.
+    /// Bytes of a cached core's codes and its share of the shells.
     pub(crate) core: u64,
-    /// Codes of a padded brick.
+    /// Bytes of a padded brick.
     pub(crate) padded: u64,
 }
 
-/// A host budget in whole buffers.
+/// How a host budget is split, in whole buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct HostSplit {
     pub(crate) workers: u32,
-    /// Padded bricks being assembled, waiting for upload, or in the last frame's hands.
+    /// The number of padded bricks that may be assembled, wait for upload, or be in the last frame's hands at the same time.
     pub(crate) staged: usize,
-    /// Cores in the RAM cache, each with its share of the shells, those being decoded included.
+    /// The number of cores in the RAM cache, each with its share of the shells, those being decoded included.
     pub(crate) cores: usize,
 }
 
-/// What the slot table, the cuts, the plan and the draw list take for a slot, rounded up: each is linear in the slots. Most
-/// of it are up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell.
+/// Bytes that the slot table, the cuts, the plan and the draw list take for each slot, rounded up: all are linear in the slots. Most
+/// of it goes to up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell.
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.
 const MAX_STAGED: u64 = 256;
 
-/// What a worker needs at the same time, and what is there without one.
+/// The least host budget that works, in bytes: what one worker needs at the same time, and what is there without a worker.
 pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {
     fixed + scratch + core + padded
 }
 
-/// Splits the budget: at most an eighth for padded bricks, the rest for cores. Every worker needs its scratch, a core and a
-/// padded brick at the same time.
+/// Splits a host budget: at most an eighth for padded bricks, unless one for each worker takes more, and the rest for cores. Every worker
+/// needs its scratch, a core and a padded brick at the same time, so there are fewer workers where the budget cannot feed them all.
+///
+/// # Errors
+/// If the budget cannot feed one worker.
 pub(crate) fn split_host(host_bytes: u64, workers: u32, sizes: BufferSizes) -> Result<HostSplit, PagerError> {
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let per_worker = scratch + core + padded;

@@ -35,7 +35,7 @@ impl Shelf {
         Self { buffer_bytes, capacity, meter, allocated: 0, free: Vec::new(), entries, done }
     }
 
-    /// The codes of a brick if they are there, to take these parts from.
+    /// Returns a brick's codes, if they are on the shelf, and marks these parts of the brick as taken.
     pub(crate) fn take(&mut self, id: BrickId, parts: u32) -> Option<Arc<[u8]>> {
         let entry = self.entries.get_mut(&id)?;
         entry.untaken &= !parts;
@@ -45,12 +45,12 @@ impl Shelf {
         Some(entry.codes.clone())
     }
 
-    /// The codes of a brick if they are there, as if nobody had looked.
+    /// Returns a brick's codes, if they are on the shelf, without counting this as a use.
     pub(crate) fn peek(&self, id: BrickId) -> Option<&Arc<[u8]>> {
         self.entries.peek(&id).map(|entry| &entry.codes)
     }
 
-    /// Puts the codes of a brick that is not there, of which these parts will be taken.
+    /// Adds the codes of a brick that is not on the shelf yet; these parts of it will be taken.
     pub(crate) fn put(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
         self.entries.put(id, Entry { codes, untaken: parts });
         if parts == 0 {
@@ -58,12 +58,12 @@ impl Shelf {
         }
     }
 
-    /// How many more buffers there may be.
+    /// The number of buffers that may still be allocated or adopted.
     pub(crate) fn room(&self) -> usize {
         self.capacity - self.allocated
     }
 
-    /// Takes in an entry of another shelf with buffers of this size, of which these parts will be taken, while there is
+    /// Adds an entry of another shelf with buffers of the same size; these parts of it will be taken. There must be
     /// [room](Self::room).
     pub(crate) fn adopt(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
         debug_assert!(codes.len() == self.buffer_bytes && self.room() > 0);
@@ -72,13 +72,13 @@ impl Shelf {
         self.put(id, codes, parts);
     }
 
-    /// All entries, the most recently used first.
+    /// All entries on the shelf, the most recently used first.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (BrickId, &Arc<[u8]>)> {
         self.entries.iter().map(|(&id, entry)| (id, &entry.codes))
     }
 
-    /// A buffer that nobody else holds: a new one within the capacity, or that of the entry that goes first. `None` if all
-    /// are in use.
+    /// A buffer that nobody else holds: a free one, a new one within the capacity, or the buffer of the entry that goes first, which
+    /// is removed. `None` if all buffers are in use.
     pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {
         if let Some(buffer) = self.free.pop() {
             return Some(buffer);
@@ -102,7 +102,7 @@ impl Shelf {
     }
 }
 
-/// A buffer of zeros that one holder may write. Only that touches its memory: making it is quick, even under a lock.
+/// A buffer of zeros with a single holder, who may write to it. Only writing touches its memory, so making one is quick, even under a lock.
 pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
     let buffer = Arc::new_zeroed_slice(bytes);
     // SAFETY: a byte of zero bits is a valid `u8`.

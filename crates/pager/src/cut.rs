@@ -17,37 +17,37 @@ use glam::DVec3;
 use std::ops::Index;
 use std::sync::Arc;
 
-/// What is to be shown: everything besides the data that decides a cut.
+/// What is to be shown of a volume: everything that decides a cut, besides the data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// The camera, resolved for the picture's size.
     pub rays: ViewRays,
-    /// The other eye of a stereo pair: what either eye sees is shown, at the level that the one wants that is nearer.
+    /// The other eye of a stereo pair; `None` for a single eye. What either eye sees is shown, at the level that the nearer eye wants.
     pub other_eye: Option<ViewRays>,
     /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
-    /// How the field is made of voxels: a brick is empty only if all that its samples are made of is.
+    /// How the field is interpolated between voxels. A brick is empty only if all voxels that its samples read are.
     pub filter: Filter,
-    /// Level choice.
+    /// Which level the view wants.
     pub level: LevelPolicy,
-    /// The only pixels that are wanted, of either eye; `None` is all.
+    /// The only pixels that are wanted, in the picture of each eye; `None` wants all.
     pub window: Option<PixelRect>,
     /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
     pub pixel_error: f64,
-    /// Time step.
+    /// The time step that is shown.
     pub time: u32,
-    /// Channel.
+    /// The channel that is shown.
     pub channel: u32,
-    /// What is shown, in the volume's own world; `None` is everything.
+    /// The part of the volume that is shown, in the volume's own world; `None` shows everything.
     pub clip: Option<Clip>,
-    /// Where the volume's own world, which its source's geometry gives, is in that of the rays.
+    /// The placement of the volume's own world, which its source's geometry gives, in the world of the rays.
     pub placement: Placement,
-    /// A number that differs wherever the same bricks hide other ones: for other opacities or another mode.
+    /// A number that differs between views in which the same brick may hide different things: those with other opacities or another mode.
     pub appearance: u64,
 }
 
 impl View {
-    /// This view from its other eye, if it has two: the same cells, in another order.
+    /// This view from its other eye, which sees the same cells in another order; the view as it is if it has one eye.
     pub fn from_other_eye(&self) -> Self {
         match self.other_eye {
             Some(rays) => Self { rays, other_eye: Some(self.rays), ..self.clone() },
@@ -55,7 +55,7 @@ impl View {
         }
     }
 
-    /// One eye, or two.
+    /// The view's eyes: one, or two.
     pub(crate) fn eyes(&self) -> impl Iterator<Item = &ViewRays> {
         std::iter::once(&self.rays).chain(&self.other_eye)
     }
@@ -66,8 +66,8 @@ impl View {
         Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))
     }
 
-    /// The least distance from an eye to a box of the volume's own world, or somewhat less: at most as much less as the placement
-    /// stretches one direction more than another, and not where it turns and scales alone, or stretches along axes.
+    /// A lower bound of the distance from an eye to a box of the volume's own world. It is exact where the placement only turns and scales, or
+    /// stretches along axes; else it is too small by at most as much as the placement stretches one direction more than another.
     pub(crate) fn distance(&self, rays: &ViewRays, low: DVec3, high: DVec3) -> f64 {
         let to_box = |eye: DVec3, low: DVec3, high: DVec3| eye.clamp(low, high).distance(eye);
         if self.placement.is_identity() {
@@ -84,7 +84,7 @@ impl View {
         self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
 
-    /// Whether a brick is not empty.
+    /// Whether a brick can show something under this view: whether it is not empty.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId) -> bool {
         let Some(mask) = self.opaque else { return true };
         source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
@@ -107,7 +107,7 @@ impl View {
     }
 }
 
-/// What a view's eyes see.
+/// The frusta of a view's one or two eyes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frusta(Frustum, Option<Frustum>);
 
@@ -118,13 +118,13 @@ impl Frusta {
     }
 }
 
-/// Cells the cut may want, pinned roots included, given this many slots: nine tenths, so that there is room to bring in the
-/// next brick before the last goes, but always room for the roots.
+/// The number of cells that a cut may want, the pinned roots included, given this many slots: nine tenths of them, so that there is room
+/// to bring in the next brick before the last goes, but never fewer than the roots.
 pub fn cut_capacity(slots: u32, roots: usize) -> usize {
     (slots as usize * 9 / 10).max(roots)
 }
 
-/// A node's place in the arena.
+/// A node's index in the arena of a cut's tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct NodeId(pub(crate) u32);
 
@@ -133,13 +133,13 @@ impl NodeId {
         self.0 as usize
     }
 
-    /// The ids of so many neighbours in the arena.
+    /// The ids of `count` neighbouring nodes in the arena, from `first` on.
     pub(crate) fn range(first: Self, count: usize) -> impl Iterator<Item = Self> + Clone {
         (first.0..first.0 + count as u32).map(Self)
     }
 }
 
-/// Volumes that share a tree, by their places among them: bit by bit.
+/// A set of the volumes that share a tree: one bit for each volume, by its place among them.
 pub(crate) type Members = u32;
 
 /// A node of the arena: a cell of the cut, or one that was split.
@@ -147,7 +147,7 @@ pub(crate) type Members = u32;
 pub(crate) struct Node {
     pub(crate) level: Level,
     pub(crate) index: BrickIndex,
-    /// Corners in the volume's own world.
+    /// The low corner of the node's box in the volume's own world; `high` is the opposite one.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
     pub(crate) error_px: f64,
@@ -156,13 +156,13 @@ pub(crate) struct Node {
     /// The first child. `None` for a cell of the cut.
     pub(crate) first_child: Option<NodeId>,
     pub(crate) children: u8,
-    /// What a ray brings here at most, as a weight (see [`visibility`](crate::visibility)); 0 where none comes.
+    /// The most light that a ray brings to the node, as a weight (see [`visibility`](crate::visibility)); 0 where no ray comes.
     pub(crate) weight: u8,
-    /// The volumes for which it is in the frustum and not empty.
+    /// The volumes for which the node is in the frustum and not empty.
     pub(crate) visible: Members,
 }
 
-/// [Weight](Node::weight) of what is seen in the open, and of what nothing is known about.
+/// The [weight](Node::weight) of a node that is seen in the open, or about which nothing is known.
 pub(crate) const OPEN: u8 = 9;
 
 impl Node {
@@ -170,18 +170,18 @@ impl Node {
         self.first_child.is_none()
     }
 
-    /// The ids of its children.
+    /// The ids of the node's children.
     pub(crate) fn children(&self) -> impl Iterator<Item = NodeId> + use<> {
         NodeId::range(self.first_child.unwrap_or(self.parent), self.children as usize)
     }
 
-    /// The volumes for which it is visible and not hidden.
+    /// The volumes for which the node is visible and not hidden.
     pub(crate) fn seen(&self) -> Members {
         if self.weight > 0 { self.visible } else { 0 }
     }
 }
 
-/// The cells that a view wants, among cells that cover the rest.
+/// An octree cut of a volume: the cells that a view wants, among cells that cover the rest.
 #[derive(Clone, Debug)]
 pub struct Cut {
     pub(crate) view: View,
@@ -189,7 +189,7 @@ pub struct Cut {
     pub(crate) nodes: Arc<Vec<Node>>,
     /// The volume's own bit among those that share the tree.
     pub(crate) member: Members,
-    /// Number of roots: the first nodes.
+    /// The number of roots, which are the first nodes.
     pub(crate) roots: usize,
     pub(crate) wanted: usize,
     pub(crate) effective_error_px: f64,
@@ -221,7 +221,7 @@ impl Cut {
         cut
     }
 
-    /// The cells that the view wants: those in its frustum that are not empty and not known to be hidden. In no particular order.
+    /// The cells that the view wants, in no particular order: those in its frustum that are not empty and not known to be hidden.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
         self.wanted_cells().map(|node| self.id(node))
     }
@@ -242,7 +242,7 @@ impl Cut {
         self.memory_bound
     }
 
-    /// Whether another volume's cut is made of the same tree.
+    /// Whether another volume's cut is made of the same tree as this one.
     pub(crate) fn shares_tree_with(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.nodes, &other.nodes)
     }
@@ -252,7 +252,7 @@ impl Cut {
         self[node].visible & self.member != 0
     }
 
-    /// Whether a node is in sight, but behind what lets nothing through.
+    /// Whether a node is in the frustum and not empty, but hidden behind something that lets no light through.
     pub(crate) fn is_hidden(&self, node: NodeId) -> bool {
         self.is_visible(node) && self[node].weight == 0
     }

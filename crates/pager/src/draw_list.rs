@@ -15,37 +15,37 @@ use std::collections::HashMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Slot(pub u32);
 
-/// One cell of the cut and a resident brick that stands for it.
+/// A cell of the cut, and a resident brick that is drawn for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrawCell {
     /// The cell: a brick's place in the octree.
     pub cell: BrickId,
     /// The cell's half-open box in level-0 voxels: where this entry draws.
     pub region: VoxelBox,
-    /// The pixels that it draws: all, but where a brick fades in.
+    /// The pixels that this entry draws: all, unless a brick fades in.
     pub pixels: PixelShare,
     /// The brick whose voxels are drawn: the cell's own, or its nearest resident ancestor.
     pub brick: BrickId,
-    /// Where that brick is.
+    /// The slot that holds `brick`.
     pub slot: Slot,
-    /// The cell's place among all cells in sight of its cut, back to front. Where several volumes share a cut, their entries of the
-    /// same cell have the same rank.
+    /// The cell's place, back to front, among all cells of its cut that are in sight. Where several volumes share a cut, their entries for
+    /// the same cell have the same rank.
     pub rank: u32,
 }
 
-/// Cells in back-to-front order, disjoint, covering what of the volume is visible and not empty; none before the volume's
-/// coarsest bricks have come. A cell in which a brick fades in
-/// has two entries, one after the other: what gives way, then the brick. Between them they have every pixel once.
+/// What is drawn of a volume now: cells in back-to-front order, disjoint, covering all of the volume that is visible and not empty. The
+/// list is empty until the volume's coarsest bricks have come. A cell in which a brick fades in has two entries, one after the other:
+/// first the brick that gives way, then the new one. Between them the two entries draw every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
-    /// Back to front.
+    /// The list's entries, back to front.
     pub cells: Vec<DrawCell>,
 }
 
 impl DrawList {
-    /// What a view sees of a cut, given what stands for its nodes. Cells for which nothing is resident (a whole line of
-    /// ancestors cannot be read) are left out. `fading` says of a brick what it takes the place of, given how many more entries than
-    /// cells there are so far.
+    /// The draw list for what a view sees of a cut, given the resident bricks that stand for its nodes. Cells for which nothing is resident (a
+    /// whole line of ancestors cannot be read) are left out. `fading` says which brick, in which slot, a brick that fades in replaces; it is
+    /// given the brick and how many more entries than cells the list has so far.
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,
@@ -83,13 +83,13 @@ impl DrawList {
         Self { cells: cells.collect() }
     }
 
-    /// Whether any brick fades in.
+    /// Whether any brick of the list fades in.
     pub(crate) fn is_fading(&self) -> bool {
         self.cells.iter().any(|cell| cell.pixels != PixelShare::ALL)
     }
 }
 
-/// Which nodes of a cut are resident, and the nearest that is on the way up from each.
+/// Which nodes of a cut are resident, and for each node the nearest resident one on the way up.
 #[derive(Clone, Debug)]
 pub(crate) struct StandIns {
     own: Vec<Option<Slot>>,
@@ -97,7 +97,7 @@ pub(crate) struct StandIns {
 }
 
 impl StandIns {
-    /// Looks up the nodes that `concerns` us; the others count as absent.
+    /// Looks up the nodes for which `concerns` is true; the others count as absent.
     pub(crate) fn new(cut: &Cut, concerns: impl Fn(NodeId) -> bool, slot_of: impl Fn(BrickId) -> Option<Slot>) -> Self {
         let mut own = Vec::with_capacity(cut.nodes.len());
         let mut nearest: Vec<Option<NodeId>> = Vec::with_capacity(cut.nodes.len());
@@ -115,7 +115,7 @@ impl StandIns {
         self.own[node.index()].is_some()
     }
 
-    /// The nearest resident node on the way up from this one, and its slot.
+    /// The nearest resident node on the way up from this node, which may be itself, and its slot; `None` if there is none.
     pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
         let nearest = self.nearest[node.index()]?;
         self.own[nearest.index()].map(|slot| (nearest, slot))

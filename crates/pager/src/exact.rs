@@ -28,28 +28,28 @@ use std::time::Duration;
 /// What a cell of the cut takes, its share of the cells that were split and the room that lists grow into included.
 const BYTES_PER_CELL: u64 = 384;
 
-/// Why there is no exact picture.
+/// Why an exact picture cannot be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum ExactError {
-    /// A budget too small for one brick.
+    /// The passes cannot start: a budget is too small for one brick, the apron or gradients do not fit, or a thread does not start.
     #[error(transparent)]
     Budget(#[from] PagerError),
-    /// The list of what is to be drawn does not fit.
+    /// The host budget cannot hold the list of the cells that are to be drawn.
     #[error(
         "an exact picture of this view takes more than {cells} bricks, as many as {host_bytes} bytes of host memory can list"
     )]
     TooManyCells {
-        /// Cells that would fit.
+        /// The number of cells that would fit.
         cells: usize,
-        /// The budget.
+        /// The host budget in bytes.
         host_bytes: u64,
     },
-    /// A cell for which neither its brick nor any ancestor can be read.
+    /// There is a cell for which neither its brick nor any ancestor can be read.
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
 }
 
-/// The passes of one picture.
+/// Reads the bricks of one exact picture, and hands them out pass by pass as uploads and draw lists.
 pub struct ExactPasses {
     cells: Arc<[BrickId]>,
     source: Arc<dyn BrickSource>,
@@ -71,16 +71,16 @@ pub struct ExactPasses {
     effective_error_px: f64,
 }
 
-/// What is to be done next.
+/// The next step of an exact picture.
 #[derive(Clone, Debug)]
 pub enum Next {
-    /// Fill a slot. Draw lists before this still show what was there.
+    /// Write a brick into its slot. Draw lists handed out before still show the slot's former brick.
     Upload(Upload),
-    /// Draw the cells of a pass, in front of all before.
+    /// Draw the cells of a pass, in front of those of all earlier passes.
     Draw(DrawList),
-    /// Nothing has arrived in time.
+    /// Nothing has arrived within the timeout: ask again.
     Wait,
-    /// Nothing more: the picture is whole.
+    /// There is nothing more to do: the picture is whole.
     Done,
 }
 
@@ -92,10 +92,11 @@ struct StandIn {
 }
 
 impl ExactPasses {
-    /// Makes the list of cells and starts to read. Of `config` everything counts but the limit of uploads.
+    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, the host budget and the
+    /// workers count.
     ///
     /// # Errors
-    /// If a budget cannot hold the cells or a brick on its way, the apron does not fit, or no thread can be started.
+    /// If the host budget cannot hold the cells or a brick on its way, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let layout = layout_of(&*source, config.apron, config.gradient_layers)?;
         let host_bytes = config.host_bytes;
@@ -143,33 +144,33 @@ impl ExactPasses {
         })
     }
 
-    /// Cells of the picture.
+    /// The number of cells in the picture.
     pub fn cells(&self) -> usize {
         self.cells.len()
     }
 
-    /// Cells drawn so far.
+    /// The number of cells in the draw lists handed out so far.
     pub fn drawn(&self) -> usize {
         self.start
     }
 
-    /// Passes of the picture.
+    /// The number of passes that the picture takes.
     pub fn passes(&self) -> usize {
         self.cells.len().div_ceil(self.slots)
     }
 
-    /// The largest projected voxel, in pixels, among those that a finer level could improve; 0 if there are none, infinite
+    /// The largest screen-space error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite
     /// where the eye is inside one.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
     }
 
-    /// The most host memory in use so far.
+    /// The most host memory that has been in use so far, in bytes.
     pub fn host_bytes_peak(&self) -> u64 {
         self.meter.peak()
     }
 
-    /// Totals so far; `failed` are bricks, also those wanted for a neighbour's apron only.
+    /// Totals so far. `failed` counts bricks that could not be read, also those wanted only for a neighbour's apron, and stored aprons.
     pub fn counters(&self) -> Counters {
         let decoded = self.cache.counters();
         Counters {
@@ -181,10 +182,10 @@ impl ExactPasses {
         }
     }
 
-    /// The next thing to do; waits for it at most this long. Calling it says that the last upload is done with.
+    /// The next thing to do, for which it waits at most `timeout`. Calling this function says that the last upload is done with.
     ///
     /// # Errors
-    /// If there is a cell for which nothing can be read.
+    /// If neither a cell's brick nor any ancestor can be read.
     pub fn next(&mut self, timeout: Duration) -> Result<Next, ExactError> {
         self.readers.give_back(self.handed_out.take());
         let end = (self.start + self.slots).min(self.cells.len());

@@ -12,16 +12,16 @@ use brickyard_volume::BrickId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A brick on its way in.
+/// How far a brick has faded in, and what it replaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fading {
-    /// What was drawn before, an ancestor.
+    /// The brick that was drawn before: an ancestor.
     pub(crate) before: BrickId,
-    /// Pixels with lesser thresholds show the brick, the others what was before. Neither has none.
+    /// Pixels whose threshold is less than this show the new brick, the others the one before. Each of the two has some pixels.
     pub(crate) share: u8,
 }
 
-/// The bricks that fade in.
+/// The bricks of a volume that fade in.
 pub(crate) struct Fades {
     /// How long each takes, if there are any.
     time: Option<Duration>,
@@ -39,14 +39,14 @@ impl Fades {
         self.time.is_some()
     }
 
-    /// The time of the frame that begins: ends what has faded in by now.
+    /// Begins the frame at the time `now`: ends the fades that are over by then.
     pub(crate) fn advance(&mut self, now: Duration) {
         self.now = now;
         let time = self.time.unwrap_or_default();
         self.since.retain(|_, (since, _)| now.saturating_sub(*since) < time);
     }
 
-    /// A brick has come where another one was drawn.
+    /// Begins the fade of a brick that has come where another one was drawn.
     pub(crate) fn begin(&mut self, brick: BrickId, before: BrickId) {
         self.since.insert(brick, (self.now, before));
     }
@@ -55,12 +55,12 @@ impl Fades {
         self.since.remove(&brick);
     }
 
-    /// What is still drawn besides what has come.
+    /// The bricks that are still drawn because others that replace them fade in.
     pub(crate) fn before(&self) -> impl Iterator<Item = BrickId> {
         self.since.values().map(|(_, before)| *before)
     }
 
-    /// How far a brick is.
+    /// How far a brick has faded in; `None` if it does not fade.
     pub(crate) fn of(&self, brick: BrickId) -> Option<Fading> {
         let &(since, before) = self.since.get(&brick)?;
         let done = self.now.saturating_sub(since).as_secs_f64() / self.time?.as_secs_f64();

@@ -6,33 +6,33 @@
 use crate::draw_list::DrawList;
 use brickyard_volume::{Needs, Pyramid, SlotEncoding, VolumeFrame};
 
-/// What a renderer of several volumes is made for, volume by volume.
+/// What a renderer must provide for one of the volumes that it is made for.
 #[derive(Clone, Copy, Debug)]
 pub struct VolumeNeeds {
     /// How slot codes stand for values.
     pub encoding: SlotEncoding,
-    /// Voxels along a brick's core edge.
+    /// Voxels along the edge of a brick's core.
     pub edge: u32,
-    /// Levels of the octree over its bricks: see [`Pyramid::octree_levels`].
+    /// Levels of the octree over the volume's bricks: see [`Pyramid::octree_levels`].
     pub levels: u32,
-    /// What the pictures need of bricks.
+    /// What the pictures need the volume's bricks to have.
     pub bricks: Needs,
-    /// Slots without which nothing can be drawn.
+    /// The fewest slots with which the volume can be drawn.
     pub least_slots: u32,
-    /// Slots that could ever be filled.
+    /// The most slots that the volume's bricks could ever fill.
     pub most_slots: u32,
 }
 
 impl VolumeNeeds {
-    /// Whether bricks of another volume fit this one's slots: then the two share one pool of them, and a brick of either can be in
-    /// any.
+    /// Whether bricks of another volume fit this volume's slots. If so, the two volumes share one pool of slots, and each slot can hold a
+    /// brick of either.
     pub fn shares_slots_with(&self, other: &Self) -> bool {
         let slot = |needs: &Self| (needs.encoding.format, needs.encoding.has_invalid, needs.edge, needs.bricks);
         slot(self) == slot(other)
     }
 }
 
-/// The number of each volume's pool of slots: pools are numbered from 0 in the order of the first volume of each.
+/// The number of each volume's pool of slots. Pools are numbered from 0, in the order of their first volumes.
 pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     let mut firsts: Vec<&VolumeNeeds> = Vec::new();
     let mut pools = Vec::with_capacity(volumes.len());
@@ -46,37 +46,38 @@ pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     pools
 }
 
-/// One volume's part of a picture, in which the others may be left out.
+/// One volume's part of a picture. A picture need not show all volumes of its renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
-    /// Which it is of the volumes that the renderer was made for. In a picture they come in ascending order.
+    /// The volume's index among those that the renderer was made for. A picture's layers come in ascending order of it.
     pub volume: usize,
-    /// Its frame.
+    /// The frame's settings for the volume.
     pub frame: &'a VolumeFrame,
-    /// Its levels.
+    /// The volume's levels and brick grids.
     pub pyramid: &'a Pyramid,
-    /// What is drawn of it.
+    /// The bricks that are drawn of the volume.
     pub draw: &'a DrawList,
-    /// Which cut that is drawn from: layers of the same number share one, so their [ranks](crate::DrawCell::rank) are of one order.
+    /// The number of the cut that `draw` was made from. Layers of the same number share a cut, so that their
+    /// [ranks](crate::DrawCell::rank) are in one order.
     pub cut: u32,
 }
 
-/// A number of things of one size that somebody wants.
+/// A request for a number of items of one size out of a byte budget.
 #[derive(Clone, Copy, Debug)]
 pub struct BudgetRequest {
-    /// Bytes of each.
+    /// Bytes of one item.
     pub bytes: u64,
-    /// Without so many there is nothing.
+    /// The fewest items that are of use.
     pub least: u64,
-    /// More are of no use.
+    /// The most items that are of use.
     pub most: u64,
 }
 
-/// How many each gets of a budget: the least that each needs, and of the rest the same share of what each wants besides. All that
-/// there is, together, if it is not enough for the least.
+/// How many items each request gets out of a budget: its least, and beyond that the same share of its other items for every request. If
+/// the budget has room for everything, each request gets its most.
 ///
 /// # Errors
-/// The least budget that works.
+/// If the budget is too small for the least of all requests together: the error is the least budget that works, in bytes.
 pub fn share(budget_bytes: u64, requests: &[BudgetRequest]) -> Result<Vec<u64>, u64> {
     let least: u64 = requests.iter().map(|request| request.least * request.bytes).sum();
     let besides: u128 = requests

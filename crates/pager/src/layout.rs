@@ -31,7 +31,7 @@ pub(crate) struct Layout {
     pub(crate) stored: usize,
     /// Bytes of a code.
     pub(crate) code_bytes: usize,
-    /// The gradients behind a padded brick's voxels.
+    /// The nodes of the gradients behind a padded brick's voxels.
     pub(crate) gradients: GradientNodes,
 }
 
@@ -81,12 +81,12 @@ impl Layout {
         self.core_bytes() + self.stored_apron().voxels() * self.code_bytes
     }
 
-    /// Bytes of a core with its share of the shells: what the RAM cache's budget is counted in.
+    /// Bytes of a cached core with its share of the shells: the unit in which the RAM cache's budget is counted.
     pub(crate) fn cached_bytes(&self) -> usize {
         self.entry_bytes() + self.shells(1) * self.shell_bytes()
     }
 
-    /// Shells in a RAM cache of so many cores.
+    /// The number of shells in a RAM cache of `cores` cores; 0 where aprons are stored.
     pub(crate) fn shells(&self, cores: usize) -> usize {
         if self.has_stored() { 0 } else { SHELLS_PER_CORE * cores }
     }

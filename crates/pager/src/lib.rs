@@ -1,12 +1,12 @@
 //! The pager: decides which bricks a view wants, in which order they are drawn, read and evicted, inside hard budgets.
 //! Emits plans as values; knows nothing of the GPU, file formats or windows.
 //!
-//! How a frame passes through: of each volume the view, the last [`Cut`] of the octree and what is known of the visibility of its cells give
-//! the next cut; those of its cells that the view sees become a [`DrawList`] over the bricks that are resident in slots; what is
-//! missing, and what the next views may want, becomes an ordered list of requests that replaces the last one. Worker
-//! threads take from it, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which gives
-//! them slots and hands them to the renderer as uploads. What the renderer saw of the cells comes back as feedback.
-//! Everything up to the workers is pure or a plain state machine; only [`Pager`] joins the two.
+//! How a frame passes through: for each volume, the view, the last [`Cut`] of the octree and what is known of the visibility of the cut's
+//! cells give the next cut. The cells of the cut that the view sees become a [`DrawList`] over the bricks that are resident in slots. The
+//! missing bricks, and those that the next views may want, become an ordered list of requests that replaces the last one. Worker
+//! threads take requests from this list, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which
+//! gives them slots and hands them to the renderer as uploads. What the renderer saw of the cells comes back as feedback.
+//! Everything up to the workers is pure or a plain state machine; only [`Pager`] joins these with the workers.
 
 mod apron_copy;
 mod assemble;

@@ -18,7 +18,7 @@ const REST: Duration = Duration::from_millis(1000);
 /// The turn that is foreseen at most, radians: beyond it a camera is not turning but being thrown about.
 const MOST_TURN: f64 = 1.0;
 
-/// The last views' cameras.
+/// The cameras of the last frames, from which the next ones are foreseen.
 #[derive(Debug, Default)]
 pub(crate) struct Motion {
     /// Oldest first.
@@ -37,7 +37,8 @@ impl Motion {
         }
     }
 
-    /// The camera after `ahead` and as long as a frame takes; `None` if it is at rest, has jumped, or nothing is known yet.
+    /// The camera foreseen for a time `ahead`, plus one frame, after the last view; `None` if the camera is at rest, has changed its
+    /// projection, or has not been seen for long enough.
     pub(crate) fn foresee(&self, ahead: Duration) -> Option<ViewRays> {
         let ((first, from), (last, to)) = (self.past.front()?, self.past.back()?);
         let (_, before) = self.past.iter().rev().nth(1)?;

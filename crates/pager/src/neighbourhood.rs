@@ -17,7 +17,7 @@ pub(crate) struct Part {
 impl Part {
     pub(crate) const COUNT: usize = 27;
 
-    /// The brick's core.
+    /// The part that is the brick's own core.
     pub(crate) const OWN: Self = Self { side: [1; 3] };
 
     /// All parts, the brick's own first.
@@ -26,29 +26,29 @@ impl Part {
         std::iter::once(Self::OWN).chain(sides.filter(|&part| part != Self::OWN))
     }
 
-    /// All parts, those side by side along x together.
+    /// All parts, in groups of three that lie side by side along x.
     pub(crate) fn bars() -> impl Iterator<Item = [Self; 3]> {
         (0..9).map(|i| [0, 1, 2].map(|x| Self { side: [x, i % 3, i / 3] }))
     }
 
-    /// Its place in arrays over all parts.
+    /// The part's index in arrays over all parts.
     pub(crate) fn number(self) -> usize {
         let [x, y, z] = self.side;
         x + 3 * y + 9 * z
     }
 
-    /// A set of this part alone: parts are bits.
+    /// The set of this part alone; sets of parts have one bit for each part.
     pub(crate) fn bit(self) -> u32 {
         1 << self.number()
     }
 
-    /// The brick that lends this part to `taker`; there must be one.
+    /// The brick that lends this part to `taker`; there must be such a brick.
     pub(crate) fn lender(self, taker: BrickIndex) -> BrickIndex {
         let taker = taker.to_array();
         BrickIndex::from_array(std::array::from_fn(|a| taker[a] + self.side[a] as u32 - 1))
     }
 
-    /// The parts that `lender`'s neighbours in a grid of bricks take from it.
+    /// The set of parts that `lender`'s neighbours in a grid of bricks take from it, one bit for each.
     pub(crate) fn lent_by(lender: BrickIndex, grid: Extent) -> u32 {
         let (lender, grid) = (lender.to_array(), grid.to_array());
         let has_taker = |side: [usize; 3]| (0..3).all(|a| (1..=grid[a]).contains(&(lender[a] + 2 - side[a] as u32)));
@@ -71,8 +71,8 @@ impl Span {
     }
 }
 
-/// Along one axis of `extent` voxels: the parts of brick `index`'s padded row from the brick before, itself and the brick
-/// after.
+/// The three spans of a brick's padded row along one axis: from the brick before, from brick `index` itself and from the brick after. The
+/// level has `extent` voxels along the axis.
 pub(crate) fn spans(layout: &Layout, index: usize, extent: usize) -> [Span; 3] {
     let Layout { edge, apron, .. } = *layout;
     let start = index * edge;

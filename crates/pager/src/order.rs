@@ -8,7 +8,7 @@
 use crate::cut::{Cut, Members, Node, NodeId};
 use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 
-/// The cells of a tree that are visible to any of the volumes that share it, and to which, back to front.
+/// The cells of a tree that are visible to any of the volumes sharing it, back to front, each with the volumes that see it.
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,

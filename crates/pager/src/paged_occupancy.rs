@@ -21,7 +21,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// A source whose occupancy is asked for page by page.
+/// A source whose occupancy is read page by page, when it is asked for.
 pub(crate) struct PagedOccupancy {
     source: Arc<dyn BrickSource>,
     pages: Mutex<Pages>,
@@ -57,7 +57,7 @@ enum Content {
 /// Bytes of a page of bricks, at most.
 const PAGE_BYTES: u64 = (PAGE_EDGE_BRICKS as u64).pow(3) * size_of::<Occupancy>() as u64 + 128;
 
-/// Of a host budget, the bytes of pages that are kept: as many as there are, or a 64th, but so many pages at least.
+/// The bytes of a host budget in which pages of occupancy are kept: a 64th of it, but room for 8 pages at least, and for all pages at most.
 pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
     const LEAST_PAGES: u64 = 8;
     let volumes = source.times() as u64 * source.channels() as u64;
@@ -69,7 +69,8 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// The occupancy of a source's bricks, none of it read yet; and the thread that reads it. At most so many bytes of pages are kept.
+    /// The occupancy of a source's bricks, none of it read yet, and the thread that reads it. At most `kept_bytes` of pages are kept, or one
+    /// page if that is more.
     pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
         let (asked, pages) = unbounded();
         let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
@@ -80,17 +81,17 @@ impl PagedOccupancy {
         Ok((paged, reader))
     }
 
-    /// A number that changes whenever more is known than before.
+    /// A number that changes whenever more is known of the bricks' occupancy than before.
     pub(crate) fn version(&self) -> u64 {
         self.lock().version
     }
 
-    /// Whether something that was asked for has not come yet.
+    /// Whether a page that was asked for has not been read yet.
     pub(crate) fn is_waiting(&self) -> bool {
         self.lock().waiting > 0
     }
 
-    /// Says that another view is planned for: what earlier ones asked for may go.
+    /// Says that another view is planned for: pages that earlier views asked for may be given up.
     pub(crate) fn begin_view(&self) {
         self.lock().view += 1;
     }
@@ -217,7 +218,7 @@ impl BrickSource for PagedOccupancy {
     }
 }
 
-/// The thread that reads pages.
+/// The thread that reads pages of occupancy; dropping it ends the thread.
 pub(crate) struct PageReader {
     occupancy: Arc<PagedOccupancy>,
     arrivals: Receiver<()>,
@@ -239,7 +240,7 @@ impl PageReader {
         Ok(Self { occupancy, arrivals, thread })
     }
 
-    /// Where a sign comes from when pages have come.
+    /// The channel that gives a sign when pages have been read.
     pub(crate) fn arrivals(&self) -> &Receiver<()> {
         &self.arrivals
     }

@@ -18,7 +18,7 @@ use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 
-/// The volume.
+/// A volume that is paged: its source, RAM cache and workers, and what its last frame drew.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
     /// What the source had read before.
@@ -29,7 +29,7 @@ pub(crate) struct PagedVolume {
     occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
     /// The view of the last frame.
     view: Option<View>,
-    /// What has been told of the visibility of cells, and how often that has changed.
+    /// What has been told of the visibility of the volume's cells, and how often it has changed; `None` if nothing has been told.
     pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
     /// The number of the visibility that a complete frame of this view has confirmed.
     confirmed: u64,
@@ -43,8 +43,8 @@ pub(crate) struct PagedVolume {
     handed_out: Vec<Arc<[u8]>>,
 }
 
-/// What a frame has drawn of a volume, as far as feedback about it needs to know: whoever asks a renderer what was seen keeps it until the
-/// answer comes, however many frames later.
+/// What a frame has drawn of a volume, as far as feedback about the frame needs to know it. Whoever asks a renderer what was seen keeps this
+/// value until the answer comes, however many frames later.
 #[derive(Clone, Debug)]
 pub struct DrawnCells {
     view: View,
@@ -55,13 +55,13 @@ pub struct DrawnCells {
 }
 
 impl DrawnCells {
-    /// Entries of the frame's draw list, and of the one for the other eye.
+    /// The number of entries in the frame's draw list, plus those in the other eye's list if there is one.
     pub fn entries(&self) -> usize {
         self.cells.len()
     }
 }
 
-/// How much of a volume a view sees, in cells and in their areas.
+/// How much of a volume a view sees: numbers of cells, and their screen areas.
 pub(crate) struct Seen {
     pub(crate) wanted: usize,
     pub(crate) resident: usize,
@@ -70,12 +70,13 @@ pub(crate) struct Seen {
     pub(crate) resident_area: f64,
     /// Whether every cell is drawn with something.
     pub(crate) is_covered: bool,
-    /// Why a cell is not.
+    /// Why a cell that is drawn with nothing could not be read; `None` if there is no such cell, or its brick has not failed.
     pub(crate) error: Option<BrickError>,
 }
 
 impl PagedVolume {
-    /// Starts the workers, within a share of the host budget that `meter` is charged with, with cores that have been read before.
+    /// Starts the workers of a volume within its share of the host budget, which `meter` is charged with. `kept` are cores that have been read
+    /// before.
     ///
     /// # Errors
     /// If the share cannot feed one worker, or no thread can be started.
@@ -113,19 +114,19 @@ impl PagedVolume {
         })
     }
 
-    /// The cores that it has decoded. Ends the workers.
+    /// Ends the workers and returns the cores that they have decoded.
     pub(crate) fn into_cores(self) -> KeptCores {
         let Self { cache, workers, .. } = self;
         drop(workers);
         cache.kept_cores()
     }
 
-    /// What cuts are made from: the source, or what is known of it without waiting.
+    /// The source that cuts are made from: the volume's own, or one that answers with what is known without waiting.
     pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
         self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
     }
 
-    /// Takes in what has arrived, and that there may be another view. The volume has this number among those of the residency.
+    /// Begins a frame: takes in the bricks that have arrived, and the view. `number` is the volume's index among those of the residency.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
@@ -149,34 +150,34 @@ impl PagedVolume {
         }
     }
 
-    /// The version of what is known of bricks' occupancy.
+    /// The version of what is known of the occupancy of the volume's bricks.
     pub(crate) fn occupancy_version(&self) -> u64 {
         self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
     }
 
-    /// Whether no more is known of bricks' occupancy than at that version, and nothing is on its way.
+    /// Whether no more is known of the bricks' occupancy than at this version, and no page of it is on its way.
     pub(crate) fn knows_since(&self, version: u64) -> bool {
         let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
         self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
     }
 
-    /// The bricks that a frame wants of a cut that it sees so.
+    /// What a frame wants of the volume, given its cut and what the frame's view sees of the cut.
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
         Wants { pyramid: self.source.pyramid(), cut, sight, roots: &self.roots }
     }
 
-    /// Remembers what feedback will be about.
+    /// Remembers which cells the frame's draw lists have entries for, as feedback will be about them.
     pub(crate) fn note_drawn<'a>(&mut self, lists: impl Iterator<Item = &'a DrawList>) {
         self.drawn = Arc::new(lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect());
     }
 
-    /// What feedback about the last frame will be about; `None` before the first.
+    /// What the last frame drew, for feedback about it; `None` before the first frame.
     pub(crate) fn drawn(&self, is_complete: bool) -> Option<DrawnCells> {
         let view = self.view.clone()?;
         Some(DrawnCells { view, cells: self.drawn.clone(), is_complete, gone_by: self.gone_by })
     }
 
-    /// What the view sees of a cut, given which of the cells in sight are resident.
+    /// How much of a cut the view sees, given which of the cells in sight are resident and which bricks have failed.
     pub(crate) fn seen<'a>(
         &self,
         cut: &Cut,
@@ -209,7 +210,7 @@ impl PagedVolume {
         Seen { wanted, resident, failed, area, resident_area, is_covered: left_out.is_none(), error }
     }
 
-    /// Replaces the plan; takes back what is not wanted, and, with the next call, what the frame hands out.
+    /// Replaces the workers' plan. Takes back the stale buffers at once, and those that the frame hands out with the next frame or wait.
     pub(crate) fn request(
         &mut self,
         requests: Vec<(Tier, BrickId)>,
@@ -221,12 +222,12 @@ impl PagedVolume {
         self.handed_out.extend(handed_out);
     }
 
-    /// Takes back what the last frame handed out.
+    /// Takes back the buffers that the last frame handed out.
     pub(crate) fn take_back(&mut self) {
         self.workers.give_back(self.handed_out.drain(..));
     }
 
-    /// See [`Pager::feedback`](crate::Pager::feedback).
+    /// Takes in what the renderer saw of the volume: see [`Pager::feedback`](crate::Pager::feedback).
     pub(crate) fn feedback(&mut self, drawn: &DrawnCells, visibility: &[f32]) {
         assert_eq!(visibility.len(), drawn.cells.len(), "visibility of another draw list");
         let told = drawn.cells.iter().copied().zip(visibility.iter().copied());
@@ -249,24 +250,24 @@ impl PagedVolume {
         }
     }
 
-    /// Whether a complete frame has confirmed what has been told of this view. What was told of other contents says nothing of it, and there may
-    /// be nothing to tell, as of projections.
+    /// Whether a complete frame has confirmed what has been told of the visibility in this view. True also where nothing has been told, as for
+    /// projections, or only of other content.
     pub(crate) fn is_confirmed(&self) -> bool {
         let is_told = |visibility: &Visibility| self.view.as_ref().is_some_and(|view| visibility.is_of_content(view));
         self.visibility.as_ref().is_none_or(|(number, told)| *number == self.confirmed || !is_told(told))
     }
 
-    /// Whether something is on its way.
+    /// Whether a brick or a page of occupancy is on its way.
     pub(crate) fn is_busy(&self) -> bool {
         self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
     }
 
-    /// Whether something has come that no frame has taken in.
+    /// Whether a brick or a page of occupancy has come that no frame has taken in.
     pub(crate) fn has_arrivals(&self) -> bool {
         self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
     }
 
-    /// Waits for what comes, too.
+    /// Adds the channels of the volume's bricks and pages to what `select` waits for.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
         if let Some((_, reader)) = &self.occupancy {
             select.recv(reader.arrivals());
@@ -274,12 +275,12 @@ impl PagedVolume {
         self.workers.arrivals().map(|arrivals| select.recv(arrivals));
     }
 
-    /// Takes the sign that pages have come, if there is one.
+    /// Takes the sign that pages of occupancy have come. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
         self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
     }
 
-    /// What has been decoded since the start; and read, where this is to be counted.
+    /// Totals of what has been decoded since the start. Bytes read are counted only if `counts_reads`, else they are 0.
     pub(crate) fn counters(&self, counts_reads: bool) -> Counters {
         let decoded = self.cache.counters();
         let bytes_read = if counts_reads { self.source.bytes_read() - self.bytes_read_before } else { 0 };
@@ -288,7 +289,7 @@ impl PagedVolume {
     }
 }
 
-/// The buffers of a source whose padded bricks have this layout, planned for in this way within so many bytes.
+/// The sizes of the buffers for a source whose padded bricks have this layout, with this planning and host budget.
 pub(crate) fn buffer_sizes(
     source: &dyn BrickSource,
     layout: &Layout,

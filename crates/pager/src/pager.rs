@@ -25,23 +25,23 @@ use std::time::Duration;
 /// One frame's work for the renderer.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Bricks to write into their slots, in order, before drawing. They replace only what this frame does not draw. A
-    /// renderer may keep the codes instead of copying them (they are then its own memory, not the pager's).
+    /// Bricks to write into their slots, in order, before drawing. They replace only bricks that this frame does not draw. A
+    /// renderer may keep the codes instead of copying them; they then count as the renderer's memory, not the pager's.
     pub uploads: Vec<Upload>,
-    /// Volume by volume, what to draw.
+    /// What to draw of each volume, in the order of the pager's volumes.
     pub volumes: Vec<VolumeDraw>,
-    /// How far the views are.
+    /// How far the views are from settled, and what they have cost.
     pub status: Status,
 }
 
-/// What to draw of a volume.
+/// What to draw of one volume in a frame.
 #[derive(Clone, Debug)]
 pub struct VolumeDraw {
-    /// After the uploads, every slot it names holds its brick.
+    /// The volume's draw list. Once the frame's uploads are done, every slot that the list names holds the brick that the list says.
     pub draw: DrawList,
-    /// The entries of `draw` back to front for the view's other eye, if it has one.
+    /// The entries of `draw`, back to front for the view's other eye; `None` if the view has one eye.
     pub draw_other_eye: Option<DrawList>,
-    /// The first volume of those that are drawn from the same cut.
+    /// The index of the first volume that is drawn from the same cut as this one: this volume's own index if there is no earlier one.
     pub cut: usize,
 }
 
@@ -64,7 +64,7 @@ impl LastFrame {
     }
 }
 
-/// Pages the bricks of volumes that share slots, for one view of each at a time.
+/// Pages the bricks of volumes that share slots, for one view of each volume at a time.
 pub struct Pager {
     config: PagerConfig,
     meter: Arc<Meter>,
@@ -85,21 +85,27 @@ pub struct Pager {
 }
 
 impl Pager {
-    /// Starts the workers; nothing is read until the first frame. The host budget is shared out among the volumes once, by what
-    /// each could use.
+    /// Starts the workers; nothing is read until the first frame. The padded bricks of all sources must have the same size. The host budget
+    /// is shared out among the volumes once, by what each could use.
     ///
     /// # Errors
-    /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron does
-    /// not fit, or no thread can be started.
+    /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron or the gradients do
+    /// not fit the bricks, or no thread can be started.
+    ///
+    /// # Panics
+    /// If there is no source.
     pub fn new(sources: &[Arc<dyn BrickSource>], config: PagerConfig) -> Result<Self, PagerError> {
         Self::with_cores(sources, config, &mut Vec::new())
     }
 
-    /// Starts the workers with cores that [another pager](Self::into_cores) has decoded: those of these sources are taken, as many as the
-    /// host budget has room for.
+    /// Starts the workers with cores that [another pager](Self::into_cores) has decoded. For each source, one entry of `kept` with its cores is
+    /// taken out, if there is one, and used as far as the host budget has room for it.
     ///
     /// # Errors
-    /// As [`Pager::new`].
+    /// The same as those of [`Pager::new`].
+    ///
+    /// # Panics
+    /// If there is no source.
     pub fn with_cores(
         sources: &[Arc<dyn BrickSource>],
         config: PagerConfig,
@@ -148,10 +154,11 @@ impl Pager {
         })
     }
 
-    /// What of a host budget a pager of this configuration needs at least, and more than what is of no use to it.
+    /// The host memory that a pager of these sources and this configuration asks for, in items of one byte: the least that it needs, and
+    /// the most that is of use to it.
     ///
     /// # Errors
-    /// If the apron does not fit.
+    /// If the apron or the gradients do not fit the bricks.
     pub fn host_request(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
         let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
         sources.iter().try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, source| {
@@ -160,11 +167,11 @@ impl Pager {
         })
     }
 
-    /// What to upload and draw for a view of each volume now, where `at` is the time since some moment that stays the same: motion and
-    /// fades are measured by it. Calling it says that the last frame's uploads are done with.
+    /// What to upload and draw now, for one view of each volume. `at` is the time since a fixed moment; motion and fades are measured by it.
+    /// Calling this function says that the last frame's uploads are done with.
     ///
     /// # Panics
-    /// If there are not as many views as volumes, or a source has no such time step or channel.
+    /// If there are not as many views as volumes, or a source does not have its view's time step or channel.
     pub fn frame(&mut self, views: &[View], at: Duration) -> Frame {
         assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
         for (i, (volume, view)) in self.volumes.iter_mut().zip(views).enumerate() {
@@ -208,7 +215,7 @@ impl Pager {
         Frame { uploads, volumes: drawn, status }
     }
 
-    /// What the last frame drew of a volume, for [`Pager::feedback`] about it; `None` before the first frame.
+    /// What the last frame drew of a volume, to be given to [`Pager::feedback`] later; `None` before the first frame.
     ///
     /// # Panics
     /// If there is no such volume.
@@ -216,11 +223,11 @@ impl Pager {
         self.volumes[volume].drawn(self.is_complete)
     }
 
-    /// What the renderer saw of a volume in a frame, the last one or an earlier one: for each entry of its draw list, in its order, the
-    /// greatest transmittance with which any ray of its pixels entered the cell; 0 if none did, 1 if it is seen in the open; then the same
-    /// for the list of the other eye, if there is one. Cells that are hidden from all eyes are not wanted from the next plan on, and the
-    /// others in the order of what is seen of them. What was seen of another appearance, time step or channel than the last frame's says
-    /// nothing, and is left.
+    /// Tells the pager what the renderer saw of a volume in the last frame or an earlier one. `visibility` has one number for each entry of the
+    /// frame's draw list, in the list's order, and then for each entry of the other eye's list, if there is one: the greatest transmittance with
+    /// which a ray of the entry's pixels entered the cell, 0 if no ray did, 1 if nothing is in front of the cell. From the next plan on, cells
+    /// that are hidden from all eyes are not wanted, and the others are wanted in the order of how much is seen of them. Feedback is ignored if
+    /// its frame's view had another appearance, time step, channel, clip, placement or set of opaque bins than the last frame's view.
     ///
     /// # Panics
     /// If there is no such volume, or there are not as many numbers as entries.
@@ -228,18 +235,20 @@ impl Pager {
         self.volumes[volume].feedback(drawn, visibility);
     }
 
-    /// Has the next frame upload no more than so many bytes, be it nothing at all: what a renderer can take without waiting.
+    /// Limits the next frame's uploads to this many bytes, which may be 0: as much as the renderer can take without waiting. Later frames are
+    /// not limited by it.
     pub fn limit_uploads(&mut self, bytes: u64) {
         self.upload_room = Some(bytes);
     }
 
-    /// How long carrying out the last frame's uploads took: so that the next frames' can be fitted to the time there is.
+    /// Tells the pager how long the last frame's uploads took, so that the next frames' uploads can be fitted to the time there is.
     pub fn uploads_took(&mut self, time: Duration) {
         self.governor.took(time);
     }
 
-    /// Waits until the next frame has something to take in, or shows more of what fades in; false if `timeout` has passed or
-    /// nothing is on its way. Calling it says that the last frame's uploads are done with.
+    /// Waits until the next frame has something to take in, or shows more of a brick that fades in (after 16 ms, or `timeout` if that is
+    /// less). Returns false if nothing is on its way, or `timeout` has passed while no brick fades in. Calling this function says that the last
+    /// frame's uploads are done with.
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.volumes.iter_mut().for_each(PagedVolume::take_back);
         if self.residency.has_staged() {
@@ -261,11 +270,11 @@ impl Pager {
         is_ready || self.is_fading
     }
 
-    /// Says that the slots have lost what was in them, as happens with a GPU's device, and how many there are now; more
-    /// than before are not used. The next frames bring back what the views want.
+    /// Tells the pager that the slots have lost their bricks, as when a GPU device is lost, and how many slots there are now. Slots
+    /// beyond the former number are not used. The next frames bring back the bricks that the views want.
     ///
     /// # Errors
-    /// If these are too few, or the planner's thread cannot be started again.
+    /// If the slots are too few, or the planner's thread cannot be started again.
     pub fn forget_slots(&mut self, slots: u32) -> Result<(), PagerError> {
         let slots = slots.min(self.config.slots);
         check_slots(self.volumes.iter().map(|volume| &volume.source), slots, self.slot_bytes)?;
@@ -277,12 +286,13 @@ impl Pager {
         Ok(())
     }
 
-    /// Ends the workers. What they have decoded may serve [another pager](Self::with_cores), of other slots or wider aprons.
+    /// Ends the workers and returns the cores that they have decoded, which may serve [another pager](Self::with_cores) with other slots or
+    /// wider aprons.
     pub fn into_cores(self) -> Vec<KeptCores> {
         self.volumes.into_iter().map(PagedVolume::into_cores).collect()
     }
 
-    /// The configuration given.
+    /// The pager's configuration, with the number of slots as it is now: [`Pager::forget_slots`] may have lowered it.
     pub fn config(&self) -> &PagerConfig {
         &self.config
     }

@@ -29,10 +29,10 @@ pub(crate) enum State {
     Failed,
 }
 
-/// Where a brick comes in the order of reading.
+/// Where a brick comes in the order of reading: least keys first.
 pub(crate) type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
 
-/// The bricks of a volume that its view needs to be read, each with its place in the order.
+/// The bricks of a volume that are to be read for its view, each with its place in the order of reading.
 pub(crate) fn requests(
     pyramid: &Pyramid,
     cut: &Cut,
@@ -62,7 +62,7 @@ pub(crate) fn requests(
     keyed
 }
 
-/// Bricks of any volumes in the order in which they are to be read. Where volumes want the same, it is one after the other.
+/// Bricks of any volumes in the order in which they are to be read. Of bricks with equal keys, the one of the earlier volume comes first.
 pub(crate) fn in_order(mut keyed: Vec<(Key, VolumeBrick)>) -> Vec<(Tier, VolumeBrick)> {
     keyed.sort_unstable();
     keyed.into_iter().map(|(key, brick)| (key.0, brick)).collect()
@@ -86,7 +86,7 @@ fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state
     }
 }
 
-/// The place of a brick of this tier, given its error in pixels.
+/// The place of a brick of this tier in the order of reading, given its screen-space error in pixels.
 pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
     let widest = pyramid.level(id.level).bricks.to_array().into_iter().fold(0, u32::max);
     let bits = u32::BITS - (widest - 1).leading_zeros();

@@ -24,30 +24,30 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Where cuts are made.
+/// Where cuts are made, and from what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Planning {
-    /// Within the frame, each anew: for pictures that are waited for. The same view always has the same cut, whatever was
-    /// seen before it.
+    /// Cuts are made within the frame, each anew: for pictures that are waited for. The same view always has the same cut,
+    /// whatever was seen before it.
     #[default]
     Inline,
-    /// On a thread of its own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
+    /// Cuts are made on a thread of their own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
     Thread,
 }
 
 /// How long a frame waits for its own view's cut.
 const PATIENCE: Duration = Duration::from_millis(1);
 
-/// What to plan for.
+/// What cuts are to be made for.
 #[derive(Clone)]
 pub(crate) struct Job {
-    /// Volume by volume.
+    /// The view of each volume.
     pub(crate) views: Vec<View>,
-    /// What is known of the visibility of each volume's cells, and its number.
+    /// What is known of the visibility of each volume's cells, with a number that changes with it; `None` if nothing is known.
     pub(crate) visibility: Vec<Option<(u64, Arc<Visibility>)>>,
-    /// Whether to look ahead, and the camera that is foreseen.
+    /// Whether to look ahead: `None` if not; else the camera that is foreseen, or `Some(None)` if none is.
     pub(crate) ahead: Option<Option<ViewRays>>,
-    /// The versions of what is known of bricks' occupancy.
+    /// For each volume, the version of what is known of its bricks' occupancy.
     pub(crate) occupancy: Vec<u64>,
 }
 
@@ -65,12 +65,12 @@ impl Job {
     }
 }
 
-/// What has been planned.
+/// What has been planned for a job: cuts, and bricks to fetch ahead.
 #[derive(Clone)]
 pub(crate) struct Outlook {
-    /// Volume by volume.
+    /// The cut of each volume.
     pub(crate) cuts: Vec<Arc<Cut>>,
-    /// What to fetch ahead, first things first.
+    /// The bricks to fetch ahead, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
 }
 
@@ -195,7 +195,7 @@ impl Planner {
         Ok(Self { sources: sources.to_vec(), asked: None, number: 0, newest: None, place })
     }
 
-    /// The newest there is, of the views' time steps and channels. If it is not what is asked for, that is on its way.
+    /// The newest outlook that there is, with cuts of the views' time steps and channels. If it is not the job's own, that one is on its way.
     pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
         if let Place::Thread(thread) = &self.place {
             self.newest = thread.newest(Duration::ZERO).or(self.newest.take());
@@ -241,7 +241,7 @@ impl Planner {
         self.newest.as_ref().is_some_and(|(number, _)| *number == self.number)
     }
 
-    /// Where the next one comes from, if it is on its way.
+    /// The channel from which the next outlook comes, if one is on its way.
     pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
         match &self.place {
             Place::Thread(thread) if !self.is_done() => Some(&thread.outlooks),

@@ -26,7 +26,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Decoded bricks of one source.
+/// A cache in host memory of the decoded bricks of one source.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
     encoding: SlotEncoding,
@@ -67,7 +67,7 @@ struct Making {
     shell: Option<Arc<[u8]>>,
 }
 
-/// What a padded brick is made of, where aprons are stored.
+/// What a padded brick is made of where aprons are stored: a core and its apron.
 pub(crate) struct Whole {
     /// The core, then the apron.
     pub(crate) codes: Arc<[u8]>,
@@ -80,7 +80,7 @@ pub(crate) struct Whole {
 pub struct DecodeCounters {
     /// Cores decoded, with repeats.
     pub decoded: u64,
-    /// Bytes of voxels that came out, those of stored aprons included.
+    /// Bytes of decoded voxels, those of stored aprons included.
     pub bytes_decoded: u64,
     /// Cores and stored aprons that could not be read, each counted once.
     pub failed: u64,
@@ -90,7 +90,7 @@ impl RamCache {
     /// A cache of at most `bytes` for the cores of `source`, from which bricks with this apron are to be assembled.
     ///
     /// # Errors
-    /// If not one core fits, or the apron is wider than a brick.
+    /// If not one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
         let layout = layout_of(&*source, apron, 0)?;
         let core = layout.cached_bytes() as u64;
@@ -114,8 +114,8 @@ impl RamCache {
         Self { source, encoding, layout, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
-    /// The cores, with their stored aprons where there are such: of those that could be read. To be called once nobody reads through the
-    /// cache any more.
+    /// The cached cores, with their stored aprons where there are any; cores whose apron could not be read are left out. To be called once
+    /// nobody reads through the cache any more.
     pub(crate) fn kept_cores(&self) -> KeptCores {
         let inner = self.lock();
         let is_whole = |(id, _): &(BrickId, &Arc<[u8]>)| !inner.failed_aprons.contains(id);
@@ -123,7 +123,8 @@ impl RamCache {
         KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
     }
 
-    /// Takes cores over that another cache of the source has decoded, those last used rather than others. What cannot be used is dropped.
+    /// Takes over cores that another cache of the same source has decoded, the last used ones if there is no room for all. The others are
+    /// dropped, as are all cores of another source, or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
         if !kept.is_of(&self.source) || kept.stored_apron != self.layout.stored {
             return;
@@ -135,7 +136,7 @@ impl RamCache {
         }
     }
 
-    /// Where the cores come from.
+    /// The source that the cores are read from.
     pub fn source(&self) -> &Arc<dyn BrickSource> {
         &self.source
     }
@@ -145,7 +146,7 @@ impl RamCache {
         self.encoding
     }
 
-    /// What has been decoded so far.
+    /// What the cache has decoded so far, and what it could not read.
     pub fn counters(&self) -> DecodeCounters {
         self.lock().counters
     }
@@ -154,13 +155,14 @@ impl RamCache {
         self.layout
     }
 
-    /// Bytes of the buffer that a thread needs to decode: a core, or an apron, of voxels where these are not codes already.
+    /// Bytes of the buffer that a thread needs to decode: the voxels of a core or of a stored apron, whichever are more; 0 where voxels are
+    /// codes already.
     pub(crate) fn scratch_bytes(&self) -> usize {
         scratch_bytes(&*self.source, &self.layout, &self.encoding) as usize
     }
 
-    /// The codes to take each part from where they are cached: the brick's own core, and shells of its neighbours. To be
-    /// dropped before asking for more.
+    /// For each part of a padded brick, the cached codes to take it from: the brick's own core, or a neighbour's shell. `None` where these are
+    /// not cached, or there is no lender. The codes are to be dropped before asking for more.
     pub(crate) fn cached(&self, lenders: &[Option<BrickId>; Part::COUNT]) -> [Option<Arc<[u8]>>; Part::COUNT] {
         let mut inner = self.lock();
         let mut codes = [const { None }; Part::COUNT];
@@ -170,7 +172,7 @@ impl RamCache {
         codes
     }
 
-    /// The codes to take one part from, decoded if need be. To be dropped before asking for another.
+    /// The codes to take one part of a padded brick from, decoded if need be. They are to be dropped before asking for others.
     pub(crate) fn part(&self, part: Part, lender: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, Failure> {
         let mut inner = self.lock();
         loop {
@@ -190,13 +192,13 @@ impl RamCache {
         }
     }
 
-    /// All that a padded brick is made of, decoded if need be. To be dropped before asking for another.
+    /// A core with its stored apron, decoded if need be. It is to be dropped before asking for another.
     pub(crate) fn whole(&self, id: BrickId, scratch: &mut [u8]) -> Result<Whole, Failure> {
         let codes = self.part(Part::OWN, id, scratch)?;
         Ok(Whole { codes, has_apron: !self.lock().failed_aprons.contains(&id) })
     }
 
-    /// Gives bricks that failed for reasons that may have passed one more try: which ones.
+    /// Gives bricks that failed for reasons that may have passed one more try. Returns which bricks these are.
     pub(crate) fn renew_failures(&self) -> Vec<BrickId> {
         self.lock().failures.renew()
     }
@@ -300,7 +302,7 @@ impl RamCache {
 }
 
 impl KeptCores {
-    /// Whether they are a source's.
+    /// Whether the cores were read from this source.
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
     }
@@ -358,12 +360,15 @@ impl Inner {
     }
 }
 
-/// The encoding of a source's slots.
+/// How a source's values are encoded as slot codes.
 pub(crate) fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
     SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
 }
 
-/// The layout of a source's bricks.
+/// The layout of a source's bricks with this apron and these layers of gradients.
+///
+/// # Errors
+/// If the apron or the gradients do not fit the bricks.
 pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u32) -> Result<Layout, PagerError> {
     let edge = source.pyramid().edge();
     if !(1..=MAX_REACH).contains(&apron) || apron > edge {
@@ -376,7 +381,7 @@ pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u
     Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source)))
 }
 
-/// Bytes of a decoding thread's scratch.
+/// Bytes of the scratch buffer that a decoding thread needs; 0 where voxels are codes already.
 pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout, encoding: &SlotEncoding) -> u64 {
     let voxels = layout.edge.pow(3).max(layout.stored_apron().voxels());
     if is_identity(encoding) { 0 } else { voxel_bytes(source, voxels) }

@@ -26,30 +26,30 @@ use std::time::Duration;
 /// A padded brick to write into a slot of the atlas.
 #[derive(Clone, Debug)]
 pub struct Upload {
-    /// Which of the pager's volumes it is of.
+    /// The index of the brick's volume among the pager's volumes.
     pub volume: usize,
-    /// Where to.
+    /// The slot to write the brick into.
     pub slot: Slot,
-    /// Which brick.
+    /// The brick that is written.
     pub brick: BrickId,
-    /// Its codes, `(edge + 2 * apron)^3`, x fastest.
+    /// The padded brick: `(edge + 2 * apron)^3` codes, x fastest, and the brick's gradients behind them if there are any.
     pub codes: Arc<[u8]>,
 }
 
-/// A brick back from the workers.
+/// A brick that the workers have read, or could not read.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BrickId,
     pub(crate) result: Result<Arc<[u8]>, Failure>,
 }
 
-/// What one frame does.
+/// What one frame does with all volumes.
 #[derive(Debug)]
 pub(crate) struct Step {
     pub(crate) uploads: Vec<Upload>,
-    /// Volume by volume.
+    /// What the frame does with each volume.
     pub(crate) volumes: Vec<VolumeStep>,
-    /// Whether all that is wanted is resident, or failed with its stand-in resident, and nothing fades in any more.
+    /// Whether every wanted brick is resident, or has failed and its stand-in is resident, and no brick fades in any more.
     pub(crate) settled: bool,
 }
 
@@ -59,9 +59,9 @@ pub(crate) struct VolumeStep {
     pub(crate) draw: DrawList,
     /// Whether each cell in sight has its own brick resident.
     pub(crate) resident: Vec<bool>,
-    /// What to read next.
+    /// The bricks to read next, the most urgent first.
     pub(crate) requests: Vec<(Tier, BrickId)>,
-    /// Arrivals that this view does not want.
+    /// The codes of arrived bricks that this view does not want.
     pub(crate) stale: Vec<Arc<[u8]>>,
 }
 
@@ -71,11 +71,11 @@ pub(crate) struct Wants<'a> {
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) cut: &'a Cut,
     pub(crate) sight: &'a VisibleCells,
-    /// The coarsest bricks: pinned.
+    /// The volume's coarsest bricks, which are pinned.
     pub(crate) roots: &'a [BrickId],
 }
 
-/// The bricks of volumes that share slots.
+/// Which bricks of the volumes that share slots are staged, resident or failed.
 pub(crate) struct Residency {
     slots: SlotTable,
     volumes: Vec<Bricks>,
@@ -95,9 +95,9 @@ struct Bricks {
 /// What a frame's uploads are limited by.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct UploadLimit {
-    /// Bytes that are enough for a frame; one brick is the least.
+    /// Bytes that are enough for a frame, though one brick is allowed whatever its size; `None` for no such limit.
     pub(crate) goal_bytes: Option<u64>,
-    /// There is no room for more than so many, be it for none.
+    /// Bytes that there is room for, which may be none; `None` for no such limit.
     pub(crate) room_bytes: Option<u64>,
 }
 
@@ -110,7 +110,8 @@ impl UploadLimit {
 }
 
 impl Residency {
-    /// Nothing resident, of so many volumes and slots; bricks that come take this long to fade in.
+    /// The state with nothing resident, for this many volumes and slots. Bricks that come take the time `fade` to fade in; with `None` they are
+    /// drawn at once.
     pub(crate) fn new(volumes: usize, slots: u32, fade: Option<Duration>) -> Self {
         let bricks = || Bricks { staged: BTreeMap::new(), failed: HashMap::new(), fades: Fades::new(fade) };
         Self {
@@ -132,12 +133,12 @@ impl Residency {
         }
     }
 
-    /// Bricks that may be read after all.
+    /// Forgets that these bricks of a volume have failed: they may be read after all.
     pub(crate) fn forget_failures(&mut self, volume: usize, bricks: &[BrickId]) {
         bricks.iter().for_each(|id| drop(self.volumes[volume].failed.remove(id)));
     }
 
-    /// Forgets what is in the slots, of which there are so many from here on.
+    /// Forgets what is in the slots. From here on there are `slots` of them.
     pub(crate) fn forget_slots(&mut self, slots: u32) {
         self.slots = SlotTable::new(slots);
     }
@@ -162,9 +163,9 @@ impl Residency {
         }
     }
 
-    /// One frame of all volumes: places staged bricks, in the plan's order, into slots that nothing wanted is drawn from, within a
-    /// limit; then draws and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at`
-    /// is the frame's time.
+    /// One frame of all volumes: places staged bricks, in the plan's order and within a limit, into slots that nothing wanted is drawn from;
+    /// then makes the draw lists and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at` is the frame's
+    /// time.
     pub(crate) fn step(
         &mut self,
         wants: &[Wants<'_>],

@@ -16,15 +16,15 @@ pub(crate) const TRIES: usize = 5;
 /// How many milliseconds after each failed try the next may come.
 const DELAYS_MS: [u64; TRIES] = [20, 80, 320, 1000, 1000];
 
-/// What there is instead of a brick.
+/// Why a brick is not there, and when it may be read again.
 #[derive(Clone, Debug)]
 pub(crate) struct Failure {
     pub(crate) error: BrickError,
-    /// When it may be tried again; `None` if it is failed.
+    /// When the brick may be read again; `None` if it has been given up.
     pub(crate) again: Option<Instant>,
 }
 
-/// All failures of one source.
+/// All bricks of one source that could not be read.
 #[derive(Default)]
 pub(crate) struct Failures {
     bricks: HashMap<BrickId, Tried>,
@@ -49,7 +49,7 @@ impl Tried {
 }
 
 impl Failures {
-    /// What stands against reading the brick now.
+    /// Why the brick is not to be read now; `None` if it may be read.
     pub(crate) fn of(&self, id: BrickId) -> Option<Failure> {
         let tried = self.bricks.get(&id)?;
         let again = (!tried.is_given_up()).then(|| tried.next());
@@ -57,7 +57,7 @@ impl Failures {
         (!is_due).then(|| Failure { error: tried.error.clone(), again })
     }
 
-    /// Takes note of a failed try. Whether the brick is given up with it for the first time.
+    /// Takes note of a failed try. Returns whether the brick is now given up for the first time.
     pub(crate) fn add(&mut self, id: BrickId, error: BrickError) -> bool {
         let times = self.bricks.get(&id).map_or(0, |tried| tried.times) + 1;
         let tried = Tried { error, times, last: Instant::now() };
@@ -69,17 +69,17 @@ impl Failures {
         is_given_up && self.noted.insert(id)
     }
 
-    /// Whether one more failed try would be the last.
+    /// Whether one more try that fails with this error would be the last one.
     pub(crate) fn is_last_try(&self, id: BrickId, error: &BrickError) -> bool {
         !error.is_passing || self.bricks.get(&id).map_or(0, |tried| tried.times) + 1 >= TRIES
     }
 
-    /// The brick has been read.
+    /// Forgets the failures of a brick, which has been read.
     pub(crate) fn remove(&mut self, id: BrickId) {
         self.bricks.remove(&id);
     }
 
-    /// Gives what was given up for a passing reason one more try: which bricks.
+    /// Gives the bricks that were given up for a passing reason one more try. Returns which bricks these are.
     pub(crate) fn renew(&mut self) -> Vec<BrickId> {
         let given_up = self.bricks.iter_mut().filter(|(_, tried)| tried.error.is_passing && tried.is_given_up());
         given_up.map(|(&id, tried)| (tried.times = TRIES - 1, id).1).collect()

@@ -10,7 +10,7 @@ use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 
-/// A brick of one of the volumes that share the slots, by the volume's place among them.
+/// A brick of one of the volumes that share the slots, with the volume's index among them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct VolumeBrick {
     pub(crate) volume: usize,
@@ -40,7 +40,7 @@ pub(crate) struct SlotTable {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Acquired {
     pub(crate) slot: Slot,
-    /// Whether the brick had been evicted not long ago.
+    /// Whether the brick is among the last evicted ones, of which as many are remembered as there are slots.
     pub(crate) again: bool,
 }
 
@@ -61,12 +61,12 @@ impl SlotTable {
         self.count as usize
     }
 
-    /// Ends the last frame's claims.
+    /// Begins a frame: the last frame's claims end.
     pub(crate) fn begin_frame(&mut self) {
         self.frame += 1;
     }
 
-    /// Replaces the pinned bricks. A pin holds from when the brick has a slot.
+    /// Replaces the set of pinned bricks. A pin takes effect once the brick has a slot.
     pub(crate) fn set_pins(&mut self, mut pins: Vec<VolumeBrick>) {
         pins.sort_unstable();
         self.pinned = pins;
@@ -76,12 +76,12 @@ impl SlotTable {
         self.entries.peek(&brick).map(|entry| entry.slot)
     }
 
-    /// Moves a resident brick to the recent end: it goes after those that are not used. Before any is claimed.
+    /// Moves a resident brick to the recent end, so that it is evicted after the unused ones. To be called before any brick is claimed.
     pub(crate) fn touch(&mut self, brick: VolumeBrick) {
         self.entries.promote(&brick);
     }
 
-    /// Keeps a resident brick for this frame. Later tiers first.
+    /// Claims a resident brick for this frame, so that it stays. Bricks of later tiers are to be claimed first.
     pub(crate) fn claim(&mut self, brick: VolumeBrick, tier: Tier) {
         let frame = self.frame;
         if let Some(entry) = self.entries.get_mut(&brick) {
@@ -89,9 +89,9 @@ impl SlotTable {
         }
     }
 
-    /// Gives a brick that has none a slot, claimed for this frame; `None` if all slots are pinned, or claimed for the view, for this tier
-    /// or earlier ones. (Not even what covers a hole takes a slot from what the view shows at its own level: in the next frame what
-    /// has been covered is claimed no more.)
+    /// Gives a slot to a brick that has none, and claims it for this frame. `None` if all slots are pinned, or claimed for the view, for this
+    /// tier or for an earlier one. (Even a brick that covers a hole takes no slot from a brick that the view shows at its own level: the next
+    /// frame no longer claims the bricks whose cells have been covered.)
     pub(crate) fn acquire(&mut self, brick: VolumeBrick, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&brick), "{brick:?} has a slot");
         let (slot, victim) = if self.next < self.count {

@@ -3,21 +3,21 @@
 
 use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
-/// Why a brick could not be read. If that may pass, the pager tries again a few times; then it marks the brick failed and draws
-/// an ancestor.
+/// Why a brick could not be read. If the reason may pass, the pager tries again a few times; in the end it marks the brick failed and
+/// draws an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{id}: {reason}")]
 pub struct BrickError {
-    /// The brick.
+    /// The brick that could not be read.
     pub id: BrickId,
-    /// What went wrong, with the file where there is one.
+    /// What went wrong, naming the file if there is one.
     pub reason: String,
-    /// Whether the same read may go well later: see [`brickyard_store::ReadError::is_passing`].
+    /// Whether the same read may succeed later: see [`brickyard_store::ReadError::is_passing`].
     pub is_passing: bool,
 }
 
-/// A paged volume: a pyramid of bricks that can be read one by one. Calls come from many worker threads at once, but those about a volume as
-/// a whole, which are quick and always answer the same.
+/// A paged volume: a pyramid of bricks that can be read one by one. Many worker threads call it at once. The methods that describe the volume
+/// as a whole must be quick and always give the same answer.
 ///
 /// The methods without a body are enough for a volume of one channel and one time step:
 ///
@@ -55,15 +55,15 @@ pub struct BrickError {
 /// # Ok::<(), BrickError>(())
 /// ```
 pub trait BrickSource: Send + Sync {
-    /// Levels and brick grids.
+    /// The volume's levels, and the grid of bricks of each.
     fn pyramid(&self) -> &Pyramid;
-    /// Placement in the world.
+    /// The voxel spacing and the volume's position in the world.
     fn geometry(&self) -> &Geometry;
-    /// Type of a voxel.
+    /// The type of the voxels' values.
     fn voxel_type(&self) -> VoxelType;
-    /// Least and greatest valid value of the volume, all channels, time steps and levels. Values beyond are shown as these.
+    /// The least and greatest valid value of the volume, over all channels, time steps and levels. Values beyond them are shown as these.
     fn value_range(&self) -> (f64, f64);
-    /// Whether some voxel is NaN or infinite: such voxels have no value.
+    /// Whether some voxel may be NaN or infinite; such voxels count as having no value.
     fn has_non_finite(&self) -> bool {
         self.voxel_type().is_float()
     }
@@ -75,20 +75,20 @@ pub trait BrickSource: Send + Sync {
     fn channels(&self) -> u32 {
         1
     }
-    /// How occupancy masks bin a channel's values.
+    /// How occupancy masks divide a channel's values into bins.
     fn occupancy_bins(&self, _channel: u32) -> OccupancyBins {
         let (low, high) = self.value_range();
         OccupancyBins::over(low, high)
     }
-    /// What the brick and its descendants can show, one voxel around them included; [`Occupancy::ALL`] where it is not known. May
-    /// wait for a disk. Bricks that can show nothing under a transfer function are not read.
+    /// The value bins that the brick and its descendants can show, one voxel around them included; [`Occupancy::ALL`] if this is not known.
+    /// The call may wait for a disk. Bricks that can show nothing under a transfer function are not read.
     fn occupancy(&self, _id: BrickId) -> Occupancy {
         Occupancy::ALL
     }
     /// Reads the occupancy of all bricks of a page, each at its [place](Pyramid::page_of).
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the page cannot be read.
     fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
         let mut occupancy = vec![Occupancy::NONE; self.pyramid().paging(page.level).page_cells()];
         for (id, place) in self.pyramid().bricks_of_page(page) {
@@ -96,7 +96,8 @@ pub trait BrickSource: Send + Sync {
         }
         Ok(occupancy)
     }
-    /// Says that these bricks, and their aprons where they are stored, are about to be read: a file is told to its kernel.
+    /// Tells the source that these bricks, and their aprons where they are stored, are about to be read, so that it may ask the operating system
+    /// to read ahead.
     fn advise(&self, _ids: &[BrickId]) {}
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent
     /// are unspecified.
@@ -104,23 +105,23 @@ pub trait BrickSource: Send + Sync {
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
-    /// Width of the aprons that are stored; 0 where there are none, and aprons are copied from neighbouring bricks.
+    /// The width of the stored aprons in voxels; 0 if there are none, and aprons are to be copied from neighbouring bricks.
     fn stored_apron(&self) -> u32 {
         0
     }
     /// Decodes the brick's stored apron, little-endian voxels in the order of [`brickyard_volume::Apron`], into `out`. Only
-    /// asked for where aprons are stored.
+    /// called where aprons are stored.
     ///
     /// # Errors
-    /// As [`BrickSource::read_core`], of the apron.
+    /// If the apron's bytes are missing, damaged or cannot be decoded.
     fn read_apron(&self, id: BrickId, _out: &mut [u8]) -> Result<(), BrickError> {
         Err(BrickError { id, reason: "no aprons are stored".into(), is_passing: false })
     }
-    /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for whomever.
+    /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for all callers together.
     fn bytes_read(&self) -> u64 {
         0
     }
-    /// The most memory that the source itself takes while it is read, whatever its size.
+    /// The most memory in bytes that the source itself takes while its bricks are read, however large the volume is.
     fn cache_bytes(&self) -> u64 {
         0
     }

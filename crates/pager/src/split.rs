@@ -27,9 +27,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// Hysteresis. A cell that is split where its error passes the target has to be a quarter farther away before it is merged:
-/// more than what a hand-held, orbiting or wobbling camera moves to and fro in a second, and short of the half at which
-/// its parent would have been merged anyway. The price: on the way out, up to a quarter more of each level's radius is kept.
+/// Hysteresis: the share of the target below which a split cell's error has to fall before the cell is merged. So the cell has to be a
+/// quarter farther away than where it was split: more than what a hand-held, orbiting or wobbling camera moves to and fro in a second, and
+/// short of the half at which its parent would have been merged anyway. The price: on the way out, up to a quarter more of each level's
+/// radius is kept.
 pub(crate) const KEEP: f64 = 0.8;
 
 impl Cut {
@@ -39,7 +40,7 @@ impl Cut {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
     }
 
-    /// The cut for a view that follows this cut's: cells near the threshold stay as they are.
+    /// The cut for a view that follows this cut's view, of at most `max_cells` wanted cells. Cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]))
     }
@@ -54,7 +55,7 @@ fn only(mut cuts: Vec<Cut>) -> Cut {
 pub(crate) struct Subject<'a> {
     pub(crate) source: &'a dyn BrickSource,
     pub(crate) view: &'a View,
-    /// What is known of the visibility of its cells.
+    /// What is known of the visibility of the volume's cells; `None` if nothing is.
     pub(crate) visibility: Option<&'a Visibility>,
 }
 
@@ -70,20 +71,20 @@ impl Subject<'_> {
     }
 }
 
-/// The first volume, for each of them, of those that share a tree with it.
+/// For each volume, the index of the first volume that shares a tree with it: its own index if there is no earlier one.
 pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
     let first = |volume| volumes.iter().position(|other| share(other, volume));
     // Each shares its own.
     volumes.iter().enumerate().map(|(i, volume)| first(volume).unwrap_or(i)).collect()
 }
 
-/// Whether volumes on one grid, and seen alike, share trees of cuts.
+/// Whether the cuts of volumes that stand on one grid, and are seen alike, are made of one tree.
 pub(crate) fn share_trees(subjects: &[Subject<'_>], cuts: &[Arc<Cut>]) -> bool {
     let firsts = firsts(subjects, Subject::shares_grid_with);
     cuts.iter().zip(firsts).all(|(cut, first)| cut.shares_tree_with(&cuts[first]))
 }
 
-/// The cuts of volumes that want at most `max_cells` cells together, after their `last` ones, which are none or as many.
+/// The cuts of volumes that together want at most `max_cells` cells. `last` are the volumes' last cuts, which the new ones follow, or empty.
 pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
     debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());
     let firsts = firsts(subjects, Subject::shares_grid_with);
@@ -392,7 +393,7 @@ fn visible_to(
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }
 
-/// The cells of cuts with other bricks in them, those of views' time steps and channels: a guess at what the views want there.
+/// The same cells as those of these cuts, for the views' time steps and channels: a guess at what the views want there.
 pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: &[View]) -> Vec<Arc<Cut>> {
     let at = |(cut, view): (&Arc<Cut>, &View)| View { time: view.time, channel: view.channel, ..cut.view.clone() };
     let views: Vec<View> = cuts.iter().zip(views).map(at).collect();

@@ -5,43 +5,44 @@ use crate::source::BrickError;
 /// How far the views of a pager's volumes are, and what they have cost.
 #[derive(Clone, Debug)]
 pub struct Status {
-    /// Cells that the views see, those aside that are known to be hidden.
+    /// The number of cells that the views see, without those that are known to be hidden.
     pub wanted: usize,
-    /// Cells drawn with their own brick, at the level that the view wants.
+    /// The number of wanted cells that are drawn with their own brick, at the level that the view wants.
     pub resident: usize,
-    /// Cells whose own brick cannot be read, nor at the last try: an ancestor stands in.
+    /// The number of wanted cells whose own brick could not be read, not even at the last try: an ancestor is drawn instead.
     pub failed: usize,
-    /// Whether nothing more will come: every cell of the view's own cut is resident, or failed with its stand-in resident;
-    /// none fades in any more; and, where feedback is given, that of such a frame has changed nothing.
+    /// Whether nothing more will come: every cell that the views' own cuts want is resident, or has failed and its stand-in is resident; no
+    /// brick fades in any more; and, where feedback is given, the feedback about such a frame has changed nothing.
     pub settled: bool,
-    /// Whether nothing more will come before it is known what is seen of this frame: see [`Pager::feedback`](crate::Pager::feedback).
+    /// Whether nothing more will come before the pager is told what was seen of this frame: see [`Pager::feedback`](crate::Pager::feedback).
     pub awaits_feedback: bool,
-    /// Whether every cell is drawn with something. False only before a volume's coarsest bricks have arrived, when nothing is
+    /// Whether every wanted cell is drawn with some brick. False only before a volume's coarsest bricks have arrived, when nothing is
     /// drawn, or with `error`.
     pub covered: bool,
-    /// Share of the screen area of all cells that is drawn with the cells' own bricks, 0 to 1.
+    /// The share of the wanted cells' screen area that is drawn with the cells' own bricks, 0 to 1.
     pub completeness: f64,
-    /// Largest error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite where the eye
+    /// The largest screen-space error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite where the eye
     /// is inside one.
     pub effective_error_px: f64,
-    /// The error asked for.
+    /// The screen-space error that was asked for, in pixels.
     pub pixel_error: f64,
-    /// Whether the cut would be finer with more slots.
+    /// Whether a cut would be finer with more slots.
     pub memory_bound: bool,
-    /// A settled view has cells for which neither their brick nor any ancestor can be read: one of the reasons.
+    /// Why a cell is drawn with nothing, once nothing more will come: neither its brick nor any ancestor can be read. If there are several
+    /// such cells, this is the reason for one of them; `None` if there are none.
     pub error: Option<BrickError>,
-    /// Bytes of all slots.
+    /// Bytes of all slots together.
     pub gpu_bytes: u64,
     /// Bytes of host memory in use.
     pub host_bytes: u64,
-    /// The most so far.
+    /// The most bytes of host memory that have been in use so far; for several pagers together, an upper bound.
     pub host_bytes_peak: u64,
     /// Totals since the pager was made.
     pub counters: Counters,
 }
 
 impl Status {
-    /// Combines this status with that of another pager, of the same picture.
+    /// Combines this status with the status of another pager for the same picture.
     pub fn and(&self, other: &Self) -> Self {
         let (a, b) = (self.wanted as f64, other.wanted as f64);
         let completeness = (self.completeness * a + other.completeness * b) / (a + b);
@@ -71,25 +72,25 @@ impl Status {
 pub struct Counters {
     /// Cores decoded, with repeats.
     pub decoded: u64,
-    /// Encoded bytes that the source has read for them and for stored aprons, and for whoever else uses it.
+    /// Encoded bytes that the sources have read for cores and stored aprons, those read for other users of a source included.
     pub bytes_read: u64,
-    /// Bytes of voxels that came out, those of stored aprons included.
+    /// Bytes of decoded voxels, those of stored aprons included.
     pub bytes_decoded: u64,
-    /// Bricks that could not be read, each counted once, whether wanted for themselves or for a neighbour's apron; and stored
-    /// aprons.
+    /// Bricks that could not be read, whether wanted for themselves or for a neighbour's apron, and stored aprons that could not be read;
+    /// each is counted once.
     pub failed: u64,
     /// Bricks uploaded, with repeats.
     pub uploaded: u64,
-    /// Uploads of bricks among the last evicted ones (as many as there are slots are remembered): a measure of thrash.
+    /// Uploads of bricks that had been evicted not long before (as many evictions as there are slots are remembered): a measure of thrashing.
     pub reuploaded: u64,
-    /// Uploads of bricks that no view wanted yet.
+    /// Uploads of bricks fetched ahead, which no view wanted yet.
     pub uploaded_ahead: u64,
-    /// Bytes uploaded.
+    /// Bytes uploaded to slots.
     pub bytes_uploaded: u64,
 }
 
 impl Counters {
-    /// Adds another pager's counts.
+    /// The sum of these counts and another pager's.
     pub fn and(&self, other: &Self) -> Self {
         Self {
             decoded: self.decoded + other.decoded,

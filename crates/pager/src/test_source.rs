@@ -19,12 +19,12 @@ pub(crate) struct TestSource {
     voxel_type: VoxelType,
     /// Writes the voxel `[x, y, z]` of a brick's level.
     pub(crate) voxel_at: fn(BrickId, [u32; 3], &mut [u8]),
-    /// Bricks that show nothing; to be closed under descent.
+    /// Bricks that show nothing; all descendants of such a brick are to be listed, too.
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
     /// Pages of occupancy that cannot be read.
     pub(crate) failing_pages: HashSet<PageId>,
-    /// Whether that is for a reason that passes.
+    /// Whether the pages in `failing_pages` cannot be read for a reason that passes.
     pub(crate) failing_pages_pass: AtomicBool,
     pub(crate) panicking: HashSet<BrickId>,
     /// How often a brick's core, or its stored apron, still fails for a reason that passes.
@@ -70,12 +70,12 @@ impl TestSource {
         }
     }
 
-    /// `n`^3 voxels of 8 bits in bricks of 8^3.
+    /// A cube of `n`^3 voxels of 8 bits, in bricks of 8^3.
     pub(crate) fn cube(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(n, n, n), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
     }
 
-    /// `n` bricks of 8^3 in a row.
+    /// A row of `n` bricks of 8^3 along x, filled by one line of 8-bit voxels.
     pub(crate) fn row(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
     }
@@ -92,13 +92,13 @@ impl TestSource {
         Err(BrickError { id, reason: "told to fail".into(), is_passing })
     }
 
-    /// The same with aprons of this width stored.
+    /// This source, with stored aprons of this width.
     pub(crate) fn with_aprons(self, width: u32) -> Self {
         Self { stored_apron: width, ..self }
     }
 }
 
-/// A picture of 512 x 512 pixels of the whole volume at one pixel of error.
+/// A view of the whole volume in a picture of 512 x 512 pixels, at a pixel error of 1.
 pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
     let world = source.geometry.world_box(source.pyramid.levels()[0].extent);
     let rays = Camera { projection, ..Camera::looking_at_box(world) }.rays(512, 512).unwrap();
@@ -209,7 +209,7 @@ impl BrickSource for TestSource {
     }
 }
 
-/// What a pager of three workers is made with that looks at nothing but its view.
+/// The configuration of a pager with three workers that plans inline, fetches nothing ahead and has no limits on uploads.
 pub(crate) fn config(slots: u32, host_bytes: u64) -> PagerConfig {
     PagerConfig {
         slots,

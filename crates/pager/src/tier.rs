@@ -1,6 +1,7 @@
 //! Why a brick is wanted: what decides in which order bricks are read, and which of them hold slots.
 
-/// Why a brick is wanted; earlier tiers are served first, and evict later ones. (Next time steps would come after `Visible`.)
+/// Why a brick is wanted. Bricks of earlier tiers are read first, and evict those of later tiers that are fetched ahead. (Next time steps
+/// would come after `Visible`.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Tier {
     Cover,
@@ -10,7 +11,7 @@ pub(crate) enum Tier {
 }
 
 impl Tier {
-    /// The number of slots, of so many, that bricks of this tier may hold.
+    /// How many of `slots` slots the bricks of this tier may hold.
     pub(crate) fn slots(self, slots: usize) -> usize {
         match self {
             Self::Cover | Self::Visible => slots,
@@ -19,7 +20,7 @@ impl Tier {
         }
     }
 
-    /// Whether the view can do without.
+    /// Whether bricks of this tier are fetched ahead: the view itself does not need them.
     pub(crate) fn is_ahead(self) -> bool {
         self > Self::Visible
     }

@@ -7,18 +7,19 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Limits for one frame's uploads, of which there is always at least one.
+/// Limits for one frame's uploads. A frame's first brick is always within them; only
+/// [`Pager::limit_uploads`](crate::Pager::limit_uploads) can hold it back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UploadLimits {
-    /// At most so many bytes; more where frames are slower than [`Self::FRAME`], in proportion.
+    /// The most bytes per frame; in proportion more where frames take longer than [`Self::FRAME`].
     pub bytes: u64,
-    /// What uploads may add to a frame, as far as [`Pager::uploads_took`](crate::Pager::uploads_took) is told; or an eighth of
-    /// the time between frames, if that is more: where frames are slow, uploads are not what makes them so.
+    /// The time that uploads may add to a frame, measured by what [`Pager::uploads_took`](crate::Pager::uploads_took) is told. An eighth of
+    /// the time between frames is allowed where that is more: where frames are slow, uploads are not what makes them so.
     pub time: Duration,
 }
 
 impl UploadLimits {
-    /// Between frames, as far as the limits are meant.
+    /// The time between frames for which the limits are meant.
     pub const FRAME: Duration = Duration::from_millis(16);
 }
 
@@ -35,12 +36,12 @@ pub(crate) struct Governor {
 }
 
 impl Governor {
-    /// A governor; without limits everything is allowed.
+    /// A governor for these limits; with `None` everything is allowed.
     pub(crate) fn new(limits: Option<UploadLimits>) -> Self {
         Self { limits, costs: VecDeque::new(), unmeasured: 0 }
     }
 
-    /// What a frame so long after the last one may upload, if there is a limit.
+    /// The bytes that a frame may upload, given the time since the last one; `None` if there is no limit.
     pub(crate) fn bytes(&self, since_last: Duration) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
         let frames = since_last.as_secs_f64() / UploadLimits::FRAME.as_secs_f64();
@@ -52,12 +53,12 @@ impl Governor {
         Some(bytes.min(costs.get(costs.len() / 2).map_or(f64::INFINITY, affordable) as u64))
     }
 
-    /// A frame has handed out so many bytes.
+    /// Takes note of how many bytes a frame has handed out.
     pub(crate) fn spent(&mut self, bytes: u64) {
         self.unmeasured = bytes;
     }
 
-    /// The last frame's uploads took so long.
+    /// Takes note of how long the last frame's uploads took.
     pub(crate) fn took(&mut self, time: Duration) {
         let bytes = std::mem::take(&mut self.unmeasured);
         if bytes == 0 {

@@ -16,7 +16,7 @@ use crate::cut::{Node, OPEN, View};
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement, Pyramid, ViewRays};
 use std::collections::HashMap;
 
-/// What has been told of one view.
+/// How visible cells are, as frames of one view have told.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Visibility {
     view: View,
@@ -24,7 +24,7 @@ pub(crate) struct Visibility {
 }
 
 impl Visibility {
-    /// What a frame told: the transmittance with which rays entered each cell.
+    /// The visibility that a frame of this view told: the greatest transmittance with which rays entered each cell.
     pub(crate) fn new(pyramid: &Pyramid, view: &View, told: impl Iterator<Item = (BrickId, f32)>) -> Self {
         let mut weights = HashMap::new();
         for (id, transmittance) in told {
@@ -43,19 +43,19 @@ impl Visibility {
         Self { view: view.clone(), weights }
     }
 
-    /// Whether it was told of this view.
+    /// Whether this visibility was told of exactly this view.
     pub(crate) fn is_of(&self, view: &View) -> bool {
         self.view == *view
     }
 
-    /// Whether it was told of what this view shows, seen from wherever.
+    /// Whether this visibility was told of the same content as this view's, seen from wherever.
     pub(crate) fn is_of_content(&self, view: &View) -> bool {
         let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
         let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
         content(&self.view) == content(view) && is_same_place
     }
 
-    /// Takes in what a later frame of the same view told. Returns whether anything has changed.
+    /// Adds what a later frame of the same view told: a cell's weight can only grow. Returns whether anything has changed.
     pub(crate) fn add(&mut self, later: Self) -> bool {
         let mut has_changed = false;
         for (cell, weight) in later.weights {
@@ -68,7 +68,7 @@ impl Visibility {
         has_changed
     }
 
-    /// What a view may expect of a node: what was told of it, if that still holds.
+    /// The weight that a view may expect of a node: the one that was told, if it still holds for the view's eyes; else `None`.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
         let same_content = self.is_of_content(view);
         let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
@@ -96,7 +96,7 @@ fn octave(transmittance: f32) -> u8 {
     if transmittance <= 0.0 { 0 } else { (OPEN as f32 + transmittance.log2().ceil()).min(OPEN as f32).max(1.0) as u8 }
 }
 
-/// What an error counts for a node of this weight.
+/// The factor by which a node's screen-space error counts at this weight: a power of two, 1 in the open.
 pub(crate) fn factor(weight: u8) -> f64 {
     (weight as f64 - OPEN as f64).exp2()
 }

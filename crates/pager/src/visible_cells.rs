@@ -14,22 +14,22 @@ use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// The visible cells of a cut.
+/// The cells of a cut that a view sees.
 #[derive(Clone, Debug)]
 pub(crate) struct VisibleCells {
-    /// Back to front.
+    /// The visible cells, back to front.
     pub(crate) cells: Vec<Ranked>,
-    /// The cells back to front for the view's other eye, if it has one.
+    /// The visible cells, back to front for the view's other eye; `None` if the view has one eye.
     pub(crate) for_other_eye: Option<Vec<Ranked>>,
-    /// Share of the picture that each covers, in arbitrary but common units.
+    /// The screen area of each visible cell, over all eyes, in an arbitrary but common unit.
     pub(crate) areas: Vec<f64>,
     /// Whether the cut was made for this view.
     pub(crate) is_planned: bool,
-    /// The first volume of those whose cells are in one order with these.
+    /// The index of the first volume whose cells are ranked in one order with these.
     pub(crate) first: usize,
 }
 
-/// A cell, and its place in the order of all volumes that share its tree.
+/// A cell, and its place in the back-to-front order of all volumes that share its tree.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranked {
     pub(crate) cell: NodeId,

@@ -109,7 +109,7 @@ impl Queue {
 }
 
 impl Workers {
-    /// Starts `threads` workers that stage at most `staged` padded bricks.
+    /// Starts `threads` workers, which together have at most `staged` padded bricks on their way.
     pub(crate) fn start(
         cache: &Arc<RamCache>,
         threads: u32,
@@ -133,7 +133,7 @@ impl Workers {
         Ok(workers)
     }
 
-    /// Replaces the plan.
+    /// Replaces the plan: the bricks to read, the most urgent first.
     pub(crate) fn replace(&self, requests: Vec<(Tier, BrickId)>) {
         let mut queue = self.shared.lock();
         queue.requests = requests;
@@ -142,24 +142,24 @@ impl Workers {
         self.shared.wake.notify_all();
     }
 
-    /// The next finished brick, if there is one.
+    /// The next brick that has been read, or could not be read; `None` if there is none now.
     pub(crate) fn try_receive(&self) -> Option<Arrival> {
         let arrival = self.arrivals.as_ref()?.try_recv().ok()?;
         self.shared.lock().busy.remove(&arrival.id);
         Some(arrival)
     }
 
-    /// Takes padded buffers back. One that somebody else keeps is theirs from here on.
+    /// Takes padded buffers back. A buffer that somebody else still holds is theirs from here on, and no longer counted.
     pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
     }
 
-    /// Where finished bricks come from.
+    /// The channel that finished bricks come from; `None` only while dropping.
     pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
         self.arrivals.as_ref()
     }
 
-    /// Whether a brick is on its way.
+    /// Whether any brick of the plan is still to be read, is being read, or has not been received.
     pub(crate) fn is_busy(&self) -> bool {
         let queue = self.shared.lock();
         !queue.busy.is_empty() || queue.next < queue.requests.len() || !queue.put_off.is_empty()

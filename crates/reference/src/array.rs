@@ -8,7 +8,7 @@ use glam::DVec3;
 pub struct Array {
     /// Voxels along each axis.
     pub extent: Extent,
-    /// Level-0 voxels per voxel.
+    /// Level-0 voxels per voxel of this level, along each axis.
     pub factor: [u32; 3],
     /// `extent.volume()` values, x fastest.
     pub values: Vec<f64>,
@@ -30,7 +30,7 @@ impl Array {
     /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too.
     ///
     /// # Panics
-    /// If `bytes` is not exactly the level.
+    /// If `bytes` does not hold exactly the voxels of the level.
     pub fn from_bytes(grid: &LevelGrid, voxel_type: VoxelType, bytes: &[u8]) -> Self {
         fn decode<T: Voxel>(bytes: &[u8]) -> Vec<f64> {
             let value = |v: T| if v.is_valid() { v.to_f64() } else { f64::NAN };
@@ -48,8 +48,8 @@ impl Array {
         self.values[self.extent.linear(inside) as usize]
     }
 
-    /// Differences across two voxels along each axis between nodes in the middle of eight voxels: see
-    /// [`gradients`](brickyard_volume::gradients).
+    /// Differences of the values across two voxels along each axis at a point, interpolated between nodes in the middle
+    /// of eight voxels each: see [`gradients`](brickyard_volume::gradients).
     pub(crate) fn stored_differences(&self, point: DVec3) -> DVec3 {
         let p = DVec3::from_array(std::array::from_fn(|a| (point[a] / self.factor[a] as f64 - 1.0) / 2.0));
         let (base, t) = (p.floor(), p - p.floor());
@@ -81,8 +81,8 @@ impl Array {
         DVec3::new(along(0), along(1), along(2))
     }
 
-    /// Filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; where they hold more than
-    /// half the weight there is no value.
+    /// The filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` where they
+    /// hold more than half the weight. Past a face, the last voxels repeat.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {
         let p: [f64; 3] = std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5);
         let base = p.map(|v| v.floor());
@@ -117,12 +117,13 @@ impl Array {
     }
 }
 
-/// The level function of a view that shows one level everywhere.
+/// A function for [`ReferenceVolume::level_at`](crate::ReferenceVolume::level_at) that gives the same level everywhere.
 pub fn one_level(level: usize) -> impl Fn(DVec3) -> usize {
     move |_| level
 }
 
-/// All levels of a volume given by level 0, each the mean of the finer one (f64, unrounded; invalid voxels left out).
+/// All levels of a volume, made from its level 0: each voxel is the mean of the valid finer voxels in its box, in f64
+/// and unrounded; NaN where there are none.
 pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
     let mut levels = vec![finest];
     for grid in &pyramid.levels()[1..] {

@@ -6,7 +6,7 @@ use brickyard_volume::compositing::JointMedium;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
 use glam::DVec3;
 
-/// What the layers show between two distances, over what is behind.
+/// The colour of a ray between two distances: what the layers show there, over the colour `behind`.
 pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: [f64; 2], behind: DVec3) -> DVec3 {
     let Some(way) = ways.first() else { return behind };
     let (seen, left) = match (way.frame.settings.mode, combination) {

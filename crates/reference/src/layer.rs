@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// A ray's way through one layer.
 pub(crate) struct Way<'a> {
-    /// The layer's place among all.
+    /// The layer's index among all layers.
     pub(crate) index: usize,
     pub(crate) frame: &'a VolumeFrame,
     pub(crate) volume: &'a ReferenceVolume<'a>,
@@ -24,20 +24,21 @@ pub(crate) struct Way<'a> {
     surface_lighting: Lighting,
 }
 
-/// What a layer shows by itself between two of its own surfaces.
+/// A piece of a segment between two surfaces of one layer, and what the layer shows there by itself.
 pub(crate) struct Piece {
     pub(crate) ends: Segment,
     pub(crate) alone: LayerMedium,
 }
 
-/// A surface that a ray meets: where, and what it shows.
+/// A surface that a ray meets: its distance, lit colour and opacity.
 pub(crate) struct Met {
     pub(crate) t: f64,
     pub(crate) color: DVec3,
     pub(crate) opacity: f64,
 }
 
-/// The segments of a slab of a ray that goes these ways, near to far.
+/// The segments of a ray between two distances, near to far, from where it enters the first of these layers to where it
+/// leaves the last.
 pub(crate) fn segments(ways: &[Way<'_>], [near, far]: [f64; 2]) -> impl Iterator<Item = Segment> {
     let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
     let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
@@ -50,7 +51,7 @@ pub(crate) fn segments(ways: &[Way<'_>], [near, far]: [f64; 2]) -> impl Iterator
 }
 
 impl<'a> Way<'a> {
-    /// The way of a pixel's ray; `None` if it misses what is shown.
+    /// The way of a pixel's ray through a layer; `None` if the ray misses what is shown of it.
     pub(crate) fn new(
         index: usize,
         frame: &'a VolumeFrame,
@@ -80,26 +81,28 @@ impl<'a> Way<'a> {
         })
     }
 
-    /// The layer's part of a segment, and the value in its middle, if any.
+    /// The layer's part of a segment, and the value in the middle of that part; `None` if there is no part or no value.
     pub(crate) fn middle(&self, segment: Segment) -> Option<(Segment, f64)> {
         let (part, field) = self.part(segment)?;
         Some((part, field.value(part.middle())?))
     }
 
-    /// A colour of fog at a distance, lit where there is this gradient in the scene's world.
+    /// The colour of fog as it is lit at distance `t`; `gradient` is in the scene's world, and `None` where the field
+    /// is flat.
     pub(crate) fn lit(&self, color: DVec3, gradient: Option<DVec3>, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         self.fog_lighting.shade(color, gradient.map(DVec3::normalize), direction, origin + direction * t)
     }
 
-    /// The gradient in the scene's world in the middle of the layer's part of a segment, where there is this value; zero where the
-    /// field is flat, or nothing is lit.
+    /// The gradient in the scene's world in the middle of the layer's part of a segment, where the field has this
+    /// value. Zero where the field is flat, or where nothing depends on gradients.
     pub(crate) fn gradient(&self, segment: Segment, value: f64) -> DVec3 {
         let gradient = |(part, field): (Segment, Field<'_>)| field.gradient(field.differences(part.middle(), value));
         self.part(segment).and_then(gradient).unwrap_or(DVec3::ZERO)
     }
 
-    /// Takes the layer's part of a segment: the pieces of its fog, and its surfaces between them, lit.
+    /// Adds what the layer shows of a segment: the pieces of its fog to `pieces`, and the surfaces between them, lit,
+    /// to `surfaces`.
     pub(crate) fn take(
         &self,
         segment: Segment,

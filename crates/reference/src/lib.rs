@@ -22,20 +22,22 @@ use brickyard_volume::{Combination, Picture, TransferFunction, VolumeFrame};
 use glam::DVec3;
 use layer::Way;
 
-/// The volume as the oracle sees it.
+/// One volume as the oracle sees it: its levels, the level at each place, and its transfer function.
 pub struct ReferenceVolume<'a> {
-    /// All levels, finest first.
+    /// All levels of the volume, finest first.
     pub levels: &'a [Array],
-    /// The level at a point of voxel space.
+    /// The index of the level that is sampled at a point of voxel space (level-0 voxels).
     pub level_at: &'a dyn Fn(DVec3) -> usize,
-    /// The exact transfer function; of `FrameSettings::table` only running integrals are used, and whether there is a grid.
+    /// The exact transfer function. Of `FrameSettings::table` only the running integrals and the adaptive step are
+    /// used, and whether there is a grid.
     pub transfer: &'a TransferFunction,
 }
 
-/// Renders the whole picture of layers, at least one, each a frame and its volume; or that of an expression over them.
+/// Renders the whole picture of one or more layers, each a frame and its volume, or of an expression over the values of
+/// all of them (`combination`).
 ///
 /// # Panics
-/// If there is no frame, not one for each volume, or a volume has no level.
+/// If there is no frame, there are not as many volumes as frames, or a volume has no level.
 pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combination: Option<&Combination>) -> Picture {
     let rays = &frames[0].settings.rays;
     let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
@@ -48,10 +50,11 @@ pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combinati
     Picture { width: rays.width, height: rays.height, rgb }
 }
 
-/// The display-referred colour of one pixel: from back to front, slabs of the volumes and the meshes between them.
+/// The display-referred RGB colour of the pixel in column `x` and row `y`: from back to front, slabs of the volumes and
+/// the meshes between them.
 ///
 /// # Panics
-/// As [`render`].
+/// As [`render`] does.
 pub fn pixel(
     frames: &[VolumeFrame],
     volumes: &[ReferenceVolume<'_>],

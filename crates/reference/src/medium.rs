@@ -23,7 +23,7 @@ struct Part {
     differences: DVec3,
 }
 
-/// A level along a ray.
+/// The field of values of one level along a ray.
 #[derive(Clone, Copy)]
 pub(crate) struct Field<'a> {
     pub(crate) frame: &'a FrameSettings,
@@ -37,7 +37,7 @@ impl Field<'_> {
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
 
-    /// What a layer shows of a piece of a segment by itself.
+    /// What the layer shows by itself in a piece of a segment.
     pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> LayerMedium {
         let integrals = self.frame.sampling.method.is_pre_integrated().then(|| self.frame.table.integrals());
         let mut alone = LayerMedium::default();
@@ -55,7 +55,7 @@ impl Field<'_> {
         alone
     }
 
-    /// A colour lit at a place.
+    /// A colour as it is lit at distance `t`, where the field has these differences.
     pub(crate) fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         self.lighting.shade(color, self.normal(differences), direction, origin + direction * t)
@@ -119,8 +119,8 @@ impl Field<'_> {
         Part { middle, length, value, ends: None, differences: self.differences(middle, value) }
     }
 
-    /// Differences of the field across two voxels along each axis, about a place with a value; those without one are as good as
-    /// it. Zero where nothing depends on them.
+    /// Differences of the field across two voxels along each axis, at distance `t`, where it has this value. The value
+    /// also stands for places without one. Zero where nothing depends on differences.
     pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
         if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
@@ -148,7 +148,7 @@ impl Field<'_> {
         self.gradient(differences).map(DVec3::normalize)
     }
 
-    /// The gradient in the scene's world; `None` where the field is flat.
+    /// The gradient in the scene's world from differences across two voxels; `None` where the field is flat.
     pub(crate) fn gradient(&self, differences: DVec3) -> Option<DVec3> {
         let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
         (!is_flat).then(|| self.frame.placement.world_gradient(self.own_gradient(differences)))

@@ -2,7 +2,7 @@
 
 use brickyard_volume::{FrameSettings, Layer, Ray, mesh};
 
-/// Where the ray meets meshes, near to far, up to the first opaque one.
+/// The layers of meshes that a ray meets, near to far, up to and including the first opaque one.
 pub fn layers(frame: &FrameSettings, ray: &Ray) -> Vec<Layer> {
     let mut layers = Vec::new();
     let mut number = 0;

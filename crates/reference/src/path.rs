@@ -6,8 +6,9 @@ use glam::DVec3;
 
 /// A pixel's ray in the voxel space of a volume, with distances of the scene's world along it.
 pub(crate) struct Path {
-    /// The ray in the scene's world, and in the volume's own.
+    /// The ray in the scene's world.
     pub(crate) world: Ray,
+    /// The ray in the volume's own world.
     pub(crate) own: Ray,
     pub(crate) origin: DVec3,
     pub(crate) direction: DVec3,
@@ -23,12 +24,13 @@ impl Path {
         Self { world, own, origin, direction }
     }
 
-    /// The voxel-space point at a distance.
+    /// The point in voxel space at a distance.
     pub(crate) fn at(&self, t: f64) -> DVec3 {
         self.origin + self.direction * t
     }
 
-    /// From where to where the ray is inside of what is shown of a volume with this finest level.
+    /// The distances at which the ray enters and leaves what is shown of a volume with this finest level; `None` if it
+    /// misses that.
     pub(crate) fn stretch(&self, frame: &FrameSettings, finest: &Array) -> Option<(f64, f64)> {
         let inside = clip(self.origin, self.direction, frame.shown_box(finest.extent))?;
         clip_by_planes(&self.own, frame, inside)

@@ -3,7 +3,7 @@
 use brickyard_volume::surface::{PARTS, ROUNDS, Surface, rank};
 use brickyard_volume::{FrameSettings, Segment};
 
-/// Where a ray passes surfaces, segment by segment from near to far.
+/// Finds where a ray passes surfaces, segment by segment from near to far.
 pub(crate) struct Crossings<'a> {
     surfaces: &'a [Surface],
     /// How many surfaces the last segment's end is past, if it has a value.
@@ -15,7 +15,8 @@ impl<'a> Crossings<'a> {
         Self { surfaces: &frame.surfaces, before: None }
     }
 
-    /// The surfaces that the next segment passes in this field, each with its distance.
+    /// The surfaces that the ray passes in the next segment, near to far, each with its distance. `field` gives the
+    /// value at a distance.
     pub(crate) fn within(&mut self, segment: Segment, field: impl Fn(f64) -> Option<f64>) -> Vec<(f64, &'a Surface)> {
         let rank_at = |t: f64| field(t).map(|value| rank(self.surfaces, value));
         let before = self.before.or_else(|| rank_at(segment.start));

@@ -10,25 +10,25 @@ use wgpu::{Backends, DeviceType, DownlevelFlags, Features, Limits, TextureFormat
 /// Which adapters may be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GpuPreference {
-    /// The fastest; a software rasteriser only if there is nothing else.
+    /// The fastest kind of adapter; a software rasteriser only if there is nothing else.
     #[default]
     Any,
-    /// The fastest, but no software rasteriser.
+    /// The fastest kind of adapter, but no software rasteriser.
     Hardware,
     /// A software rasteriser.
     Software,
 }
 
-/// The texture formats that an adapter gets.
+/// The texture formats that the renderer uses on an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuFormats {
-    /// Atlas of 8-bit codes.
+    /// Format of an atlas of 8-bit codes.
     pub atlas_u8: TextureFormat,
-    /// Atlas of 16-bit codes.
+    /// Format of an atlas of 16-bit codes.
     pub atlas_u16: TextureFormat,
-    /// Target of direct volume rendering.
+    /// Format of the target of direct volume rendering.
     pub composite: TextureFormat,
-    /// Target of projections.
+    /// Format of the target of projections.
     pub project: TextureFormat,
 }
 
@@ -54,7 +54,7 @@ impl GpuFormats {
         }
     }
 
-    /// The atlas format for these codes.
+    /// Returns the format of an atlas for codes of 8 or 16 bits.
     pub fn atlas(&self, codes: SlotFormat) -> TextureFormat {
         match codes {
             SlotFormat::U8 => self.atlas_u8,
@@ -68,14 +68,14 @@ fn format_features(format: TextureFormat) -> Features {
     if format == TextureFormat::R16Unorm { Features::TEXTURE_FORMAT_16BIT_NORM } else { Features::empty() }
 }
 
-/// What is known of an adapter.
+/// A report on a graphics adapter: what it is and what it can do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdapterReport {
-    /// Its name.
+    /// The adapter's name.
     pub name: String,
-    /// The graphics API: `vulkan`, `metal`, `dx12`.
+    /// The graphics API: `vulkan`, `metal`, `dx12` or `gl`.
     pub backend: String,
-    /// `discrete GPU`, `integrated GPU`, `virtual GPU`, `software`, `other`.
+    /// The kind of adapter: `discrete GPU`, `integrated GPU`, `virtual GPU`, `software` or `other`.
     pub kind: &'static str,
     /// Driver name and version.
     pub driver: String,
@@ -83,13 +83,14 @@ pub struct AdapterReport {
     pub max_texture_3d: u32,
     /// Greatest edge of a picture, pixels.
     pub max_texture_2d: u32,
-    /// Greatest buffer.
+    /// Size of the largest buffer, bytes.
     pub max_buffer_bytes: u64,
     /// Whether GPU time can be measured.
     pub timestamps: bool,
-    /// Whether shaders that make a picture can also say what they saw.
+    /// Whether fragment shaders can write to buffers, and so say how much light entered each brick (visibility
+    /// feedback).
     pub feedback: bool,
-    /// The formats it gets.
+    /// The texture formats that the renderer uses on the adapter.
     pub formats: GpuFormats,
 }
 
@@ -105,7 +106,7 @@ impl AdapterReport {
         Self::new(adapter, adapter.features(), &adapter.limits())
     }
 
-    /// What is known of an adapter whose device has these features and limits.
+    /// Makes a report on an adapter whose device has these features and limits.
     pub(crate) fn new(adapter: &wgpu::Adapter, enabled: Features, limits: &Limits) -> Self {
         let info = adapter.get_info();
         Self {
@@ -161,6 +162,9 @@ fn ranked_adapters() -> Vec<wgpu::Adapter> {
 }
 
 /// The best adapter of those that may be used.
+///
+/// # Errors
+/// If there is none.
 pub(crate) fn best(preference: GpuPreference) -> Result<wgpu::Adapter, GpuError> {
     let mut all = ranked_adapters();
     let (wanted, allowed): (_, fn(&wgpu::Adapter) -> bool) = match preference {

@@ -9,44 +9,46 @@ use crate::memory::{ANSWERS, COUNTS_BYTES, TIMESTAMP_BYTES};
 use std::collections::VecDeque;
 use wgpu::BufferUsages;
 
-/// An answer about a picture.
+/// What the GPU says about a picture that was shown, some frames later.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// The picture's number, as its caller gave it.
+    /// The picture's number, as the caller of [`GpuRenderer::show`](crate::GpuRenderer::show) gave it.
     pub picture: u64,
-    /// Layer by layer, of all that the renderer was made for, for each entry of the list drawn, in its order, the greatest transmittance
-    /// with which a ray entered it: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` where that is not known.
+    /// For each layer that the renderer was made for, and each entry of its draw list, the greatest transmittance with
+    /// which a ray entered the entry's cell: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` if
+    /// that is not known.
     pub visibility: Option<Vec<Vec<f32>>>,
-    /// Milliseconds that the picture took on the GPU, where it has timestamps.
+    /// Milliseconds that the picture took on the GPU; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
 }
 
 /// What is asked about a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Question {
-    /// The picture's number; none where somebody waits for it.
+    /// The picture's number; `u64::MAX` for a picture that is waited for.
     pub(crate) picture: u64,
-    /// The layers drawn, and how many cells of each are marked; none where bricks are not.
+    /// The layers drawn, and how many cells of each are marked; `None` if cells are not marked.
     pub(crate) marked: Option<Vec<(usize, usize)>>,
-    /// Layers of meshes that were looked for without waiting for what was found.
+    /// Number of mesh layers that were peeled without waiting for what each had.
     pub(crate) peeled: u32,
 }
 
-/// Where a sheet's counts and marks lie, behind two timestamps.
+/// Byte at which the counts of mesh layers begin on a sheet, after two timestamps.
 pub(crate) const COUNTS_AT: u64 = TIMESTAMP_BYTES;
+/// Byte at which the marks of cells begin on a sheet, after the counts.
 pub(crate) const MARKS_AT: u64 = COUNTS_AT + COUNTS_BYTES;
 
-/// What has been read of a sheet.
+/// What has been read from a sheet: the answer to a question.
 pub(crate) struct Said {
     pub(crate) question: Question,
     pub(crate) ticks: [u64; 2],
-    /// Fragments of each layer of meshes that was looked for.
+    /// Fragments of each mesh layer that was peeled, from the nearest on.
     pub(crate) counts: Vec<u64>,
-    /// Steps with which cells were entered.
+    /// For each marked cell the greatest transmittance with which a ray entered it, in steps of 1/255.
     pub(crate) marks: Vec<u32>,
 }
 
-/// Sheets, free and under way.
+/// The sheets on which answers come back: those that are free, and those under way.
 #[derive(Debug)]
 pub(crate) struct Answers {
     free: Vec<wgpu::Buffer>,
@@ -63,22 +65,25 @@ impl Answers {
         })
     }
 
-    /// A sheet for a picture; none while all are under way.
+    /// Takes a free sheet for a picture; `None` while all sheets are under way.
     pub(crate) fn take_sheet(&mut self) -> Option<wgpu::Buffer> {
         self.free.pop()
     }
 
-    /// Whether all are under way.
+    /// Whether all sheets are under way.
     pub(crate) fn is_full(&self) -> bool {
         self.free.is_empty()
     }
 
-    /// The last submission has written a sheet.
+    /// Begins to bring the answer to a question to the CPU. The last submission must be the one that writes the sheet.
     pub(crate) fn ask(&mut self, question: Question, sheet: wgpu::Buffer) {
         self.under_way.push_back((question, Mapping::begin(sheet)));
     }
 
-    /// What has been said, the oldest first, as far as the device has been looked at.
+    /// Takes the answers that have come, the oldest first. Does not poll the device.
+    ///
+    /// # Errors
+    /// If the device is lost.
     pub(crate) fn take_said(&mut self, gpu: &Gpu) -> Result<Vec<Said>, GpuError> {
         let mut said = Vec::new();
         while let Some((_, mapping)) = self.under_way.front_mut()

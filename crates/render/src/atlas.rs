@@ -11,7 +11,7 @@ use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, Pyramid};
 use wgpu::{Extent3d, TextureFormat};
 
-/// Bytes of a texel of the formats an atlas can have.
+/// Returns the bytes of a texel in a format that an atlas or its gradients can have.
 pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
     match format {
         TextureFormat::R8Unorm => 1,
@@ -20,22 +20,24 @@ pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
     }
 }
 
-/// How slots are laid out in the texture.
+/// How slots are laid out in the atlas texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AtlasPlan {
     /// Texels along a slot's edge.
     pub slot_edge: u32,
     /// Slots along x, y, z.
     pub grid: [u32; 3],
-    /// Size of the texture, or of both.
+    /// Bytes of the atlas, with the texture of gradients if there is one.
     pub bytes: u64,
 }
 
 impl AtlasPlan {
-    /// The atlas with the most slots of `slot_edge`^3 texels, and of `slot_bytes` all in all, that fits `budget_bytes` and `max_edge`
-    /// texels along an axis, but no more than `max_slots`. `None` if not one slot fits.
+    /// Plans the atlas with the most slots, at most `max_slots`, that fits `budget_bytes` and has at most `max_edge`
+    /// texels along an axis. A slot has `slot_edge`^3 texels and takes `slot_bytes` with its gradients. `None` if not
+    /// one slot fits.
     ///
-    /// Among equals the narrowest wins: neighbouring rows and slices of a brick then lie closer together in memory.
+    /// Among plans with equally many slots the narrowest wins: neighbouring rows and slices of a brick then lie closer
+    /// together in memory.
     pub fn new(slot_edge: u32, slot_bytes: u64, budget_bytes: u64, max_edge: u32, max_slots: u32) -> Option<Self> {
         let most = (budget_bytes / slot_bytes).min(max_slots as u64);
         let along = (max_edge / slot_edge) as u64;
@@ -62,7 +64,7 @@ impl AtlasPlan {
         self.grid.map(|n| n * self.slot_edge)
     }
 
-    /// The slot's first texel.
+    /// Returns the position of a slot's first texel.
     pub fn origin(&self, slot: Slot) -> [u32; 3] {
         self.place(slot).map(|i| i * self.slot_edge)
     }
@@ -77,12 +79,12 @@ impl AtlasPlan {
 /// The format of stored gradients.
 const GRADIENT_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Bytes of a slot: a padded brick's texels, and its gradients.
+/// Returns the bytes of a slot: the texels of a padded brick and its stored gradients.
 pub(crate) fn slot_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
     (slot_edge as u64).pow(3) * texel_bytes(format) + gradients.bytes() as u64
 }
 
-/// The texture, or both.
+/// The atlas texture, and the texture of stored gradients if there is one.
 #[derive(Debug)]
 pub(crate) struct Atlas {
     pub(crate) plan: AtlasPlan,
@@ -93,7 +95,8 @@ pub(crate) struct Atlas {
 }
 
 impl Atlas {
-    /// Makes and zero-fills the texture, or both. Costs about a second per GiB on a software rasteriser.
+    /// Makes and zero-fills the atlas and its texture of gradients, if there is one. Takes about a second per GiB on a
+    /// software rasteriser.
     pub(crate) fn new(
         gpu: &Gpu,
         plan: AtlasPlan,
@@ -161,8 +164,8 @@ fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, tex
     gpu.queue.write_texture(destination, texels, layout, size);
 }
 
-/// Scale and offset from level-0 voxels to the texels of the cell's brick. Exact in f32 for volumes up to 2^24 voxels along
-/// an axis.
+/// Returns the scale and offset from level-0 voxels to texels of the atlas, for the brick that a cell is drawn from.
+/// Exact in f32 for volumes of up to 2^24 voxels along an axis.
 pub(crate) fn texel_placement(
     cell: &DrawCell,
     pyramid: &Pyramid,

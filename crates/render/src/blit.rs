@@ -12,19 +12,20 @@ use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
 use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderStages, TextureFormat};
 
-/// A part of an application's texture, on which a picture is put.
+/// An application's texture, or a part of it, on which a picture is put.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
-    /// The view of a colour texture of one sample that can be rendered to.
+    /// A view of a colour texture that can be rendered to, without multisampling.
     pub view: &'a wgpu::TextureView,
-    /// The view's format. What is written are the picture's colours as they are, which are sRGB codes: in a format that encodes light, too.
+    /// The view's format. The picture's colours are sRGB codes, and the texture holds these codes whether or not its
+    /// format is an sRGB format.
     pub format: TextureFormat,
-    /// Where the picture goes, in pixels from the texture's upper left corner: x, y, width, height. It is stretched over that. What is
-    /// beside it stays as it was. `None` is the whole texture.
+    /// The area over which the picture is stretched, in pixels from the texture's upper left corner: x, y, width,
+    /// height. The rest of the texture stays as it was. `None` is the whole texture.
     pub area_px: Option<[u32; 4]>,
 }
 
-/// What pictures are put on textures with.
+/// Puts pictures on an application's textures: pipelines, and the left eye's picture.
 #[derive(Debug)]
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,
@@ -94,10 +95,10 @@ impl Blit {
         Ok(())
     }
 
-    /// Records the pass.
+    /// Records the pass that puts the picture drawn last, or the pictures of two eyes, on a target.
     ///
     /// # Errors
-    /// If nothing can be drawn in such a format.
+    /// If nothing can be drawn in the target's format.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,

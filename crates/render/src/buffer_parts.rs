@@ -5,7 +5,7 @@ use crate::transfer_table::{COMBINED, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::FrameUniform;
 
-/// Bytes of a shared buffer.
+/// A part of a shared buffer: its first byte and its length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Part {
     pub(crate) at: u64,
@@ -13,26 +13,26 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// The next so many bytes after `end`, which becomes the end of all that.
+    /// Takes the next `bytes` bytes after `end`, from where a part may begin, and moves `end` behind them.
     fn next(end: &mut u64, bytes: u64) -> Self {
         let at = end.next_multiple_of(PART_BYTES);
         *end = at + bytes;
         Self { at, bytes }
     }
 
-    /// The part of a buffer as a binding.
+    /// Returns this part of a buffer as a binding.
     pub(crate) fn of<'a>(&self, buffer: &'a wgpu::Buffer) -> wgpu::BindingResource<'a> {
         let size = std::num::NonZeroU64::new(self.bytes);
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: self.at, size })
     }
 
-    /// The number of the first of things of so many bytes.
+    /// Returns the index of the part's first item in the buffer, for items of `size` bytes.
     pub(crate) fn first(&self, size: usize) -> u32 {
         (self.at / size as u64) as u32
     }
 }
 
-/// A layer's parts of shared buffers.
+/// A layer's parts of the buffers that all layers share.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Parts {
     pub(crate) frame: Part,
@@ -40,7 +40,7 @@ pub(crate) struct Parts {
     pub(crate) counts: Part,
 }
 
-/// Where the shared buffers end.
+/// The ends of the shared buffers so far, in bytes; parts are taken behind them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ends {
     pub(crate) frames: u64,
@@ -50,7 +50,7 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// The next layer's parts.
+    /// Takes the parts of the next layer.
     pub(crate) fn layer(&mut self, needs: &VolumeNeeds) -> Parts {
         let codes = needs.encoding.format;
         Parts {
@@ -60,20 +60,20 @@ impl Ends {
         }
     }
 
-    /// The ranges of codes of the next pool's macro-cells.
+    /// Takes the next pool's part with the ranges of codes of its macro-cells.
     pub(crate) fn ranges(&mut self, plan: &PoolPlan) -> Part {
         let bytes = plan.raycast.map_or(0, |raycast| raycast.ranges_bytes(plan.atlas.slots()));
         Part::next(&mut self.ranges, bytes)
     }
 
-    /// The next frame: they follow each other without gaps, for shaders that see all.
+    /// Takes the part for the next frame. Frames follow each other without gaps, for shaders that see all of them.
     pub(crate) fn frame(&mut self) -> Part {
         let (at, bytes) = (self.frames, size_of::<FrameUniform>() as u64);
         self.frames += bytes;
         Part { at, bytes }
     }
 
-    /// The places of an expression's values, behind all layers' tables.
+    /// Takes the part for the transfer table of an expression, behind the tables of all layers.
     pub(crate) fn combined(&mut self) -> Part {
         Part::next(&mut self.table, TableCapacity::of_places(COMBINED).bytes())
     }

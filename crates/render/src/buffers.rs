@@ -5,19 +5,19 @@ use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
 use wgpu::{BindingResource, BufferUsages};
 
-/// Frames, transfer tables and timestamps.
+/// The buffers that every march reads: frames, transfer tables and timestamps.
 #[derive(Debug)]
 pub(crate) struct SharedBuffers {
     pub(crate) frame: wgpu::Buffer,
     pub(crate) table: wgpu::Buffer,
-    /// Query set and the buffer it resolves to, where the adapter has timestamps.
+    /// The timestamp query set and the buffer it resolves to; `None` if the adapter has no timestamps.
     pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
     /// Whether marches see stored gradients.
     pub(crate) has_gradients: bool,
 }
 
 impl SharedBuffers {
-    /// Makes the buffers of frames and tables of so many bytes in all.
+    /// Makes the buffers, with the bytes that all frames and all transfer tables take.
     pub(crate) fn new(
         gpu: &Gpu,
         (frame_bytes, table_bytes): (u64, u64),
@@ -40,14 +40,14 @@ impl SharedBuffers {
     }
 }
 
-/// What rays read and write besides.
+/// The buffers that rays read and write besides: octrees, bricks, macro-cells and marks.
 #[derive(Debug)]
 pub(crate) struct RayBuffers {
     pub(crate) nodes: wgpu::Buffer,
     pub(crate) bricks: wgpu::Buffer,
     pub(crate) ranges: wgpu::Buffer,
     pub(crate) opaque_before: wgpu::Buffer,
-    /// The marks of bricks, which say how they were entered; all zero between frames.
+    /// The marks of cells: how much light was left when rays entered them. All zero between frames.
     pub(crate) marks: wgpu::Buffer,
 }
 

@@ -1,19 +1,19 @@
 //! The ways to gather samples.
 
-/// How the samples of a frame are gathered. All take the same samples and make the same picture.
+/// How the samples of a frame are gathered. All compositors take the same samples and make the same picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compositor {
-    /// Cells as boxes, back to front, blended.
+    /// Draws cells as boxes, back to front, and blends them.
     Sorted,
-    /// A ray per pixel, front to back, with early termination and skips what shows nothing.
+    /// Casts a ray per pixel, front to back, with early ray termination and empty-space skipping.
     #[default]
     Raycast,
-    /// The same rays, cast by a compute shader instead of a fragment shader.
+    /// Casts the same rays as [`Compositor::Raycast`], in a compute shader instead of a fragment shader.
     Compute,
 }
 
 impl Compositor {
-    /// `sorted`, `raycast` or `compute`.
+    /// The compositor's name: `sorted`, `raycast` or `compute`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sorted => "sorted",

@@ -6,17 +6,17 @@ pub enum GpuError {
     /// No adapter of the kind asked for: use the CPU backend.
     #[error("no {wanted} found{seen}: install a Vulkan driver (mesa-vulkan-drivers for a software one)")]
     NoAdapter {
-        /// The kind asked for.
+        /// The kind of adapter asked for.
         wanted: &'static str,
         /// The adapters there are, for the message; empty if none.
         seen: String,
     },
-    /// The adapter would not give a device.
+    /// The adapter gives no device, or a device whose limits are too low.
     #[error("{adapter} gives no device: {reason}")]
     Device {
         /// The adapter's name.
         adapter: String,
-        /// The driver's words.
+        /// The driver's message, or the limits that are too low.
         reason: String,
     },
     /// The budget cannot hold the picture and a few bricks.
@@ -25,66 +25,67 @@ pub enum GpuError {
          need at least {least_bytes}"
     )]
     Budget {
-        /// What was given.
+        /// The budget that was given, bytes.
         given_bytes: u64,
-        /// The least that works.
+        /// The least budget that works, bytes.
         least_bytes: u64,
-        /// Picture width.
+        /// Width of the picture, pixels.
         width_px: u32,
-        /// Picture height.
+        /// Height of the picture, pixels.
         height_px: u32,
-        /// Padded brick edge.
+        /// Texels along the edge of a padded brick.
         slot_edge: u32,
     },
-    /// The meshes are larger than what a shader can see.
+    /// The meshes take a larger buffer than a shader can see.
     #[error(
         "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or draw on the CPU"
     )]
     Meshes {
-        /// What their vertices or triangles take.
+        /// The largest buffer that the meshes take, of vertices or of triangles, bytes.
         bytes: u64,
-        /// What a shader sees of a buffer.
+        /// The largest buffer that a shader can see, bytes.
         limit_bytes: u64,
     },
-    /// Shaders see fewer textures than there are volumes.
+    /// The volumes of the picture need more textures than a shader can see.
     #[error(
         "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or draw on the CPU"
     )]
     Textures {
-        /// Volumes asked for.
+        /// Number of volumes in the picture.
         volumes: usize,
-        /// Textures they need: one each, and another one where there are stored gradients.
+        /// Number of textures needed: one for each pool of slots, two with stored gradients, and three more with
+        /// meshes.
         needed: usize,
-        /// Textures there are.
+        /// Number of textures that a shader can see.
         limit: u32,
     },
     /// The picture is larger than the adapter's textures, or than this renderer was made for.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]
     PictureTooLarge {
-        /// Width asked for.
+        /// Width asked for, pixels.
         width_px: u32,
-        /// Height asked for.
+        /// Height asked for, pixels.
         height_px: u32,
-        /// Greatest width.
+        /// Largest width, pixels.
         limit_width_px: u32,
-        /// Greatest height.
+        /// Largest height, pixels.
         limit_height_px: u32,
     },
     /// The driver ran out of memory below the budget: lower the budget.
     #[error("the GPU has no room for {label} ({requested_bytes} bytes)")]
     OutOfMemory {
-        /// What was being made.
+        /// What was being allocated.
         label: String,
-        /// Its size.
+        /// Size of the allocation, bytes.
         requested_bytes: u64,
     },
-    /// The device is gone; everything on it too: see [`GpuRenderer::renew`](crate::GpuRenderer::renew).
+    /// The device was lost, with everything on it: see [`GpuRenderer::renew`](crate::GpuRenderer::renew).
     #[error("the GPU device was lost: {0}")]
     DeviceLost(String),
-    /// The GPU refused a command.
+    /// The GPU or its driver refused a command.
     #[error("the GPU reported an error: {0}")]
     Refused(String),
-    /// A brick, table or encoding that is not what this renderer was made for.
+    /// A frame, brick, list or setting does not fit what this renderer was made for.
     #[error("{0}")]
     Mismatch(String),
 }

@@ -13,18 +13,18 @@ use brickyard_volume::{
 };
 use glam::DVec3;
 
-/// The transfer table that a frame finds in its buffer.
+/// What a frame has to know of its transfer table in the buffer.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TableInUse {
-    /// The unit of its integrals.
+    /// The value of a running integral that a one in its low word stands for.
     pub(crate) sum_unit: f32,
-    /// Where the mask begins, in places.
+    /// Where the jitter mask begins, in places of 8 bytes.
     pub(crate) mask_at: u32,
-    /// Where entries over values and gradients begin, likewise.
+    /// Where the entries over values and gradients begin, in places of 8 bytes.
     pub(crate) grid_at: u32,
 }
 
-/// A layer's part of a frame.
+/// A layer in a frame: its number, settings and levels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Framed<'a> {
     /// The layer's number among those that the renderer was made for.
@@ -32,20 +32,20 @@ pub(crate) struct Framed<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) blend: Blend,
-    /// The opacity of the layer's projection.
+    /// The opacity of the layer, if the mode is a projection.
     pub(crate) opacity: f64,
-    /// The cut that its list is drawn from.
+    /// The number of the cut that the layer's draw list is from; layers with the same number share a cut.
     pub(crate) cut: u32,
 }
 
 impl<'a> Framed<'a> {
-    /// A layer's.
+    /// Takes over a layer of a picture.
     pub(crate) fn of(layer: &Layer<'a>) -> Self {
         let Layer { volume: number, frame, pyramid, cut, .. } = *layer;
         Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut }
     }
 
-    /// Whether its cells are those of another layer, in one order.
+    /// Whether the layer and another one have the same cells in the same order.
     pub(crate) fn shares_cells_with(&self, other: &Self) -> bool {
         let place = |framed: &Self| (framed.cut, framed.settings.placement);
         place(self) == place(other)
@@ -53,13 +53,14 @@ impl<'a> Framed<'a> {
             && self.pyramid == other.pyramid
     }
 
-    /// Whether its colours are lit.
+    /// Whether the layer's colours are lit. Layers that add to others are not.
     pub(crate) fn is_lit(&self) -> bool {
         self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
     }
 }
 
-/// The uniform of a frame of a volume in this atlas, whose bricks have so wide an apron. No depth is above `most_depth`.
+/// Makes the uniform of a layer's frame, for bricks in `atlas` with aprons of `apron` voxels. `most_depth` limits the
+/// optical depth of a projection's opacity.
 pub(crate) fn frame_uniform(
     framed: &Framed<'_>,
     (atlas, apron): (&Atlas, u32),
@@ -203,7 +204,7 @@ fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     planes
 }
 
-/// A cell's box, drawn in these pixels.
+/// Makes the instance of a cell's box, drawn in a share of the pixels.
 pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstance {
     CellInstance {
         region_min: region.min.to_array().map(|v| v as f32),
@@ -213,7 +214,7 @@ pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstan
     }
 }
 
-/// The brick in a cell's slot.
+/// Makes the description of the brick that a cell is drawn from.
 pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
     CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }

@@ -22,7 +22,7 @@ use brickyard_shaders::{Seen, Shown};
 use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
 use std::time::Instant;
 
-/// A picture that has been begun: see [`GpuRenderer::passes`].
+/// A picture that is being drawn from several draw lists: see [`GpuRenderer::passes`].
 #[derive(Debug)]
 pub struct Passes<'a> {
     renderer: &'a mut GpuRenderer,
@@ -53,16 +53,18 @@ enum Next {
 }
 
 impl GpuRenderer {
-    /// Draws layers, or an expression over them. Those of the renderer's layers that are not given are not there.
+    /// Draws a picture of layers, or of an expression over them, and waits for it. Layers of the renderer that are not
+    /// given are not in the picture.
     ///
     /// # Errors
-    /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers do not share their
-    /// cells, an expression is lit, has surfaces or another method than the plain one, or the device fails.
+    /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers
+    /// do not share their cells, or the device fails; also if an expression is combined with isosurfaces, transfer
+    /// functions over gradients, another mode than direct volume rendering, or another method than plain sampling.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
         self.gpu.clone().scoped(|| self.all_drawn(layers, combination, true)?.finish())
     }
 
-    /// A picture with all its lists drawn.
+    /// Begins a picture and draws all its lists, slab by slab. `waits` says whether the caller waits for the picture.
     pub(crate) fn all_drawn<'a>(
         &'a mut self,
         layers: &[Layer<'a>],
@@ -79,8 +81,8 @@ impl GpuRenderer {
         }
     }
 
-    /// Has a thread make what [`GpuRenderer::render`] of the same would have to make first: pipelines, whose shaders may take long to
-    /// compile. Other pictures can be drawn meanwhile. A thread that has not begun what it was asked for before leaves it.
+    /// Compiles the pipelines that [`GpuRenderer::render`] of these layers needs on another thread. Compiling may take
+    /// long, and other pictures can be drawn meanwhile. Pipelines that were asked for before and not begun are dropped.
     pub fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
         // What cannot be drawn says so when it is.
         if let Ok(course) = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination) {
@@ -88,16 +90,16 @@ impl GpuRenderer {
         }
     }
 
-    /// Whether [`GpuRenderer::render`] of the same has nothing to make first. A picture that is drawn sooner makes it, or waits for the
-    /// thread that does.
+    /// Whether all pipelines that [`GpuRenderer::render`] of these layers needs are compiled. A picture that is drawn
+    /// sooner compiles them, or waits for the thread that does.
     pub fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
         let course = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination);
         course.map_or(true, |course| self.pipelines.are_made(&course.wanted()))
     }
 
-    /// Begins a picture of the one layer there is, in its own world, from several lists, each farther to the front than the last.
-    /// Between them slots may be filled anew, so that there is no limit to what a picture shows. Where there are meshes, all lists are
-    /// drawn once for each [slab](Passes::next_slab).
+    /// Begins a picture of the renderer's only layer, in its own world, from several draw lists, back to front. Slots
+    /// may be filled anew between lists, so a picture can show any number of bricks. With meshes, all lists are drawn
+    /// once for each [slab](Passes::next_slab).
     ///
     /// # Errors
     /// If the picture is too large, the settings do not fit this renderer, or the device fails.
@@ -221,19 +223,19 @@ fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: us
 }
 
 impl Passes<'_> {
-    /// Fills a slot, as [`GpuRenderer::upload`]. Lists drawn before still show what was there.
+    /// Fills a slot, as [`GpuRenderer::upload`]. Lists that were drawn before still show what the slot held then.
     ///
     /// # Errors
-    /// As there.
+    /// If the codes are not a padded brick, there is no such slot, or the device fails.
     pub fn upload(&mut self, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         self.renderer.upload(0, slot, codes)
     }
 
-    /// Draws a list before those drawn so far.
+    /// Draws a list of cells in front of those drawn so far.
     ///
     /// # Errors
-    /// If it does not fit the renderer, the device fails, or the compositor takes only one list: `raycast` follows rays from
-    /// front to back.
+    /// If the list does not fit the renderer, the device fails, or it is the second list and the compositor is not
+    /// `sorted`: rays go front to back and take a single list.
     pub fn draw(&mut self, draw: &DrawList) -> Result<(), GpuError> {
         self.draw_all(&[draw])
     }
@@ -356,8 +358,8 @@ impl Passes<'_> {
         })
     }
 
-    /// Takes what has been drawn for the volume between two layers of meshes, the first between the eye and the first layer. Whether
-    /// there is more behind: then all lists have to be drawn again. Without meshes there never is.
+    /// Ends a slab: the part of the volume between two layers of meshes, or between the eye and the first layer.
+    /// Returns whether another slab follows, for which all lists have to be drawn again. Without meshes there is none.
     ///
     /// # Errors
     /// If the device fails.
@@ -386,7 +388,7 @@ impl Passes<'_> {
         Ok(true)
     }
 
-    /// The picture; that of no list is the background, and the meshes.
+    /// Finishes the picture, and waits for it. If no list was drawn it shows the background and the meshes.
     ///
     /// # Errors
     /// If the device fails, or there are slabs that have not been drawn.
@@ -406,7 +408,11 @@ impl Passes<'_> {
         Ok(picture)
     }
 
-    /// Queues the pass to display colours, the way back of the picture, if it is wanted, and the question about it.
+    /// Queues the pass to display colours, the copy of the picture to the CPU if `wants_pixels`, and the question about
+    /// the picture if a sheet is free.
+    ///
+    /// # Errors
+    /// If the device fails, or there are slabs that have not been drawn.
     pub(crate) fn end(&mut self, picture: u64, wants_pixels: bool) -> Result<End, GpuError> {
         if self.next_slab()? {
             return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));

@@ -18,19 +18,22 @@ use brickyard_volume::{Blend, Combination, Filter, Method, Mode};
 /// How a picture's layers are gathered.
 #[derive(Clone, Debug)]
 pub(crate) enum Course {
-    /// The one layer there is.
+    /// The only layer is gathered by a shader for one layer.
     Single(Shader),
-    /// Each by itself, into one target after the other's part is taken.
+    /// Projections of several layers: each layer is gathered by itself into the same target, and added to the sums.
     Each(Gather, Vec<Shader>),
-    /// All of them together.
+    /// All layers are gathered together by one shader.
     Joint(Shader),
 }
 
 impl Course {
-    /// What these frames, or an expression over them whose media have their first place there, need of a compositor.
+    /// Decides how frames, or an expression over them, are gathered by a compositor. `first_place` is the first place
+    /// of the expression's transfer table; `None` if the renderer has no room for expressions.
     ///
     /// # Errors
-    /// If the compositor does not have it, or an expression is asked for what it has not.
+    /// If the compositor cannot gather these layers together, there is no room for expressions, or an expression is
+    /// combined with isosurfaces, transfer functions over gradients, another mode than direct volume rendering, or
+    /// another method than plain sampling.
     pub(crate) fn new(
         (layers, pools): (&[GpuLayer], &[Pool]),
         framed: &[Framed<'_>],
@@ -63,7 +66,7 @@ impl Course {
         }
     }
 
-    /// What a target is for.
+    /// How the target gathers samples.
     pub(crate) fn gather(&self) -> Gather {
         match self {
             Self::Single(Shader::Single(Variant { gather, .. })) => *gather,
@@ -80,17 +83,17 @@ impl Course {
         }
     }
 
-    /// Whether layers are gathered together.
+    /// Whether all layers are gathered together by one shader.
     pub(crate) fn is_joint(&self) -> bool {
         matches!(self, Self::Joint(_))
     }
 
-    /// Whether layers' pictures are joined.
+    /// Whether layers are gathered one by one and their pictures joined.
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
     }
 
-    /// All that is drawn with.
+    /// Lists all pipelines that the picture is drawn with.
     pub(crate) fn wanted(&self) -> Vec<Wanted> {
         let has_meshes = self.shaders().iter().any(Shader::has_meshes);
         let last = Wanted::Resolve(self.seen(), if has_meshes { Shown::Slab } else { Shown::Picture });
@@ -98,7 +101,7 @@ impl Course {
         self.shaders().iter().cloned().map(Wanted::March).chain([last]).chain(join).collect()
     }
 
-    /// What colours are made of.
+    /// Returns what the resolve pass makes colours of: the gathered samples, or the sums of joined layers.
     pub(crate) fn seen(&self) -> Seen {
         if self.is_joined() { Seen::Joined } else { Seen::Gathered(self.gather()) }
     }

@@ -32,10 +32,10 @@ impl Fault {
     }
 }
 
-/// A device that layers are drawn with: one that is opened for them, or an application's own.
+/// A GPU device and its queue, on which a renderer draws: one that the renderer has opened, or an application's own.
 ///
-/// What the renderer sends goes to the device's queue from the thread that calls, in submissions of its own; pipelines are compiled on
-/// another thread. A clone is the same device.
+/// The renderer sends its work to the queue from the thread that calls, in submissions of its own. Pipelines can be
+/// compiled on another thread. A clone is the same device.
 ///
 /// ```no_run
 /// use brickyard_render::{Gpu, wgpu};
@@ -54,7 +54,8 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     pub(crate) report: AdapterReport,
     fault: Arc<Fault>,
-    /// Whether it is the application's, which is told of errors in calls of its own alone, and never waited for.
+    /// Whether the device is an application's: its error handlers are not told of the renderer's errors, and
+    /// [`GpuRenderer::show`](crate::GpuRenderer::show) does not wait for it.
     pub(crate) is_lent: bool,
     pub(crate) refuse_above_bytes: u64,
     longest_wait_us: Arc<AtomicU64>,
@@ -64,9 +65,10 @@ pub struct Gpu {
 const STORAGE_BUFFERS: u32 = 7;
 
 impl Gpu {
-    /// What a device for the renderer is made with: features that it can use of those that the adapter has, and limits. An application
-    /// adds what it needs itself. Without `TEXTURE_FORMAT_16BIT_NORM` 16-bit codes become half floats of 11 significant bits, without
-    /// `FLOAT32_BLENDABLE` layers blend in half floats, and without `TIMESTAMP_QUERY` nothing is known of the GPU's time.
+    /// Returns the descriptor of a device for the renderer: the limits, and those features of the adapter that the
+    /// renderer can use. An application adds what it needs itself. Without `TEXTURE_FORMAT_16BIT_NORM` 16-bit codes
+    /// become half floats of 11 significant bits. Without `FLOAT32_BLENDABLE` layers blend in half floats. Without
+    /// `TIMESTAMP_QUERY` the time that a picture takes on the GPU is not known.
     pub fn required(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         let useful = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_BLENDABLE | Features::TIMESTAMP_QUERY;
         let most = adapter.limits();
@@ -88,11 +90,12 @@ impl Gpu {
         }
     }
 
-    /// An application's device, which the application goes on using as it likes. Its handlers for errors and for its loss stay the
-    /// application's: what goes wrong in the renderer's calls is an error of those, and a lost device is not made anew.
+    /// Takes an application's device, which the application goes on using. The device's handlers for errors and for its
+    /// loss stay the application's. Errors of the renderer's calls are returned by those calls, and a lost device is
+    /// not made anew.
     ///
     /// # Errors
-    /// If the device has lower limits than the renderer's shaders need; [`Gpu::required`] lists them.
+    /// If the device has lower limits than the renderer's shaders need: see [`Gpu::required`].
     pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, GpuError> {
         let limits = device.limits();
         let report = AdapterReport::new(adapter, device.features(), &limits);
@@ -110,7 +113,11 @@ impl Gpu {
         Ok(Self::of(device, queue, report, true, u64::MAX))
     }
 
-    /// The best adapter's device. Allocations of more than `refuse_above_bytes` will be refused whatever it says.
+    /// Opens a device of the best adapter that may be used. Allocations of more than `refuse_above_bytes` are refused,
+    /// for tests.
+    ///
+    /// # Errors
+    /// If there is no such adapter, or it gives no device.
     pub(crate) fn open(preference: GpuPreference, refuse_above_bytes: u64) -> Result<Self, GpuError> {
         let adapter = adapter::best(preference)?;
         let wanted = Self::required(&adapter);
@@ -140,17 +147,17 @@ impl Gpu {
         Self { device, queue, report, fault, is_lent, refuse_above_bytes, longest_wait_us }
     }
 
-    /// The adapter, and what the renderer makes of it.
+    /// The report on the device's adapter.
     pub fn adapter(&self) -> &AdapterReport {
         &self.report
     }
 
-    /// The longest time that a call has waited for the device since this was last asked.
+    /// Returns the longest time that a call has waited for the device since this method was last called.
     pub fn take_longest_wait(&self) -> Duration {
         Duration::from_micros(self.longest_wait_us.swap(0, Ordering::Relaxed))
     }
 
-    /// The error that has come up since the last check, if any. A lost device stays lost.
+    /// Returns the error that has come up since the last check, if any. A lost device is an error at every check.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         if matches!(*self.fault.lock(), Some(GpuError::Refused(_))) {
             // A lost device refuses all kinds of things before it says why. Its answer is asked for here, and kept.
@@ -165,7 +172,10 @@ impl Gpu {
         }
     }
 
-    /// Makes something of `requested_bytes`, with running out of memory as a typed error.
+    /// Allocates something of `requested_bytes` on the device.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`] if there is no room for it, or the device's error since the last check.
     pub(crate) fn allocate<T>(
         &self,
         label: &str,
@@ -180,7 +190,8 @@ impl Gpu {
         }
     }
 
-    /// Makes something that is not of memory, on any thread. What the device has against it is this call's own error, and no other's.
+    /// Makes something that takes no memory to speak of, such as a pipeline, on any thread. Errors of the device
+    /// meanwhile are returned here, and do not reach any handler.
     pub(crate) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
@@ -193,7 +204,8 @@ impl Gpu {
         }
     }
 
-    /// Carries out calls from which an application's handler is to hear nothing: what the device has against them is their error.
+    /// Makes calls on the device. If it is an application's, errors of the device meanwhile are returned here, and do
+    /// not reach the application's handler.
     pub(crate) fn scoped<T>(&self, calls: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
         if !self.is_lent {
             return calls();
@@ -201,18 +213,22 @@ impl Gpu {
         self.guarded(calls)?
     }
 
-    /// What is behind an error of something guarded: the loss of the device, if that is it.
+    /// Returns the loss of the device if that is the reason of an error that [`Gpu::guarded`] returned, else the error
+    /// itself.
     pub(crate) fn reason(&self, error: GpuError) -> GpuError {
         self.fault.set(error.clone());
         self.check().err().unwrap_or(error)
     }
 
     /// Waits until a submission is done.
+    ///
+    /// # Errors
+    /// If the device is lost or has reported an error.
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
         self.wait_for(Some(submission))
     }
 
-    /// Waits until everything is done that was submitted, and given back what that has used.
+    /// Waits until everything that was submitted is done, and its resources are freed.
     pub(crate) fn wait_for_all(&self) -> Result<(), GpuError> {
         self.wait_for(None)
     }
@@ -224,13 +240,14 @@ impl Gpu {
         self.check()
     }
 
-    /// Has the device report what is done, without waiting.
+    /// Polls the device, without waiting, so that it reports what is done.
     pub(crate) fn look(&self) -> Result<(), GpuError> {
         self.poll(wgpu::PollType::Poll)?;
         self.check()
     }
 
-    /// The loss of a device that gives this sign of it, as the device itself told of it if it did: a lent one tells the application alone.
+    /// Returns the loss of the device, of which `sign` is an indication. The message is the device's own if it has
+    /// reported its loss; an application's device reports it to the application alone.
     pub(crate) fn lost(&self, sign: &dyn std::fmt::Display) -> GpuError {
         self.reason(GpuError::DeviceLost(sign.to_string()))
     }
@@ -249,7 +266,7 @@ impl Gpu {
         Err(lost)
     }
 
-    /// Gives the device up, which frees what it holds. Queued work is finished first; from then on it is lost.
+    /// Destroys the device, which frees what it holds. Queued work is finished first; from then on the device is lost.
     pub(crate) fn destroy(&self) {
         self.device.destroy();
         let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };

@@ -16,11 +16,11 @@ use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, TransferTable};
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
-/// The layer.
+/// A layer of a renderer: its needs, its pool and its parts of the shared buffers.
 #[derive(Debug)]
 pub(crate) struct GpuLayer {
     pub(crate) needs: VolumeNeeds,
-    /// Where its bricks are.
+    /// Index of the pool that the layer's bricks are in.
     pub(crate) pool: usize,
     pub(crate) parts: Parts,
     /// What its part of the table buffer holds, the unit of its integrals, and its codes with opacity.
@@ -35,7 +35,7 @@ impl GpuLayer {
         Self { needs, pool, parts, table: None, sum_unit: 0.0, opaque }
     }
 
-    /// Whether a frame is of this layer.
+    /// Checks that a frame fits what this layer was made for.
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
         if frame.encoding != needs.encoding || framed.pyramid.edge() != needs.edge {
@@ -58,7 +58,7 @@ impl GpuLayer {
         Ok(())
     }
 
-    /// Sends a frame's table, if it is not there.
+    /// Sends a frame's transfer table to the GPU, unless it is there already.
     pub(crate) fn set_table(
         &mut self,
         gpu: &Gpu,
@@ -84,7 +84,7 @@ impl GpuLayer {
         TableCapacity::new(self.needs.encoding.format, &self.needs.bricks)
     }
 
-    /// A frame's uniform, where the layer's bricks are in this pool.
+    /// Makes the uniform of a frame of this layer, whose bricks are in `pool`.
     pub(crate) fn uniform(&self, framed: &Framed<'_>, pool: &Pool, composite: TextureFormat) -> FrameUniform {
         let room = self.room();
         let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
@@ -93,7 +93,8 @@ impl GpuLayer {
         frame_uniform(framed, (&pool.atlas, pool.apron()), table, most_depth)
     }
 
-    /// What the shader of several layers has to know of it in a frame, where these are its pool's macro-cells.
+    /// Describes this layer in a frame for a shader of several layers. `ranges` is the part with the macro-cells of the
+    /// layer's pool.
     pub(crate) fn shader(&self, framed: &Framed<'_>, ranges: Part) -> LayerShader {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {
@@ -112,7 +113,8 @@ impl GpuLayer {
     }
 }
 
-/// The bits of the value of code 0, and of the difference to that of the last.
+/// Returns the bits, as f32, of the value of code 0 and of the difference between the values of the last code and code
+/// 0.
 pub(crate) fn value_bits(encoding: &SlotEncoding) -> [u32; 2] {
     [encoding.low, encoding.high - encoding.low].map(|value| (value as f32).to_bits())
 }

@@ -8,7 +8,7 @@ use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 /// The bind group layouts that all variants share.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
-    /// The pools that joint marches see, and whether with stored gradients.
+    /// The number of pools that a march through all layers sees, and whether it sees stored gradients.
     pub(crate) of: (usize, bool),
     /// The layout of a march through one layer.
     pub(crate) march: wgpu::BindGroupLayout,
@@ -18,7 +18,7 @@ pub(crate) struct Layouts {
     pub(crate) joined: wgpu::BindGroupLayout,
 }
 
-/// The bind group layouts that marches and slabs need besides their own.
+/// The bind group layouts that meshes add to those of marches and of resolve passes.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshLayouts {
     pub(crate) limits: wgpu::BindGroupLayout,
@@ -29,7 +29,7 @@ fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
     BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
 }
 
-/// A buffer that shaders read.
+/// The binding type of a storage buffer that shaders only read.
 pub(crate) fn storage() -> BindingType {
     buffer(wgpu::BufferBindingType::Storage { read_only: true })
 }
@@ -39,7 +39,7 @@ pub(crate) fn texture(view_dimension: TextureViewDimension, filterable: bool) ->
     BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }
 
-/// A flat texture of what is no colour.
+/// The binding type of a 2D texture of another sample type than colours, such as depth.
 pub(crate) fn texture_of(sample_type: wgpu::TextureSampleType) -> BindingType {
     BindingType::Texture { sample_type, view_dimension: TextureViewDimension::D2, multisampled: false }
 }
@@ -61,7 +61,7 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Makes the layouts for layers in so many pools, with stored gradients or without.
+    /// Makes the layouts for layers in `pools` pools, with or without stored gradients.
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> Self {
         let fragment = ShaderStages::FRAGMENT;
         let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));

@@ -13,7 +13,7 @@ use brickyard_volume::{Mode, OpaqueCodes, Pyramid};
 /// Children of a node, whether it halves three axes or fewer.
 pub(crate) const GROUP: usize = 8;
 
-/// What decides whether and how a brick is looked at.
+/// What decides whether a brick gets a leaf, and whether its macro-cells are asked.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Visibility<'a> {
     pub(crate) mode: Mode,
@@ -45,18 +45,18 @@ impl Visibility<'_> {
     }
 }
 
-/// What lies where in the atlas and in the buffer of ranges.
+/// Where bricks lie in the atlas and in the buffer of macro-cells.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slots<'a> {
     pub(crate) atlas: &'a AtlasPlan,
     pub(crate) apron: u32,
-    /// Macro-cells of a brick.
+    /// Number of macro-cells of a brick.
     pub(crate) macro_cells: u32,
     /// The range of codes of each slot's brick.
     pub(crate) ranges: &'a [[u16; 2]],
 }
 
-/// The nodes, the root first, and the bricks that leaves name.
+/// The octree over a draw list: its nodes, the root first, and the bricks that its leaves name.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<u32>,
@@ -105,8 +105,8 @@ impl Tree {
     }
 }
 
-/// Which axes each level of the octree halves, from the root down to level 0. A coarsest level of several bricks gets levels
-/// of its own above it.
+/// Returns which axes each level of the octree halves, from the root down to level 0. A pyramid whose coarsest level
+/// has several bricks gets further octree levels above it.
 pub(crate) fn splits(pyramid: &Pyramid) -> Vec<[bool; 3]> {
     let levels = pyramid.levels();
     let grid = levels[levels.len() - 1].bricks.to_array();
@@ -116,7 +116,7 @@ pub(crate) fn splits(pyramid: &Pyramid) -> Vec<[bool; 3]> {
     joined.chain(halved).collect()
 }
 
-/// Level-0 voxels along the root.
+/// Returns the size of the octree's root in level-0 voxels.
 pub(crate) fn root_size(pyramid: &Pyramid) -> [u32; 3] {
     let coarsest = pyramid.level(pyramid.coarsest());
     let bricks = coarsest.bricks.to_array();
@@ -139,7 +139,7 @@ fn ray_brick(cell: &DrawCell, pyramid: &Pyramid, slots: &Slots<'_>, is_all_seen:
     }
 }
 
-/// A range as the shader takes it.
+/// Packs a range of codes for shaders: the least code in the low 16 bits, the greatest in the high ones.
 pub(crate) fn pack_range([low, high]: [u16; 2]) -> u32 {
     low as u32 | (high as u32) << 16
 }

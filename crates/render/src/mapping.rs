@@ -24,10 +24,10 @@ impl Mapping {
         Self { buffer, mapped, is_there: false }
     }
 
-    /// Whether it is there, as far as the device has been looked at.
+    /// Whether the buffer is mapped. Does not poll the device.
     ///
     /// # Errors
-    /// If it will never be: the device is lost.
+    /// If the device is lost, so that the buffer will never be mapped.
     pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
         if !self.is_there {
             match self.mapped.try_recv() {
@@ -40,10 +40,10 @@ impl Mapping {
         Ok(self.is_there)
     }
 
-    /// What is in a buffer that is there, and the buffer.
+    /// Reads a mapped buffer with `read`, and returns the result and the buffer, unmapped.
     ///
     /// # Errors
-    /// If it is not there, or the device is lost.
+    /// If the buffer is not mapped yet, or the device is lost.
     pub(crate) fn read<T>(mut self, gpu: &Gpu, read: impl FnOnce(&[u8]) -> T) -> Result<(T, wgpu::Buffer), GpuError> {
         if !self.is_there(gpu)? {
             return Err(GpuError::Refused("a buffer is not there after the work before it".into()));

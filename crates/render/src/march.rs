@@ -11,7 +11,8 @@ use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
 use wgpu::BindingResource;
 
 impl SharedBuffers {
-    /// The bindings of a march through layers of some pools: frames, tables and the compositor's own, and the pools' textures.
+    /// Makes the bind group of a march through layers of some pools. `own` are the entries for frames, tables and the
+    /// compositor; the pools' textures are added.
     pub(crate) fn bindings(
         &self,
         gpu: &Gpu,
@@ -31,7 +32,7 @@ impl SharedBuffers {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 
-    /// What makes colours of what has been gathered of a layer.
+    /// Makes the bind group of the pass that resolves what has been gathered of a layer to colours.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
@@ -50,7 +51,7 @@ impl SharedBuffers {
         })
     }
 
-    /// What makes colours of joined projections.
+    /// Makes the bind group of the pass that resolves joined projections to colours.
     pub(crate) fn joined_bindings(
         &self,
         gpu: &Gpu,
@@ -106,7 +107,7 @@ impl SharedBuffers {
     }
 }
 
-/// One triangle over the whole picture.
+/// Draws one triangle that covers the whole picture.
 pub(crate) fn draw_over_all(
     pass: &mut wgpu::RenderPass<'_>,
     pipeline: &wgpu::RenderPipeline,
@@ -130,21 +131,21 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
-/// What one frame's march draws into.
+/// What a frame's march draws into, and which part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
     pub(crate) size_px: (u32, u32),
-    /// What cuts it to a slab, where there are meshes.
+    /// The bind group that limits the march to a slab between meshes; `None` without meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
-    /// Whether nothing of the picture has been gathered before.
+    /// Whether this is the first march of the picture, at which its time on the GPU begins.
     pub(crate) is_begin: bool,
-    /// The frame by which it is gathered, of one layer or the first of all.
+    /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
 }
 
 impl Gathering<'_> {
-    /// A ray for each pixel, through so many layers, some rows of the picture per submission.
+    /// Casts a ray for each pixel through `layers` layers, some rows of the picture per submission.
     pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &Pipeline, bindings: &wgpu::BindGroup, layers: u32) {
         let (width, height) = self.size_px;
         let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
@@ -202,7 +203,7 @@ impl Gathering<'_> {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// One submission of a fragment shader; the first clears the target.
+    /// Submits one pass of a fragment shader into the target. `is_first` clears the target before.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,

@@ -11,77 +11,82 @@ use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVer
 use brickyard_volume::{MeshCapacity, SlotFormat};
 use wgpu::TextureFormat;
 
-/// Bricks of cells drawn per submission, those of all layers: longer draw lists take several. Short enough that no watchdog sees one as a hang.
+/// Most bricks of cells, of all layers together, that `sorted` draws per submission. Longer draw lists take several
+/// submissions, so that no watchdog sees one as a hang.
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
-/// Two timestamps and their room in the read-back buffer.
+/// Bytes of a picture's two timestamps.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
-/// Answers about pictures that may be under way at once: as many as frames that a swap chain lets a program be ahead.
+/// Most answers about pictures that may be under way at once: as many as the frames that a swap chain lets a program be
+/// ahead.
 pub(crate) const ANSWERS: u64 = 3;
-/// Layers of meshes that are looked for without waiting for what is found, and what their counts take.
+/// Most layers of meshes that are peeled without waiting for what each has.
 pub(crate) const MOST_LAYERS: u32 = 64;
+/// Bytes of the counts of all mesh layers that are peeled without waiting.
 pub(crate) const COUNTS_BYTES: u64 = MOST_LAYERS as u64 * 8;
-/// A picture that leaves no room for two slots cannot be refined at all.
+/// Fewest slots for a layer: with fewer than two, a picture cannot be refined at all.
 pub(crate) const MIN_SLOTS: u32 = 2;
 
-/// How a budget is spent.
+/// How the GPU memory budget is spent.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
-    /// Pool by pool.
+    /// The plan of each pool.
     pub(crate) pools: Vec<PoolPlan>,
-    /// The pool of each layer.
+    /// For each layer the index of its pool.
     pub(crate) pool_of: Vec<usize>,
-    /// Bricks of each pool per upload submission, and how many submissions have staging memory at once.
+    /// Bricks of a pool that are uploaded per submission.
     pub(crate) batch: u64,
+    /// Number of upload batches that have staging memory at once.
     pub(crate) batches: u64,
-    /// Everything that does not depend on the number of slots.
+    /// Bytes of everything that does not depend on the number of slots.
     pub(crate) fixed_bytes: u64,
 }
 
-/// What a pool gets of it.
+/// What a pool of slots gets of the GPU memory budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PoolPlan {
     pub(crate) atlas: AtlasPlan,
-    /// Slots without which nothing can be drawn.
+    /// Number of slots without which nothing can be drawn.
     pub(crate) least: u64,
-    /// Where rays are cast.
+    /// What sizes the buffers for rays; `None` if the compositor casts none.
     pub(crate) raycast: Option<RaycastPlan>,
-    /// What the compositor keeps beside each slot.
+    /// Bytes that the compositor keeps beside each slot.
     pub(crate) beside_bytes: u64,
 }
 
-/// What sizes a pool's share of the raycast compositor's buffers.
+/// What sizes a pool's share of the buffers for rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RaycastPlan {
     /// Voxels along a brick's core edge.
     pub(crate) edge: u32,
-    /// Levels of the pyramid that has the most.
+    /// Number of octree levels of the layer that has the most.
     pub(crate) levels: u32,
-    /// Layers of the pool.
+    /// Number of layers whose bricks are in the pool.
     pub(crate) layers: u32,
     /// Whether macro-cells are to be skipped.
     pub(crate) skips_empty: bool,
 }
 
 impl RaycastPlan {
-    /// What a slot's brick needs: its macro-cells, its range on the host, its part of the octrees, twice for staging, and its part of
-    /// the marks, in answers and on the host too.
+    /// Returns the bytes that a slot takes beside the atlas: macro-cells, the range of codes on the host, its share of
+    /// the octrees (twice, for staging), and its share of the marks (in answers and on the host too).
     pub(crate) fn bytes_per_slot(&self) -> u64 {
         self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
-    /// All that grows with draw lists; without slots there are the octrees' roots.
+    /// Returns the bytes of all that grows with draw lists: octrees, their bricks and marks. With 0 slots these are the
+    /// octrees' roots.
     pub(crate) fn list_bytes(&self, slots: u32) -> u64 {
         2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + (2 + ANSWERS) * self.marks_bytes(slots)
     }
 
-    /// No more slots than a binding can describe.
+    /// Returns the most slots whose buffers fit bindings of `max_binding_bytes`.
     pub(crate) fn max_slots(&self, max_binding_bytes: u64) -> u64 {
         let each = self.ranges_bytes(1).max(self.bricks_bytes(1) - self.bricks_bytes(0));
         max_binding_bytes.saturating_sub(self.bricks_bytes(0)) / each
     }
 }
 
-/// The counts of opaque entries of a layer.
+/// Returns the bytes of a layer's counts of opaque table entries.
 pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
     (codes.max_code() as u64 + 2) * 4
 }
@@ -91,27 +96,27 @@ pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
     pub(crate) layers: &'a [VolumeNeeds],
-    /// The most slots that each pool may have, where the device has refused more.
+    /// The most slots that each pool may have; empty unless the device has refused more.
     pub(crate) most_slots: &'a [u32],
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
-    /// The greatest buffer that a shader can see.
+    /// The largest buffer that a shader can see, bytes.
     pub(crate) max_binding_bytes: u64,
-    /// Where the compositor casts rays, whether they skip what shows nothing.
+    /// Whether rays skip empty space; `None` if the compositor casts none.
     pub(crate) casts_rays: Option<bool>,
-    /// Whether there is room for what expressions show.
+    /// Whether there is room for the transfer table of an expression over layers.
     pub(crate) has_expressions: bool,
     /// Whether the left eye's picture is kept, as on an application's device.
     pub(crate) has_two_eyes: bool,
-    /// Batches of uploads that have staging memory at once.
+    /// Number of upload batches that have staging memory at once.
     pub(crate) batches: u64,
 }
 
 /// Bytes of one layer's parts of shared buffers that lie between it and the next: parts begin where any device can bind them.
 const GAP_BYTES: u64 = 4 * PART_BYTES;
 
-/// Parts of shared buffers begin at multiples of this.
+/// Parts of shared buffers begin at multiples of this number of bytes.
 pub(crate) const PART_BYTES: u64 = 256;
 
 /// What a pool asks of a plan.
@@ -126,7 +131,7 @@ struct Ask {
     raycast: Option<RaycastPlan>,
 }
 
-/// Bytes of a row of the read-back buffer.
+/// Returns the bytes of a row of the read-back buffer, padded as copies require.
 pub(crate) fn read_back_row_bytes(width_px: u32) -> u64 {
     (width_px as u64 * 4).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
 }
@@ -139,7 +144,8 @@ pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
     }
 }
 
-/// Bytes of a picture's targets, and of the way back. Projections of several layers are joined in two sums.
+/// Returns the bytes of a picture's targets, read-back buffer and answers. `is_joined` adds the two sums in which
+/// projections of several layers are joined.
 pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32), is_joined: bool) -> u64 {
     let pixels = width_px as u64 * height_px as u64;
     let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
@@ -150,21 +156,22 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
         + ANSWERS * COUNTS_BYTES
 }
 
-/// Colours of a layer: finer than those of a picture.
+/// Format of the colours of a layer of meshes, finer than a picture's.
 pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Which triangle a layer is of.
+/// Format of the numbers that say which triangle a pixel of a layer of meshes shows.
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
 
-/// What the meshes' triangles take on the GPU.
+/// Returns the bytes of the meshes on the GPU: vertices, triangles, and the meshes' looks.
 pub(crate) fn geometry_bytes(room: MeshCapacity) -> [u64; 3] {
     let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
     let counts = [room.vertices, room.triangles, room.meshes];
     std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
 }
 
-/// What meshes take in all: triangles on the GPU and in staging, the answer to the query, and per pixel two distances and numbers, a
-/// layer's colour, and what is in front.
+/// Returns the bytes that meshes take in all: vertices and triangles on the GPU and in staging, the counts of layers,
+/// and for each pixel two distances, two numbers, a layer's colour and the colour in front. 0 without meshes. `front`
+/// is the format of the colour in front.
 pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) -> u64 {
     if room.is_none() {
         return 0;
@@ -173,13 +180,13 @@ pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) 
     2 * geometry_bytes(room).iter().sum::<u64>() + 2 * COUNTS_BYTES + pixels * per_pixel
 }
 
-/// The greatest buffer that a shader has to see.
+/// Returns the bytes of the largest buffer of meshes that a shader has to see.
 pub(crate) fn largest_mesh_bytes(room: MeshCapacity) -> u64 {
     geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
 impl MemoryNeeds<'_> {
-    /// What one of so many pools asks that has these layers, and may have so many slots.
+    /// Returns what one of `pools` pools asks for, which has these layers and at most `most_slots` slots.
     fn ask(&self, layers: &[&VolumeNeeds], most_slots: u32, pools: usize) -> Ask {
         // All of them have such bricks.
         let VolumeNeeds { encoding, edge, bricks, .. } = *layers[0];
@@ -280,13 +287,13 @@ impl MemoryPlan {
         Ok(Self { pools, pool_of, batch, batches, fixed_bytes })
     }
 
-    /// Everything the renderer may hold at once.
+    /// Returns the bytes of everything that the renderer may hold at once.
     pub(crate) fn bytes(&self) -> u64 {
         let of = |plan: &PoolPlan| plan.atlas.bytes + plan.atlas.slots() as u64 * plan.beside_bytes;
         self.fixed_bytes + self.pools.iter().map(of).sum::<u64>()
     }
 
-    /// Bytes of all layers' octrees, of the bricks of their leaves, and of those bricks' marks.
+    /// Returns the bytes of the octrees of all pools, of the bricks of their leaves, and of the marks of those.
     pub(crate) fn list_bytes(&self) -> [u64; 3] {
         let mut sums = [0; 3];
         for PoolPlan { atlas, raycast, .. } in &self.pools {

@@ -34,7 +34,7 @@ const COUNT_BYTES: u64 = 8;
 /// Layers that the first picture is taken to have which nobody waits for.
 const FIRST_EXPECTED: u32 = 4;
 
-/// The triangles, and what layers are made with.
+/// The meshes on the GPU, and the pipelines that peel their layers.
 #[derive(Debug)]
 pub(crate) struct Meshes {
     vertices: wgpu::Buffer,
@@ -60,7 +60,7 @@ pub(crate) struct Meshes {
     /// The view that this is known of: its rays, and the meshes' opacities.
     view: Option<(ViewRays, Vec<f64>)>,
     room: MeshCapacity,
-    /// The part of the frames' buffer with theirs.
+    /// The part of the frames' buffer with the frame of the meshes.
     pub(crate) frame: Part,
     /// What the buffers hold, and where the volume was then.
     held: Vec<Held>,
@@ -71,14 +71,15 @@ pub(crate) struct Meshes {
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,
-    /// Its box in the world.
+    /// The mesh's box in the world: its least and greatest corner.
     corners: [DVec3; 2],
-    /// Its corners in the buffer.
+    /// The range of the mesh's corners in the buffer.
     range: Range<u32>,
 }
 
 impl Meshes {
-    /// Makes buffers and pipelines, with a frame of their own in the scene's world.
+    /// Makes the buffers and pipelines for meshes that `room` holds. `frame` is the part of the frames' buffer for
+    /// their frame, which is in the scene's world.
     pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshCapacity) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
@@ -189,10 +190,10 @@ impl Meshes {
         MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
 
-    /// Sends what is new of a frame's meshes.
+    /// Sends a frame's meshes to the GPU if they have changed, and their colours and opacities.
     ///
     /// # Errors
-    /// If they are more than there is room for.
+    /// If the meshes are larger than there is room for.
     pub(crate) fn set(&mut self, gpu: &Gpu, frame: &FrameSettings) -> Result<(), GpuError> {
         let (asked, room) = (frame.needs().meshes, self.room);
         if !room.holds(&asked) {
@@ -233,7 +234,7 @@ impl Meshes {
         }
     }
 
-    /// A distance that no ray of the frame reaches on its way to a mesh.
+    /// Returns a distance from the eye that is beyond every mesh of the frame.
     pub(crate) fn far(&self, frame: &FrameSettings) -> f64 {
         let rays = &frame.rays;
         let corner = |held: &Held, i: usize| {
@@ -245,8 +246,9 @@ impl Meshes {
         (distances.fold(0.0, f64::max) + aside).max(f32::MIN_POSITIVE as f64) * 1.001
     }
 
-    /// Finds the layer behind those found so far, which has this number. Returns whether it may have one behind it: waits for what it has, or goes
-    /// by what is expected.
+    /// Finds the layer of meshes behind those found so far. `number` counts layers from 0. Returns whether there may be
+    /// another one behind it: if `waits`, by waiting for what this layer has, else by the number of layers that is
+    /// expected.
     ///
     /// # Errors
     /// If the device fails.
@@ -300,7 +302,7 @@ impl Meshes {
         Ok(found)
     }
 
-    /// Queues the copy of what so many layers have.
+    /// Queues the copy of the counts of the first `layers` layers to a buffer, from a byte on.
     pub(crate) fn take_counts(&self, encoder: &mut wgpu::CommandEncoder, layers: u32, to: (&wgpu::Buffer, u64)) {
         if layers > 0 {
             encoder.resolve_query_set(&self.query, 0..layers, &self.counted, 0);
@@ -308,8 +310,9 @@ impl Meshes {
         }
     }
 
-    /// A picture of a frame was drawn with as many layers as are expected, and is asked about; none could not be asked about. What is known of
-    /// the same view's pictures before goes on to count, unless they were short.
+    /// Takes note that a picture of a frame was drawn with the number of layers that is expected. `picture` is its
+    /// number if its counts will be answered. What is known of earlier pictures of the same view stays valid unless
+    /// they lacked layers.
     pub(crate) fn ask(&mut self, picture: Option<u64>, frame: &FrameSettings) {
         let view = Some((frame.rays, frame.meshes.iter().map(|shown| shown.opacity).collect()));
         if self.is_short || self.view != view {
@@ -317,12 +320,13 @@ impl Meshes {
         }
     }
 
-    /// Whether a picture that nobody waited for has to be drawn again, for it had more layers than were drawn; `None` while that is asked.
+    /// Whether the last picture that nobody waited for had more layers than were drawn, and has to be drawn again.
+    /// `None` while that is not known.
     pub(crate) fn is_short(&self) -> Option<bool> {
         self.asked.is_none().then_some(self.is_short)
     }
 
-    /// Learns what the layers of a picture had that nobody waited for.
+    /// Learns from the counts of a picture how many layers the next one is expected to have.
     pub(crate) fn learn(&mut self, picture: u64, counts: &[u64]) {
         if self.asked.is_some_and(|asked| picture < asked) {
             return;
@@ -334,7 +338,7 @@ impl Meshes {
         self.expected = expected.clamp(1, MOST_LAYERS);
     }
 
-    /// Queues the pass from all slabs to display colours.
+    /// Draws the picture that has been composed of all slabs, as display colours.
     pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Peeled) {
         pass.set_pipeline(&self.show);
         pass.set_bind_group(0, &layers.all, &[]);
@@ -342,7 +346,7 @@ impl Meshes {
     }
 }
 
-/// Whether a frame's meshes have layers behind the first.
+/// Whether a frame has translucent meshes, so that layers behind the first have to be looked for.
 pub(crate) fn is_counted(frame: &FrameSettings) -> bool {
     frame.meshes.iter().any(|shown| shown.opacity < 1.0)
 }
@@ -382,7 +386,7 @@ fn depth_attachment(view: &wgpu::TextureView, clear: f32) -> wgpu::RenderPassDep
     wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None }
 }
 
-/// What pictures of one size with meshes are drawn into besides.
+/// The further targets of pictures with meshes, of one size: two layers, and what is in front of them.
 #[derive(Debug)]
 pub(crate) struct Peeled {
     size_px: (u32, u32),
@@ -450,12 +454,12 @@ impl Peeled {
         Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
     }
 
-    /// Whether they are for pictures of this size.
+    /// Whether these targets are for pictures of this size.
     pub(crate) fn suit(&self, size_px: (u32, u32)) -> bool {
         self.size_px == size_px
     }
 
-    /// Begins a picture: nothing in front, and no layer before.
+    /// Begins a picture: clears what is in front, and the layer before.
     pub(crate) fn clear(&mut self, gpu: &Gpu) {
         self.far = 0;
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -471,17 +475,17 @@ impl Peeled {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// The layer behind becomes the one before.
+    /// Goes on to the next slab: the layer behind the last one becomes the layer before it.
     pub(crate) fn turn(&mut self) {
         self.far = 1 - self.far;
     }
 
-    /// What limits a march to the slab.
+    /// The bind group that limits a march to the present slab.
     pub(crate) fn limits(&self) -> &wgpu::BindGroup {
         &self.limits[self.far]
     }
 
-    /// Blends slab and layer behind what is in front.
+    /// Blends the slab and the layer behind it behind what is in front.
     pub(crate) fn compose(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, resolve: &wgpu::BindGroup) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {

@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 /// A pipeline, or why there is none, once somebody has made it.
 type Making = Arc<OnceLock<Result<Pipeline, GpuError>>>;
 
-/// All pipelines made so far, and the thread that makes some ahead, from when one is first asked for.
+/// All pipelines of a renderer that have been made so far, and the thread that makes some ahead once that is asked for.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     maker: Arc<Maker>,
@@ -54,16 +54,17 @@ impl Requests {
 }
 
 impl Pipelines {
-    /// The pipelines that another renderer has left, if this maker would make the same; else none yet.
+    /// Returns the pipelines that another renderer has left (`kept`) if `maker` would make the same ones, else an empty
+    /// set.
     pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
         let of_maker = |maker| Self { maker, all: HashMap::new(), requests: Default::default(), thread: None };
         kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))
     }
 
-    /// Makes a pipeline, or waits for the thread that is at it.
+    /// Makes a pipeline unless it is there, or waits for the thread that is making it.
     ///
     /// # Errors
-    /// If the device does not make it.
+    /// If the pipeline cannot be made.
     pub(crate) fn need(&mut self, wanted: &Wanted) -> Result<(), GpuError> {
         let making = self.all.entry(wanted.clone()).or_default();
         match making.get_or_init(|| self.maker.make(wanted)) {
@@ -76,12 +77,13 @@ impl Pipelines {
         }
     }
 
-    /// A pipeline that was made.
+    /// Returns a pipeline; `None` if it has not been made.
     pub(crate) fn get(&self, wanted: &Wanted) -> Option<&Pipeline> {
         self.all.get(wanted)?.get()?.as_ref().ok()
     }
 
-    /// Has the thread make what a picture needs, in place of what it was asked for before and has not begun.
+    /// Has a thread make the pipelines that a picture needs. What the thread was asked for before and has not begun is
+    /// dropped.
     pub(crate) fn prepare(&mut self, wanted: Vec<Wanted>) {
         let mut with_making = |wanted: Wanted| (wanted.clone(), self.all.entry(wanted).or_default().clone());
         let wanted: Vec<_> =
@@ -110,7 +112,7 @@ impl Pipelines {
         self.requests.set(List { wanted, is_over: false });
     }
 
-    /// Whether a picture that needs these has nothing to wait for.
+    /// Whether these pipelines have all been made, or could not be made.
     pub(crate) fn are_made(&self, wanted: &[Wanted]) -> bool {
         wanted.iter().all(|wanted| self.all.get(wanted).is_some_and(|making| making.get().is_some()))
     }

@@ -15,7 +15,7 @@ use wgpu::{
 /// Format of the finished picture. Colours are display-referred as they are: no sRGB conversion.
 pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
-/// The format that a gathering needs.
+/// Returns the format of the target into which samples are gathered.
 pub(crate) fn gather_format(gather: Gather, compositor: Compositor, formats: &GpuFormats) -> TextureFormat {
     match (gather, compositor) {
         (Gather::Composite | Gather::Isosurface, _) => formats.composite,
@@ -34,19 +34,19 @@ fn texel_format(format: TextureFormat) -> &'static str {
     }
 }
 
-/// Where compute shaders find the texture that they write.
+/// The bind group in which compute shaders find the texture that they write.
 pub(crate) const TEXELS_GROUP: u32 = 2;
 
-/// What a picture needs.
+/// A pipeline that a picture needs.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Wanted {
-    /// What gathers samples.
+    /// A pipeline that gathers samples.
     March(Shader),
-    /// What makes colours of them.
+    /// A pipeline that resolves gathered samples to colours.
     Resolve(Seen, Shown),
 }
 
-/// What does it.
+/// A pipeline that has been made: render or compute.
 #[derive(Debug)]
 pub(crate) enum Pipeline {
     Render(wgpu::RenderPipeline),
@@ -74,7 +74,7 @@ const BEHIND: wgpu::BlendState = {
     wgpu::BlendState { color: component, alpha: component }
 };
 
-/// What a pipeline makes of its vertices.
+/// How a render pipeline assembles primitives, and its depth test.
 #[derive(Clone, Default)]
 pub(crate) struct Shape {
     pub(crate) primitive: wgpu::PrimitiveState,
@@ -92,18 +92,19 @@ fn write(format: TextureFormat, blend: Option<wgpu::BlendState>) -> wgpu::ColorT
     wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL }
 }
 
-/// What makes a renderer's pipelines.
+/// Makes a renderer's pipelines, on any thread.
 #[derive(Debug)]
 pub(crate) struct Maker {
     pub(crate) gpu: Gpu,
     pub(crate) compositor: Compositor,
     pub(crate) layouts: Layouts,
-    /// Where pictures may have meshes.
+    /// The layouts of meshes; `None` if pictures never have meshes.
     pub(crate) meshes: Option<MeshLayouts>,
 }
 
 impl Maker {
-    /// Whether its pipelines take what another one's do. Layouts that are alike are one to wgpu.
+    /// Whether this maker's pipelines can be used in place of another's. wgpu takes layouts with equal entries for the
+    /// same.
     pub(crate) fn makes_the_same(&self, other: &Self) -> bool {
         self.gpu.device == other.gpu.device
             && self.compositor == other.compositor
@@ -114,7 +115,7 @@ impl Maker {
     /// Makes a pipeline. On a GPU this compiles its shader; some software rasterisers leave most of that to the first draw.
     ///
     /// # Errors
-    /// If the device does not have it.
+    /// If the device cannot make it.
     pub(crate) fn make(&self, wanted: &Wanted) -> Result<Pipeline, GpuError> {
         self.gpu.guarded(|| match wanted {
             Wanted::March(shader) => self.march(shader),

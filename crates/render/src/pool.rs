@@ -16,7 +16,7 @@ use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes};
 
-/// The pool.
+/// A pool of slots of one size and format on the GPU, in which bricks of several layers lie.
 #[derive(Debug)]
 pub(crate) struct Pool {
     /// The needs of one of its layers: all have such bricks.
@@ -24,7 +24,7 @@ pub(crate) struct Pool {
     plan: PoolPlan,
     pub(crate) atlas: Atlas,
     pub(crate) uploader: Uploader,
-    /// The part of the buffer of macro-cells with those of its slots.
+    /// The part of the macro-cells' buffer with the macro-cells of this pool's slots.
     pub(crate) ranges: Part,
     /// The range of codes of each slot's brick.
     slot_ranges: Vec<[u16; 2]>,
@@ -50,22 +50,23 @@ impl Pool {
         })
     }
 
-    /// How many bricks fit.
+    /// Number of slots, which is how many bricks fit.
     pub(crate) fn slots(&self) -> u32 {
         self.plan.atlas.slots()
     }
 
-    /// Voxels around a brick's core in its slot.
+    /// Width of a brick's apron in its slot, voxels.
     pub(crate) fn apron(&self) -> u32 {
         self.needs.bricks.apron
     }
 
-    /// What is bound as stored gradients. A pool without them shows its atlas there, which nothing reads as such.
+    /// The texture that is bound as stored gradients. A pool without gradients binds its atlas instead, which nothing
+    /// reads as gradients.
     pub(crate) fn gradients(&self) -> &wgpu::Texture {
         self.atlas.gradients.as_ref().unwrap_or(&self.atlas.texture)
     }
 
-    /// Puts a padded brick's codes into a slot.
+    /// Puts a padded brick's codes and gradients into a slot and, if rays are cast, its macro-cells into their buffer.
     pub(crate) fn upload(
         &mut self,
         gpu: &Gpu,
@@ -88,12 +89,12 @@ impl Pool {
         self.uploader.upload(gpu, &self.atlas, slot, codes)
     }
 
-    /// Bytes of codes that can be uploaded without waiting.
+    /// Returns the bytes of codes that can be uploaded without waiting for the device.
     pub(crate) fn upload_room_bytes(&mut self) -> u64 {
         self.uploader.room_bytes(&self.atlas)
     }
 
-    /// Whether a list is of slots that there are.
+    /// Checks that all cells of a draw list name slots of this pool.
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
         match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
             None => Ok(()),
@@ -104,7 +105,7 @@ impl Pool {
         }
     }
 
-    /// The octree over a layer's list, where these of its codes have opacity.
+    /// Builds the octree over a layer's draw list. `opaque` says which codes have opacity.
     pub(crate) fn tree(&self, framed: &Framed<'_>, draw: &DrawList, opaque: &OpaqueCodes) -> Tree {
         let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
         let slots = Slots { atlas: &self.plan.atlas, apron: self.apron(), macro_cells, ranges: &self.slot_ranges };

@@ -20,13 +20,13 @@ use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
-/// Its buffers and bindings.
+/// The buffers and bindings of the `raycast` and `compute` compositors.
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// Bind groups of each layer by itself.
+    /// The bind group of each layer by itself.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
-    /// The bind group of all layers.
+    /// The bind group of all layers together.
     pub(crate) joint: wgpu::BindGroup,
 }
 
@@ -62,10 +62,10 @@ impl Raycast {
         Ok(Self { buffers, bindings: own, joint })
     }
 
-    /// Sends octrees over draw lists, one behind the other, and tells each one's frame where it begins.
+    /// Sends octrees over draw lists to the GPU, one behind the other, and writes where each one begins into its frame.
     ///
     /// # Errors
-    /// If the lists are longer than what slots and levels let them be.
+    /// If the draw lists or octrees are larger than the renderer has room for.
     pub(crate) fn set_trees(&self, gpu: &Gpu, shared: &SharedBuffers, trees: &[(Part, Tree)]) -> Result<(), GpuError> {
         let (mut nodes, mut bricks): (Vec<u32>, Vec<RayBrick>) = Default::default();
         for (frame, tree) in trees {
@@ -90,7 +90,7 @@ impl Raycast {
         Ok(())
     }
 
-    /// Queues the copy of the first so many marks to a buffer, from such a byte on, and the end of all.
+    /// Queues the copy of the first `count` marks to a buffer, from a byte on, and then the clearing of all marks.
     pub(crate) fn take_marks(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -144,22 +144,22 @@ impl RaycastPlan {
         self.groups(slots) * GROUP as u64
     }
 
-    /// What the lists' marks take.
+    /// Returns the bytes of the marks of draw lists, for a number of slots.
     pub(crate) fn marks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<u32>() as u64
     }
 
-    /// What the octrees' nodes take.
+    /// Returns the bytes of the nodes of octrees, for a number of slots.
     pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
         self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
-    /// What the lists' bricks take.
+    /// Returns the bytes of the bricks in octrees' leaves, for a number of slots.
     pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<RayBrick>() as u64
     }
 
-    /// What the macro-cells of this many slots take.
+    /// Returns the bytes of the macro-cells of a number of slots.
     pub(crate) fn ranges_bytes(&self, slots: u32) -> u64 {
         (slots as usize * macrocells::bytes(self.edge as usize)) as u64
     }

@@ -32,13 +32,13 @@ use brickyard_volume::{MAX_VOLUMES, TransferTable};
 pub struct GpuOptions {
     /// Which adapters may be used.
     pub preference: GpuPreference,
-    /// How frames are gathered.
+    /// The compositor, which gathers the samples of frames.
     pub compositor: Compositor,
-    /// Whether rays of `raycast` skip what shows nothing; without, pictures are the same and take longer.
+    /// Whether rays skip empty space. Without that pictures are the same and take longer.
     pub skips_empty: bool,
     /// Whether there may be expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
-    /// Allocations above this are refused as if by the device: for tests.
+    /// Allocations of more bytes than this are refused as if by the device: for tests.
     #[doc(hidden)]
     pub refuse_above_bytes: u64,
 }
@@ -50,7 +50,7 @@ impl Default for GpuOptions {
     }
 }
 
-/// The GPU backend: atlases of layers, and a compositor that draws from them.
+/// A GPU renderer: atlases with the bricks of layers, and a compositor that draws from them.
 #[derive(Debug)]
 pub struct GpuRenderer {
     pub(crate) gpu: Gpu,
@@ -64,24 +64,27 @@ pub struct GpuRenderer {
     pub(crate) march: March,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
-    /// Where pictures may have some, and what those are drawn into besides.
+    /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
     pub(crate) meshes: Option<Meshes>,
+    /// The further targets of pictures with meshes; `None` if pictures never have meshes.
     pub(crate) peeled: Option<Peeled>,
     pub(crate) blit: Blit,
     pub(crate) answers: Answers,
-    /// What was said of pictures that nobody waited for while one was waited for.
+    /// Answers about shown pictures that came while another picture was waited for.
     pub(crate) heard: Vec<Answer>,
-    /// A picture that has been asked for and is on its way to the CPU.
+    /// The picture whose pixels have been asked for and are on their way to the CPU.
     pub(crate) reading: Option<Reading>,
-    /// The part of the tables with an expression's media, and what is there.
+    /// The part of the tables' buffer with an expression's transfer table; `None` without room for expressions.
     pub(crate) combined_part: Option<Part>,
+    /// The expression's transfer table that the GPU holds; `None` before the first one.
     pub(crate) combined: Option<TransferTable>,
-    /// How the last frame's cells were entered, layer by layer.
+    /// For each layer the greatest transmittance with which rays entered the last frame's cells; `None` if that is not
+    /// known.
     pub(crate) visibility: Option<Vec<Vec<f32>>>,
     pub(crate) last_frame_ms: f64,
 }
 
-/// A device, and the pipelines that a renderer has had compiled for it: what the next one need not make again.
+/// A device, and the pipelines that a renderer has compiled for it, which the next renderer need not compile again.
 #[derive(Debug)]
 pub struct Compiled {
     gpu: Gpu,
@@ -94,7 +97,7 @@ impl From<Gpu> for Compiled {
     }
 }
 
-/// What a renderer is made from, again after every loss of a device of ours.
+/// What a renderer is made from, at first and again after the loss of its device.
 #[derive(Clone, Debug)]
 pub(crate) struct Recipe {
     options: GpuOptions,
@@ -118,7 +121,7 @@ impl Recipe {
         Ok(Self { options: *options, layers: layers.to_vec(), budget_bytes, max_size_px })
     }
 
-    /// How the budget is spent on this device, with no more slots of the pools than so many.
+    /// Plans how the budget is spent on this device. `most_slots` limits the slots of each pool; empty sets no limit.
     fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
@@ -156,7 +159,7 @@ impl Recipe {
     }
 }
 
-/// A compositor and what it keeps.
+/// A compositor with its buffers and bindings; `compute` shares those of `raycast`.
 #[derive(Debug)]
 pub(crate) enum March {
     Sorted(Sorted),
@@ -164,16 +167,17 @@ pub(crate) enum March {
 }
 
 impl GpuRenderer {
-    /// A renderer for layers of bricks and what pictures need around them, and pictures up to `max_size_px` (width, height), that
-    /// allocates at most `gpu_memory_bytes`: what is left is for slots. Layers whose bricks fit each other's slots share a
-    /// [pool](brickyard_pager::pools) of them; of several pools each has a share.
+    /// Makes a renderer for `layers` and pictures of up to `max_size_px` (width, height) that allocates at most
+    /// `gpu_memory_bytes`. What targets and tables leave of these is for slots. Layers whose bricks fit each other's
+    /// slots share a [pool](brickyard_pager::pools) of slots; several pools share the memory.
     ///
-    /// The device may have less than the budget. Where it refuses an allocation there are half as many slots, again and
-    /// again, down to the least that works: see [`GpuRenderer::asked_bytes`].
+    /// The device may have less memory than the budget. If it refuses an allocation, the number of slots is halved
+    /// until all fits, down to the least that works: see [`GpuRenderer::asked_bytes`].
     ///
     /// # Errors
-    /// If there is no such adapter, its shaders see too few textures, the layers are none, too many or for different meshes, the budget
-    /// cannot hold a picture and the least bricks, or the device refuses even those.
+    /// If there is no such adapter, its shaders see too few textures, there are no layers, too many or layers for
+    /// different meshes, a picture of that size is too large, the budget cannot hold a picture and the fewest bricks,
+    /// or the device refuses even those.
     pub fn new(
         options: &GpuOptions,
         layers: &[VolumeNeeds],
@@ -183,7 +187,8 @@ impl GpuRenderer {
         Self::make(Recipe::new(options, layers, gpu_memory_bytes, max_size_px)?, None)
     }
 
-    /// A renderer on this device, with what has been compiled for it.
+    /// Makes a renderer on a device, as [`GpuRenderer::new`], with the pipelines that have been compiled for the
+    /// device.
     ///
     /// # Errors
     /// As [`GpuRenderer::new`].
@@ -293,11 +298,11 @@ impl GpuRenderer {
         })
     }
 
-    /// Starts anew, from the choice of the adapter on, with empty slots: what is left to do when the device is lost. There may
-    /// be fewer slots than before.
+    /// Makes the renderer anew after its device was lost, from the choice of the adapter on. All slots are empty then,
+    /// and there may be fewer.
     ///
     /// # Errors
-    /// As [`GpuRenderer::new`]; the renderer stays lost then, as it does where the device is an application's.
+    /// As [`GpuRenderer::new`], and if the device is an application's. The renderer stays lost then.
     pub fn renew(&mut self) -> Result<(), GpuError> {
         if self.gpu.is_lent {
             return Err(self.gpu.lost(&"it is the application's to make anew"));
@@ -308,8 +313,8 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Gives back all that the renderer holds of the device's memory, but keeps what has been compiled, for another renderer. Waits until
-    /// the device is done with it.
+    /// Frees all memory that the renderer holds on the device, and returns the device with its compiled pipelines for
+    /// another renderer. Waits until the device is done.
     ///
     /// # Errors
     /// If the device is lost.
@@ -321,23 +326,24 @@ impl GpuRenderer {
         Ok(Compiled { gpu, pipelines: Some(pipelines) })
     }
 
-    /// Loses the device as a driver does, at a moment of its own choice: for tests.
+    /// Destroys the device, as a driver may at any moment: for tests.
     #[doc(hidden)]
     pub fn destroy_device(&self) {
         self.gpu.device.destroy();
     }
 
-    /// Whether its device is an application's, for which nothing but [`GpuRenderer::render`] waits.
+    /// Whether the renderer's device is an application's. Pictures that are [shown](GpuRenderer::show) then never wait
+    /// for it.
     pub fn never_waits(&self) -> bool {
         self.gpu.is_lent
     }
 
-    /// Its device.
+    /// The device that the renderer draws on.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// How many bricks fit the pool of a layer.
+    /// Number of slots in the pool of a layer, which is how many bricks fit.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -345,27 +351,29 @@ impl GpuRenderer {
         self.pools[self.layers[layer].pool].slots()
     }
 
-    /// Everything this renderer may hold on the GPU at once: atlases, targets, tables, staging, read-back.
+    /// Bytes of everything that this renderer may hold on the GPU at once: atlases, targets, tables, staging,
+    /// read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.memory.bytes()
     }
 
-    /// What [`GpuRenderer::gpu_bytes`] would be, had the device not refused some of it.
+    /// Bytes that [`GpuRenderer::gpu_bytes`] would be if the device had not refused some of them.
     pub fn asked_bytes(&self) -> u64 {
         self.asked_bytes
     }
 
-    /// Bytes of slot codes uploaded so far.
+    /// Bytes of codes and gradients uploaded into slots so far.
     pub fn uploaded_bytes(&self) -> u64 {
         self.pools.iter().map(|pool| pool.uploader.bytes).sum()
     }
 
-    /// Milliseconds of the last frame: on the GPU where it has timestamps, else from call to picture.
+    /// Milliseconds that the last rendered frame took: on the GPU if the device has timestamps, else from call to
+    /// picture.
     pub fn last_frame_ms(&self) -> f64 {
         self.last_frame_ms
     }
 
-    /// How it gathers.
+    /// The compositor, which gathers the samples of frames.
     pub fn compositor(&self) -> Compositor {
         self.recipe.options.compositor
     }
@@ -375,8 +383,9 @@ impl GpuRenderer {
         &self.gpu.report
     }
 
-    /// Puts a padded brick's codes (little-endian, x fastest), and its gradients behind them, into a slot of a layer's pool, from which
-    /// any layer of the pool may be drawn. Returns before they are there; later frames see them.
+    /// Puts a padded brick into a slot of a layer's pool: its codes (little-endian, x fastest), then its gradients. Any
+    /// layer of the pool may be drawn from the slot. Returns before the brick is on the GPU; frames that are drawn
+    /// later see it.
     ///
     /// # Errors
     /// If the codes are not a padded brick of the layer, there is no such slot, or the device fails.
@@ -388,7 +397,7 @@ impl GpuRenderer {
         gpu.scoped(|| pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes))
     }
 
-    /// Submits what has been uploaded: no drawing that is submitted from now on reads what a slot held before.
+    /// Submits what has been uploaded, so that no drawing that is submitted from now on reads what a slot held before.
     ///
     /// # Errors
     /// If the device fails.
@@ -397,8 +406,8 @@ impl GpuRenderer {
         gpu.scoped(|| pools.iter_mut().try_for_each(|pool| pool.uploader.submit(gpu)))
     }
 
-    /// Bytes of codes that can be uploaded into a layer's pool without waiting for the device, as far as it has
-    /// [been looked at](GpuRenderer::answers).
+    /// Returns the bytes of codes that can be uploaded into a layer's pool without waiting for the device, as of when
+    /// it was last [polled](GpuRenderer::answers).
     ///
     /// # Panics
     /// If there is no such layer.
@@ -406,16 +415,17 @@ impl GpuRenderer {
         self.pools[self.layers[layer].pool].upload_room_bytes()
     }
 
-    /// For each entry of a layer's last list drawn, in its order, the greatest transmittance with which a ray entered it, rounded up
-    /// to a multiple of 1/255; 0 if none did, because rays ended before or none has a sample there. `None` of projections,
-    /// in which nothing hides anything, of `sorted`, and of devices whose shaders cannot say.
+    /// For each entry of a layer's draw list in the last rendered frame, in order, the greatest transmittance with
+    /// which a ray entered the cell, rounded up to a multiple of 1/255. It is 0 if no ray did, because rays ended
+    /// before or have no sample there. `None` for projections, in which nothing hides anything, for `sorted`, and if
+    /// the device's shaders cannot say.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
         Some(self.visibility.as_ref()?.get(layer)?)
     }
 }
 
 impl March {
-    /// What rays see of layers.
+    /// The buffers for rays; `None` for `sorted`.
     pub(crate) fn rays(&self) -> Option<&RayBuffers> {
         match self {
             Self::Sorted(_) => None,

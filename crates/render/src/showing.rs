@@ -11,8 +11,9 @@ use brickyard_shaders::MARK_STEPS;
 use brickyard_volume::{Combination, Picture, StereoLayout};
 
 impl GpuRenderer {
-    /// Draws as [`GpuRenderer::render`], into a texture of the renderer's own, and waits for nothing. What is known of the picture later
-    /// comes as an [`Answer`] with this number: false if there will be none, because too many are under way.
+    /// Draws a picture as [`GpuRenderer::render`] does, but into a texture of the renderer's own and without waiting.
+    /// Returns whether there will be an [`Answer`] about it, with the number `picture`; there is none while too many
+    /// are under way.
     ///
     /// # Errors
     /// As [`GpuRenderer::render`].
@@ -25,7 +26,8 @@ impl GpuRenderer {
         self.gpu.clone().scoped(|| Ok(self.all_drawn(layers, combination, false)?.end(picture, false)?.is_asked))
     }
 
-    /// What has been said of pictures, the oldest first, and asks the device what it has done meanwhile. Cheap, for every frame.
+    /// Polls the device and takes the answers about pictures that have come, the oldest first. Cheap enough for every
+    /// frame.
     ///
     /// # Errors
     /// If the device is lost.
@@ -41,18 +43,19 @@ impl GpuRenderer {
     /// Keeps the picture that was shown last as the left eye's: the next one is the right eye's.
     ///
     /// # Errors
-    /// If nothing has been drawn, or the device has no room for it.
+    /// If nothing has been drawn, or the device has no memory for the picture.
     pub fn keep_left(&mut self) -> Result<(), GpuError> {
         let Self { gpu, targets, blit, .. } = self;
         let targets = targets.as_ref().ok_or_else(no_target)?;
         gpu.scoped(|| blit.keep_left(gpu, targets))
     }
 
-    /// Records a pass that puts the picture shown last on an application's texture, or those of two eyes; of the renderer's it reads these
-    /// pictures alone. An encoder that is submitted after another picture has been shown puts that one there.
+    /// Records a pass in an application's encoder that puts the picture shown last, or with `stereo` the pictures of
+    /// two eyes, on the application's texture. The pass reads the picture when it is submitted: if another one has been
+    /// shown since, that one is put there.
     ///
     /// # Errors
-    /// If nothing has been drawn, or nothing can be drawn in such a format.
+    /// If nothing has been drawn, or nothing can be drawn in the target's format.
     pub fn draw_to(
         &mut self,
         stereo: Option<StereoLayout>,
@@ -64,8 +67,9 @@ impl GpuRenderer {
         gpu.scoped(|| blit.record(gpu, (targets, stereo), target, encoder))
     }
 
-    /// Asks for the pixels of the picture that was drawn last; they come as [`GpuRenderer::picture`]. False while those of an earlier one are
-    /// on their way, or if nothing has been drawn.
+    /// Asks for the pixels of the picture that was drawn last; [`GpuRenderer::picture`] returns them once they are
+    /// there. Returns false, and does nothing, while the pixels of an earlier picture are on their way or if nothing
+    /// has been drawn.
     ///
     /// # Errors
     /// If the device fails.
@@ -81,7 +85,8 @@ impl GpuRenderer {
         })
     }
 
-    /// The picture that was asked for, once it is there.
+    /// Returns the picture whose pixels [`GpuRenderer::read_back`] has asked for; `None` while they are on their way,
+    /// or if none was asked for.
     ///
     /// # Errors
     /// If the device is lost.
@@ -97,7 +102,8 @@ impl GpuRenderer {
         })
     }
 
-    /// Waits for what is under way, where a picture that is waited for has no sheet or no room for its pixels.
+    /// Makes sure that a picture that is waited for gets a sheet and a read-back buffer: if there is none, waits for
+    /// everything under way. A picture whose pixels were asked for is dropped.
     pub(crate) fn make_room(&mut self) -> Result<(), GpuError> {
         if self.answers.is_full() || self.reading.is_some() {
             self.gpu.wait_for_all()?;
@@ -111,7 +117,7 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// What has been said since, as far as the device has been looked at.
+    /// Takes the answers about pictures that have come. Does not poll the device.
     pub(crate) fn hear(&mut self) -> Result<Vec<Answer>, GpuError> {
         let Self { gpu, answers, meshes, layers, .. } = self;
         let said = answers.take_said(gpu)?;
@@ -138,7 +144,8 @@ impl GpuRenderer {
         Ok(said.into_iter().map(answer).collect())
     }
 
-    /// Whether the picture shown last lacks layers of meshes, so that it has to be drawn again: then it has more. `None` while that is asked.
+    /// Whether the picture shown last lacks layers of translucent meshes. Then it has to be drawn again, and gets more
+    /// layers. `None` while that is not known.
     pub fn lacks_layers(&self) -> Option<bool> {
         self.meshes.as_ref().map_or(Some(false), |meshes| meshes.is_short())
     }

@@ -17,7 +17,7 @@ use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::Pyramid;
 use wgpu::BufferUsages;
 
-/// Its buffers of cells and their bricks, written anew for every submission, and the bindings of each layer and of all.
+/// The buffers and bindings of the `sorted` compositor. Cells and their bricks are written anew for every submission.
 #[derive(Debug)]
 pub(crate) struct Sorted {
     cells: wgpu::Buffer,
@@ -26,10 +26,10 @@ pub(crate) struct Sorted {
     pub(crate) joint: wgpu::BindGroup,
 }
 
-/// A layer's list, its levels, and the pool that its bricks are in.
+/// A layer's draw list, its pyramid, and the pool that its bricks are in.
 pub(crate) type Drawn<'a> = (&'a DrawList, &'a Pyramid, &'a Pool);
 
-/// Boxes, back to front, and of each the bricks that stand for the layers in it.
+/// The boxes that `sorted` draws, back to front, and for each box the bricks that stand for the layers in it.
 #[derive(Debug, Default)]
 pub(crate) struct Boxes {
     cells: Vec<CellInstance>,
@@ -37,7 +37,7 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Makes the boxes of layers that are drawn together.
+    /// Makes the boxes of one layer, or of several that are drawn together.
     ///
     /// # Errors
     /// If the layers' cells are not those of one cut.
@@ -114,8 +114,8 @@ impl Sorted {
         Ok(Self { cells, bricks, bindings: each, joint })
     }
 
-    /// Draws boxes in chunks, one submission each: short enough that no watchdog sees one as a hang. The first list of a picture
-    /// clears the target; the others come before what is there.
+    /// Draws boxes in chunks, one submission each, so that no watchdog sees one as a hang. `is_first` clears the
+    /// target; otherwise the boxes come in front of what is there.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,

@@ -11,14 +11,16 @@ use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
-/// The gathered samples, the display picture, and the buffer that brings it to the CPU.
+/// The targets of pictures of one size: gathered samples, the display picture, and the buffer that brings it to the
+/// CPU.
 #[derive(Debug)]
 pub(crate) struct Targets {
     pub(crate) gather: Gather,
     pub(crate) width_px: u32,
     pub(crate) height_px: u32,
     pub(crate) gathered: wgpu::TextureView,
-    /// Sums of joined projections: colour times depth, and depth, of what mixes; and what adds.
+    /// The sums of joined projections: for layers that mix, colour times depth, and depth; and the light of layers that
+    /// add. `None` if layers are not joined.
     pub(crate) sums: Option<[wgpu::TextureView; 2]>,
     pub(crate) display_view: wgpu::TextureView,
     pub(crate) display: wgpu::Texture,
@@ -35,7 +37,7 @@ pub(crate) struct Reading {
 }
 
 impl Targets {
-    /// Targets for pictures of this size, with sums or without.
+    /// Makes targets for pictures of a size. `has_sums` says whether projections of several layers are joined.
     pub(crate) fn new(
         gpu: &Gpu,
         (gather, has_sums): (Gather, bool),
@@ -80,12 +82,13 @@ impl Targets {
         })
     }
 
-    /// Whether they are for such pictures.
+    /// Whether these targets are for such pictures.
     pub(crate) fn suit(&self, (gather, has_sums): (Gather, bool), size_px: (u32, u32)) -> bool {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
-    /// Queues the copy of the display picture to where the CPU can read it; none while an earlier one is on its way there.
+    /// Queues the copy of the display picture to a buffer that the CPU can read, and returns the buffer. `None` while
+    /// an earlier picture is on its way to the CPU.
     pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
         let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
@@ -99,12 +102,15 @@ impl Targets {
         Some(buffer)
     }
 
-    /// The last submission has copied the picture into the buffer.
+    /// Begins to bring a picture to the CPU. The last submission must be the one that copies the picture into `buffer`.
     pub(crate) fn reading(&self, buffer: wgpu::Buffer) -> Reading {
         Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px }
     }
 
-    /// Takes a picture that is there, and its buffer back.
+    /// Takes a picture that has come to the CPU, and keeps its buffer for the next one.
+    ///
+    /// # Errors
+    /// If the picture has not come yet, or the device is lost.
     pub(crate) fn take(&mut self, gpu: &Gpu, reading: Reading) -> Result<Picture, GpuError> {
         let Reading { mapping, width_px, height_px } = reading;
         let (rgb, buffer) = mapping.read(gpu, |rows| {
@@ -120,7 +126,10 @@ impl Targets {
 }
 
 impl Reading {
-    /// Whether it is there, as far as the device has been looked at.
+    /// Whether the picture has come to the CPU. Does not poll the device.
+    ///
+    /// # Errors
+    /// If the device is lost.
     pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
         self.mapping.is_there(gpu)
     }

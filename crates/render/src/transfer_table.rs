@@ -9,7 +9,7 @@ use brickyard_volume::{Needs, SlotFormat, TransferGrid, TransferTable};
 /// Bytes of a place: colour, then depth.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
-/// The codes of an expression's table.
+/// The format of the codes of an expression's transfer table.
 pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 
 /// Places from one code to the next. Where a table of 8-bit codes jumps from clear to opaque within a code, the nearest of 64
@@ -21,7 +21,7 @@ fn places_per_code(codes: SlotFormat) -> u32 {
     }
 }
 
-/// The last place.
+/// Returns the index of the last place of a transfer table for these codes.
 pub(crate) fn last_place(codes: SlotFormat) -> u32 {
     codes.max_code() * places_per_code(codes)
 }
@@ -32,8 +32,8 @@ const CHANNELS: u64 = 4;
 /// Words of the mask, in places.
 const MASK_PLACES: u32 = (BLUE_EDGE * BLUE_EDGE) as u32 / PLACE_BYTES as u32;
 
-/// What the buffer has room for: places, then, if wanted, running integrals, then the mask of [jitter](brickyard_volume::jitter),
-/// then, if wanted, entries over values and gradients.
+/// What the buffer of a transfer table has room for: places, running integrals if wanted, the mask of
+/// [jitter](brickyard_volume::jitter), and entries over values and gradients if wanted, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TableCapacity {
     pub(crate) codes: SlotFormat,
@@ -42,50 +42,51 @@ pub(crate) struct TableCapacity {
 }
 
 impl TableCapacity {
-    /// The capacity that pictures need.
+    /// Returns the capacity that pictures with these needs take.
     pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
         Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
     }
 
-    /// The capacity for places alone.
+    /// Returns the capacity without integrals and without entries over gradients.
     pub(crate) fn of_places(codes: SlotFormat) -> Self {
         Self { codes, has_integrals: false, has_grid: false }
     }
 
-    /// Bytes of all of it.
+    /// Returns the bytes of the buffer.
     pub(crate) fn bytes(&self) -> u64 {
         let rows = TransferGrid::most_rows(self.codes.max_code() + 1);
         let entries = if self.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
         (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
     }
 
-    /// The same, and the staging memory of its upload.
+    /// Returns the bytes of the buffer and of the staging memory for its upload.
     pub(crate) fn bytes_staged(&self) -> u64 {
         2 * self.bytes()
     }
 
-    /// Where the mask begins, in places.
+    /// Returns where the jitter mask begins, in places of 8 bytes.
     pub(crate) fn mask_at(&self) -> u32 {
         let sums = if self.has_integrals { (self.codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
         last_place(self.codes) + 1 + sums as u32
     }
 
-    /// Where the entries over values and gradients begin, in places.
+    /// Returns where the entries over values and gradients begin, in places of 8 bytes.
     pub(crate) fn grid_at(&self) -> u32 {
         self.mask_at() + MASK_PLACES
     }
 }
 
-/// All that the buffer holds.
+/// The contents of the buffer of a transfer table.
 #[derive(Debug)]
 pub(crate) struct Words {
-    /// Places; for each code the low and the high word of each integral; the mask, a byte a step; entries, colour and opacity.
+    /// The words of the buffer in pairs: places; for each code the low and high word of each running integral; the
+    /// jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
     pub(crate) words: Vec<[u32; 2]>,
-    /// Depth over a code that a one in the low word of an integral stands for.
+    /// The value of a running integral that a one in its low word stands for.
     pub(crate) sum_unit: f32,
 }
 
-/// A table's words.
+/// Makes the contents of the buffer from a transfer table.
 pub(crate) fn words(table: &TransferTable, room: TableCapacity) -> Words {
     let mut words = places(table, room.codes);
     let mut sum_unit = 0.0;
@@ -112,7 +113,7 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// A table's places.
+/// Makes the places of a transfer table: for each a packed colour and the bits of its optical depth.
 pub(crate) fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
     let last = last_place(codes);
     let place = |i: u32| {

@@ -15,10 +15,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wgpu::TextureFormat;
 
-/// Bricks per submission where the budget allows it. Measured best on lavapipe; 64 is half as fast.
+/// Most bricks per upload submission. Measured best on lavapipe; 64 is half as fast.
 pub(crate) const MAX_BATCH: u64 = 8;
 
-/// Staging bytes of a brick and its gradients: drivers pad rows to 256 bytes at most.
+/// Returns the bytes of staging memory of a brick and its gradients, with rows padded to 256 bytes as drivers may do.
 pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
     let cube = |edge: u64, bytes: u64| (edge * bytes).next_multiple_of(256) * edge * edge;
     cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
@@ -32,7 +32,7 @@ struct Batch {
     is_done: Arc<AtomicBool>,
 }
 
-/// Moves codes into the atlas.
+/// Uploads bricks into an atlas, in batches.
 #[derive(Debug)]
 pub(crate) struct Uploader {
     codes: SlotFormat,
@@ -45,18 +45,18 @@ pub(crate) struct Uploader {
     under_way: VecDeque<Batch>,
     /// Texels of a brick whose codes the atlas does not hold as they are.
     converted: Vec<u16>,
-    /// Bytes of codes taken so far.
+    /// Bytes of codes and gradients uploaded so far.
     pub(crate) bytes: u64,
 }
 
 impl Uploader {
-    /// Uploads in batches of so many bricks, with staging memory for so many batches.
+    /// Makes an uploader that submits `batch` bricks at a time and has staging memory for `batches` batches.
     pub(crate) fn new(codes: SlotFormat, batch: u64, batches: u64) -> Self {
         let (most, under_way, converted) = (batch * batches, VecDeque::new(), Vec::new());
         Self { codes, batch, most, pending: 0, under_way, converted, bytes: 0 }
     }
 
-    /// Whether these are a padded brick's codes and there is such a slot.
+    /// Checks that `codes` has the size of a padded brick with its gradients, and that there is such a slot.
     pub(crate) fn check(&self, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         let expected = self.voxel_bytes(atlas) + atlas.nodes.bytes();
         if codes.len() == expected && slot.0 < atlas.plan.slots() {
@@ -74,7 +74,7 @@ impl Uploader {
         (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes()
     }
 
-    /// Bytes of codes that can be uploaded without waiting, as far as the device has said what is done.
+    /// Returns the bytes of codes that can be uploaded without waiting, as of when the device was last polled.
     pub(crate) fn room_bytes(&mut self, atlas: &Atlas) -> u64 {
         while self.under_way.pop_front_if(|batch| batch.is_done.load(Ordering::Acquire)).is_some() {}
         (self.most - self.staged()) * (self.voxel_bytes(atlas) + atlas.nodes.bytes()) as u64
@@ -85,7 +85,8 @@ impl Uploader {
         self.pending + self.under_way.iter().map(|batch| batch.bricks).sum::<u64>()
     }
 
-    /// Writes a brick that [`Uploader::check`] has passed.
+    /// Uploads a brick that [`Uploader::check`] has passed. Waits for the oldest batch if there is no staging memory
+    /// left.
     pub(crate) fn upload(&mut self, gpu: &Gpu, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         while self.staged() >= self.most
             && let Some(batch) = self.under_way.pop_front()
@@ -100,7 +101,7 @@ impl Uploader {
         if self.pending < self.batch { Ok(()) } else { self.submit(gpu) }
     }
 
-    /// Submits what has been written.
+    /// Submits the bricks that have been written since the last submission.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
         let bricks = std::mem::take(&mut self.pending);
         if bricks > 0 {

@@ -4,7 +4,7 @@ use crate::frame::Framed;
 use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
 use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
 
-/// What gathers: one layer's samples, or those of all.
+/// The variant of a march's shader: for one layer, or for several layers together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Shader {
     Single(Variant),
@@ -12,7 +12,7 @@ pub(crate) enum Shader {
 }
 
 impl Shader {
-    /// Whether only a slab between meshes is drawn.
+    /// Whether the shader draws a slab between meshes only.
     pub(crate) fn has_meshes(&self) -> bool {
         match self {
             Self::Single(variant) => variant.has_meshes,
@@ -21,7 +21,7 @@ impl Shader {
     }
 }
 
-/// How a frame gathers.
+/// Returns how the samples of a frame are gathered.
 pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     match frame.mode {
         Mode::Mip | Mode::MinIp => Gather::Project,
@@ -31,7 +31,8 @@ pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     }
 }
 
-/// How a composite's segments become media, where there are surfaces, and classes by value and gradient, or not.
+/// Returns how ray segments become media in a composite. `has_surfaces` says whether there are isosurfaces, `has_grid`
+/// whether transfer functions depend on gradients.
 pub(crate) fn medium_of(frame: &FrameSettings, has_surfaces: bool, has_grid: bool) -> Medium {
     let method = frame.sampling.method;
     let curve = match method.curve() {
@@ -76,7 +77,7 @@ fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient
     }
 }
 
-/// The march that one layer needs by itself.
+/// Returns the shader variant of a march through one layer by itself.
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
     let gather = gather_of(frame);

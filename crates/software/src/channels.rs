@@ -24,11 +24,12 @@ use std::ops::Range;
 /// Rays that go side by side: enough for all but one to find its voxels in the cache, and so few that all that they carry stays there.
 const SIDE_BY_SIDE: usize = 4;
 
-/// Bytes that a thread keeps for rays that go side by side, and for each layer that they go through.
+/// Bytes that a thread keeps for the rays that go side by side.
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
+/// Bytes that a thread keeps for each layer that the rays go through side by side.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
-/// How several layers of fog that share a cut are drawn.
+/// How several layers of plain fog that share a cut are drawn.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,
@@ -40,7 +41,7 @@ type Take = fn(&Part<'_, '_>, u32, &mut Chunk, &mut Media);
 /// Takes rays to the ends of their runs through a cell.
 type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
 
-/// A layer's part of a cell.
+/// A layer's part of a cell of the cut that layers share.
 #[derive(Clone, Copy)]
 pub(crate) struct Part<'a, 'f> {
     frame: &'a Frame<'f>,
@@ -50,7 +51,7 @@ pub(crate) struct Part<'a, 'f> {
     share: f32,
 }
 
-/// Rays that go side by side through a cell.
+/// The rays that go side by side through a cell, as far as they have been collected.
 pub(crate) struct Walks {
     walks: Vec<Walk>,
     count: usize,
@@ -75,15 +76,15 @@ struct Walk {
 }
 
 impl Channels {
-    /// How these layers are drawn, which share a cut and have no surfaces; none if it is one layer, or if one of them is more than fog that
-    /// is sampled in the middle of each segment and classified by its value alone.
+    /// How these layers, which share a cut and have no surfaces, are drawn side by side. `None` if there is only one layer, or if one of them is
+    /// more than fog that is sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog = |frame: &Frame<'_>| gather::is_plain(frame) && frame.settings.sampling.filter == Filter::Trilinear;
         (frames.len() > 1 && frames.iter().all(is_fog))
             .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
     }
 
-    /// The parts that layers have of a cell, if their bricks lie alike under it: those of one level do.
+    /// The parts that layers have of a cell. `None` if the layers' bricks do not lie alike under the cell, as bricks of one level do.
     pub(crate) fn parts<'a, 'f>(
         &self,
         frames: &'a [Frame<'f>],
@@ -103,7 +104,8 @@ impl Channels {
         Some(parts)
     }
 
-    /// Takes the rays to the ends of their runs, and forgets them. Returns how many have come to their ends.
+    /// Takes the collected rays to the ends of their runs through the cell, and empties `walks`. Returns how many of the rays have come to
+    /// their own ends.
     pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
         let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
         (self.march)(parts, walks, rays);
@@ -120,7 +122,7 @@ impl Channels {
 }
 
 impl Walks {
-    /// Room for the rays of layers that are drawn so, if they are.
+    /// Room for rays that go side by side; no room if `channels` is `None`.
     pub(crate) fn new(channels: Option<&Channels>) -> Self {
         let walk = |_| Walk {
             place: 0,
@@ -138,8 +140,8 @@ impl Walks {
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
     }
 
-    /// A pixel's ray, whose place in its tile this is, enters the cell, in which these segments are its. Returns whether there is no
-    /// room for another.
+    /// Adds a pixel's ray, which enters the cell and has the segments from the tick `first` up to the tick `last` there. `place` is the ray's
+    /// place in its tile. Returns whether there is no room for another ray.
     pub(crate) fn enter(
         &mut self,
         parts: &[Part<'_, '_>],

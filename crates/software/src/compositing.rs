@@ -23,7 +23,7 @@ use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::Combination;
 use glam::{DVec3, Vec4};
 
-/// The layers of a frame, and what is done with them.
+/// How a frame's layers are drawn together.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
     see: See,
@@ -63,13 +63,13 @@ pub(crate) struct Run {
     end: u32,
 }
 
-/// What a thread keeps for a cell of the draw list: that it is over the tile, and which segments of a ray are its. Layers that share a
-/// cut have no more than that once for all threads.
+/// Bytes that a thread keeps for a cell of a draw list: that the cell is over the tile, and which segments of a ray belong to it. Layers
+/// that share a cut take no more than that once for all threads.
 pub(crate) const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::<Run>();
 
 const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 
-/// What a thread keeps for a layer.
+/// Bytes that a thread keeps for a layer.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
     size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 

@@ -7,7 +7,7 @@ use brickyard_volume::Filter;
 use glam::Vec4;
 
 impl Brick<'_> {
-    /// [`Brick::sample`] through a filter.
+    /// Samples as [`Brick::sample`] does, but through a given filter.
     #[inline(always)]
     pub(crate) fn filtered<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -30,7 +30,7 @@ impl Brick<'_> {
         }
     }
 
-    /// [`Brick::sample_points`] through a filter.
+    /// Samples as [`Brick::sample_points`] does, but through a given filter.
     #[inline(always)]
     pub(crate) fn filtered_points<C: Code, U: Unit, const INVALID: bool>(
         &self,

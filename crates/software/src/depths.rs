@@ -18,7 +18,7 @@ use glam::Vec4;
 const SHARE: f32 = 1.0 / 1024.0;
 const LEAST: f32 = 1e-6;
 
-/// A layer's table.
+/// The table of a layer's medium by code, for layers that are drawn together.
 pub(crate) struct DepthTable {
     blend: Blend,
     entries: Box<[Vec4]>,
@@ -39,7 +39,7 @@ const fn pieces(last: usize) -> (usize, usize) {
     if last == 0xffff { (1, 15) } else { (2, 1) }
 }
 
-/// Bytes of a table.
+/// Bytes of a table for codes of this format.
 pub(crate) const fn bytes(format: SlotFormat) -> usize {
     let last = format.max_code() as usize;
     let (own, theirs) = pieces(last);
@@ -47,7 +47,7 @@ pub(crate) const fn bytes(format: SlotFormat) -> usize {
 }
 
 impl DepthTable {
-    /// The table of a layer that is joined to others so.
+    /// The table of a layer that joins others by this blend.
     pub(crate) fn new(table: &TransferTable, format: SlotFormat, blend: Blend) -> Self {
         let (codes, last) = (&table.entries, table.entries.len() - 1);
         let (own, theirs) = pieces(last);
@@ -84,7 +84,7 @@ impl DepthTable {
         }
     }
 
-    /// Finds the places of a packet of codes. Returns whether any shows anything.
+    /// Finds the places in the table of a packet of codes. Returns whether any of them shows anything.
     #[inline(always)]
     pub(crate) fn find(&self, codes: &Packet, places: &mut Places) -> bool {
         let mut shows = 0;
@@ -102,7 +102,8 @@ impl DepthTable {
         shows != 0
     }
 
-    /// Whether what is looked up at any of the places that [`DepthTable::find`] has found is not what it should be.
+    /// Whether the table is not exact enough at any of the places that [`DepthTable::find`] has found, so that they have to be
+    /// [computed](DepthTable::computed).
     #[inline(always)]
     pub(crate) fn bends(&self, places: &Places) -> bool {
         let mut bends = false;
@@ -114,11 +115,11 @@ impl DepthTable {
         bends
     }
 
-    /// Adds what the samples at places that [`DepthTable::find`] has found have of the medium; lengths times a share are
-    /// unit distances.
+    /// Adds the layer's medium at the places that [`DepthTable::find`] has found for a packet of samples. The samples' lengths times `share`
+    /// are unit distances.
     ///
     /// # Safety
-    /// They have been found in this table.
+    /// The places have been found in this table.
     #[inline(always)]
     pub(crate) unsafe fn add<U: Unit>(
         &self,
@@ -140,7 +141,7 @@ impl DepthTable {
         }
     }
 
-    /// Computes what a unit distance of the medium of this straight colour and opacity has, where [`DepthTable::add`] is not near enough.
+    /// Computes a unit distance of the medium with this straight colour and opacity, where [`DepthTable::add`] is not exact enough.
     #[cold]
     pub(crate) fn computed(&self, entry: Vec4) -> Vec4 {
         unit(self.blend, entry)

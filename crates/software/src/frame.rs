@@ -19,79 +19,82 @@ use std::cmp::Reverse;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Sides of a surface; 0 is not known.
+/// The side of a surface on which codes are at least the threshold. A side of 0 is not known.
 pub(crate) const INSIDE: f32 = 1.0;
+/// The side of a surface on which codes are less than the threshold.
 pub(crate) const OUTSIDE: f32 = -1.0;
 
-/// A layer's frame in the making.
+/// A layer's frame while it is drawn: what all tiles share.
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
-    /// The box that is shown, in level-0 voxels.
+    /// The low corner of the box that is shown, in level-0 voxels; `shown_high` is the opposite one.
     pub(crate) shown_low: DVec3,
     pub(crate) shown_high: DVec3,
-    /// For each entry of the draw list the most light with which a ray has entered it so far, as the bits of an `f32`: their
-    /// order is that of the numbers. Empty in modes without occlusion.
+    /// For each entry of the draw list, the most light with which a ray has entered its cell so far, as the bits of an `f32`, whose
+    /// order is the order of the numbers. Empty in modes without occlusion.
     pub(crate) light: Box<[AtomicU32]>,
-    /// Front to back; in modes where order does not matter, those first that will likely decide.
+    /// The cells, front to back. In a maximum or minimum projection, the cells that will likely decide come first.
     pub(crate) cells: Vec<Cell<'a>>,
-    /// Voxels along a core's edge, and around it.
+    /// Voxels along the edge of a brick's core; `apron` is the number of voxels on each side of it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
-    /// The gradients stored with each.
+    /// The nodes of the gradients that are stored with each brick.
     pub(crate) gradients: GradientNodes,
-    /// Table positions from one code to the next.
+    /// Positions in the transfer table, in entries, from one code to the next.
     pub(crate) positions_per_code: f32,
-    /// Unit distances of a world unit.
+    /// Unit distances of the transfer function in a world unit.
     pub(crate) per_unit: f64,
     /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
     pub(crate) adaptive_step: f64,
-    /// The transfer function's running integrals, if the method wants them.
+    /// The transfer function's running integrals; `None` if the method does not use them.
     pub(crate) integrals: Option<&'a Integrals>,
-    /// What fog is classified by, if that is value and gradient.
+    /// The table by value and gradient that fog is classified by; `None` if fog is classified by value alone.
     pub(crate) grid: Option<&'a TransferGrid>,
-    /// What whole steps do, in a composite picture of the layer alone.
+    /// What whole steps through the layer's fog do. There are no tables where the layer is drawn together with others, has no fog, or has codes
+    /// wider than 8 bits.
     pub(crate) steps: StepTables,
-    /// What its medium is of the one that several layers are together.
+    /// The layer's medium, as a part of the medium that several layers are together; `None` if the layer is drawn by itself, or has no fog.
     pub(crate) depths: Option<DepthTable>,
-    /// Opacity is zero at table positions outside these two.
+    /// The two positions in the transfer table outside of which opacity is zero.
     pub(crate) visible: [f32; 2],
-    /// The code from which on a place is past each surface, ascending; more than any code where there is no surface.
+    /// For each surface, the code from which on a place is past it, ascending; infinite where there is no surface.
     pub(crate) thresholds: [f32; MAX_SURFACES],
-    /// How surfaces are lit that stand in fog.
+    /// How surfaces are lit: as the fog is, or from the eye if fog is not lit.
     pub(crate) surface_lighting: Lighting,
-    /// What the layer does to others, and the opacity of its projection.
+    /// What the layer does to others in the same place; `opacity` is that of the layer's projection.
     pub(crate) blend: Blend,
     pub(crate) opacity: f32,
-    /// Whether its fog is lit.
+    /// Whether the layer's fog is lit.
     pub(crate) is_lit: bool,
-    /// Whether all there is to see is one surface that hides what is behind it: what has loops of its own.
+    /// Whether the layer is drawn by itself as one opaque surface, lit from the eye, with the identity as its placement: such pictures
+    /// have loops of their own.
     pub(crate) is_one_opaque_surface: bool,
 }
 
-/// One entry of the draw list.
+/// One entry of a layer's draw list, as rays meet it.
 pub(crate) struct Cell<'a> {
-    /// Its place in the list, and the cell's in the order of the cut.
+    /// The entry's index in the draw list; `order` is the cell's rank in the order of the cut.
     index: usize,
     pub(crate) order: u32,
-    /// The half-open box in voxel space, without bound where it ends at the volume's faces: rays are clipped there
-    /// already, and a sample that rounding has put a hair outside still belongs to a cell.
+    /// The low corner of the cell's half-open box in voxel space; `high` is the opposite one. The box has no bound where it ends at the
+    /// volume's faces: rays are clipped there already, and a sample that rounding has put a hair outside still belongs to a cell.
     pub(crate) low: [f64; 3],
     pub(crate) high: [f64; 3],
-    /// Slot coordinate (voxel centres at whole numbers) = `offset + voxel * scale`.
+    /// Slot coordinates per level-0 voxel: a slot coordinate (voxel centres at whole numbers) is `offset + voxel * scale`.
     pub(crate) scale: [f64; 3],
     pub(crate) offset: [f64; 3],
-    /// The padded brick.
+    /// The padded brick that is drawn.
     pub(crate) brick: &'a Resident,
-    /// Where the brick has opacity in a composite picture, or may have the surface; everywhere in other modes.
+    /// The macro-cells in which the brick may have opacity or a surface; all of them in projections.
     pub(crate) mask: Mask,
-    /// On which side of the surface the brick is; 0 if on both, or if there is none.
+    /// The side of the one opaque surface on which the brick is; 0 if it is on both, or there is no such surface.
     pub(crate) side: f32,
-    /// How many of several surfaces all of it is past; negative if that is not one number.
+    /// The number of surfaces that the whole brick is past; negative if that is not one number, or is not needed.
     pub(crate) rank: i32,
-    /// The greatest code in each box of macro-cells, or the least one, in a maximum or minimum projection.
+    /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection; else empty.
     pub(crate) extremes: Box<[u16]>,
-    /// The pixels that may see the cell, and those among them that draw this entry, if not all.
+    /// The pixels that may see the cell; `pixels` are those among them that draw this entry, `None` for all.
     pub(crate) rect: PixelRect,
     pub(crate) pixels: Option<PixelShare>,
 }
@@ -104,7 +107,7 @@ impl Cell<'_> {
     }
 }
 
-/// A brick in a slot.
+/// A padded brick in a slot, with its macro-cells.
 #[derive(Debug)]
 pub(crate) struct Resident {
     /// The padded brick: voxels, and gradients behind them.
@@ -114,25 +117,25 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
-    /// A padded brick whose voxels take so many of its bytes, with its macro-cells.
+    /// A padded brick, of which the first `voxel_bytes` bytes are voxels and the others gradients, with its macro-cells.
     pub(crate) fn new(codes: Arc<[u8]>, voxel_bytes: usize, cells: MacroCells) -> Self {
         assert!(voxel_bytes <= codes.len(), "not a padded brick");
         Self { codes, voxel_bytes, cells }
     }
 
-    /// Codes.
+    /// The codes of the padded brick's voxels.
     pub(crate) fn voxels(&self) -> &[u8] {
         &self.codes[..self.voxel_bytes]
     }
 
-    /// Nodes of stored gradients; none where there are none.
+    /// The nodes of the brick's stored gradients; empty if it has none.
     pub(crate) fn gradients(&self) -> &[u8] {
         &self.codes[self.voxel_bytes..]
     }
 }
 
 impl<'a> Frame<'a> {
-    /// The frame of a layer, which is drawn by itself or together with others.
+    /// The frame of a layer, which is drawn by itself or together with others. `brick` gives the brick in a slot.
     pub(crate) fn new(
         layer: &'a VolumeFrame,
         pyramid: &Pyramid,
@@ -204,7 +207,7 @@ fn thresholds(settings: &FrameSettings) -> [f32; MAX_SURFACES] {
     thresholds
 }
 
-/// How many surfaces a code is past.
+/// The number of surfaces that a code is past, given their thresholds.
 #[inline(always)]
 pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
     let mut rank = 0;
@@ -215,23 +218,23 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
 }
 
 impl Frame<'_> {
-    /// How far the lattice of a pixel's ray is moved that enters what is shown at `t_in`.
+    /// How far the lattice of a pixel's ray is moved towards the eye, where the ray enters what is shown at the distance `t_in`.
     pub(crate) fn shift(&self, x: u32, y: u32, t_in: f64) -> f64 {
         self.settings.lattice.shift(self.settings.sampling.jitter.share(x, y), t_in)
     }
 
-    /// The most light with which a ray has entered the cell so far.
+    /// The most light with which a ray has entered a cell so far, 0 to 1.
     #[inline(always)]
     pub(crate) fn visibility(&self, cell: &Cell<'_>) -> f32 {
         f32::from_bits(self.light[cell.index].load(Ordering::Relaxed))
     }
 
-    /// A ray enters the cell with so much light, at least 0.
+    /// Takes note that a ray enters a cell with this much light, which is at least 0.
     pub(crate) fn enter(&self, cell: &Cell<'_>, light: f32) {
         self.light[cell.index].fetch_max(light.to_bits(), Ordering::Relaxed);
     }
 
-    /// From which code on, and before which one, a place is past so many surfaces.
+    /// The codes from which on, and before which, a place is past `rank` surfaces; infinite where there is no such bound.
     #[inline(always)]
     pub(crate) fn band(&self, rank: i32) -> (f32, f32) {
         let threshold = |i: i32| self.thresholds.get(i as usize).copied();

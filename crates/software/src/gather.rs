@@ -21,11 +21,11 @@ use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
-/// A ray's way through one layer.
+/// A ray's way through one layer's cells.
 pub(crate) struct Way {
     pub(crate) layer: usize,
     pub(crate) ray: Ray,
-    /// The layer's runs that are not done.
+    /// The ray's runs in this layer that are not done, by their indices among all runs.
     pub(crate) runs: Range<usize>,
     /// The stretch that it has come to, and of what may be seen in it what has not been taken.
     stretch: Stretch,
@@ -42,7 +42,7 @@ impl Way {
         Self { layer, ray, runs: 0..0, stretch, seen: 0, pending: 0..0, coverage, last: 0 }
     }
 
-    /// Enters a cell, whose last segment ends at a tick. Whether it may show anything.
+    /// Enters a cell in which the ray's segments end at the tick `last`. Returns whether the cell may show anything.
     #[inline(always)]
     pub(crate) fn enter(&mut self, frame: &Frame<'_>, cell: &Cell<'_>, last: u32) -> bool {
         (self.stretch.end, self.last) = (0, last);
@@ -67,7 +67,7 @@ impl Way {
         (self.seen, self.pending) = (self.stretch.seen, 0..0);
     }
 
-    /// The next tick of the cell from which on something may be seen.
+    /// The next tick of the cell from which on something may be seen; `None` if nothing more may be seen of the cell.
     #[inline(always)]
     pub(crate) fn next(&self) -> Option<u32> {
         let Stretch { start, end, zone, count, block, .. } = self.stretch;
@@ -96,7 +96,8 @@ impl Way {
     }
 }
 
-/// Leaves what a layer has of a cell in a run of segments, from one of a chunk's on.
+/// A function that adds to the media what a layer shows of a cell in a run of segments. The number is the place in the chunk of the run's
+/// first segment.
 pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut Chunk, &mut Media);
 
 /// What is done with samples.
@@ -115,7 +116,8 @@ trait Look {
     );
 }
 
-/// The gathering of a layer, in a picture with surfaces or without, or for an expression that reads its values.
+/// The function that gathers a layer on this machine, in a picture with or without surfaces, or for an expression that reads the layer's
+/// values.
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
         let method = frame.settings.sampling.method;
@@ -139,7 +141,7 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
     }
 }
 
-/// Whether a layer's segments are classified by the value in their middles alone.
+/// Whether a layer is plain fog: each segment is classified by the value in its middle alone, and nothing is lit.
 pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_bare = !frame.is_lit && frame.grid.is_none() && settings.surfaces.is_empty();
@@ -223,7 +225,8 @@ impl Look for Plain {
     }
 }
 
-/// Adds what some packets of a chunk, which has been sampled, have of a layer's medium, its weights times a share being unit distances.
+/// Adds a layer's medium at the samples of some packets of a chunk, which has been sampled. The chunk's weights times `share` are unit
+/// distances; `is_any` becomes true if a sample shows anything.
 #[inline(always)]
 pub(crate) fn add_fog<U: Unit>(
     frame: &Frame<'_>,

@@ -5,7 +5,7 @@ use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode};
 use glam::Vec3;
 
-/// The nodes of one brick.
+/// The gradient nodes of one brick, to be interpolated.
 #[derive(Clone, Copy)]
 pub(crate) struct Gradients<'a> {
     nodes: &'a [[u8; NODE_BYTES]],
@@ -15,17 +15,17 @@ pub(crate) struct Gradients<'a> {
 }
 
 impl<'a> Gradients<'a> {
-    /// The gradients behind a brick's voxels, of which there are `apron` around the core.
+    /// The gradients that lie, as `bytes`, behind the voxels of a brick with this apron.
     ///
     /// # Panics
-    /// If they are not as many as these.
+    /// If `bytes` is not as long as such nodes are.
     #[inline(always)]
     pub(crate) fn new(bytes: &'a [u8], nodes: GradientNodes, apron: u32) -> Self {
         assert_eq!(bytes.len(), nodes.bytes(), "not a brick's gradients");
         Self { nodes: bytes.as_chunks().0, along: nodes.along() as usize, first: nodes.first() + apron as f32 - 0.5 }
     }
 
-    /// Differences across two voxels along each axis, as shares of the greatest code, at a slot coordinate.
+    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest code.
     #[inline(always)]
     pub(crate) fn at(&self, place: [f32; 3]) -> Vec3 {
         let (mut first, mut t) = (0, [0.0; 3]);

@@ -5,15 +5,16 @@
 //! 1. `frame`: each layer's draw list, reversed to front to back, becomes cells with their place on the picture and in slot space.
 //! 2. `tile`: the picture's tiles go to the threads. Where there are meshes (`meshes`), a tile does all that follows for each slab between
 //!    two layers of triangles.
-//! 3. `march`: one layer, or one of several that are projected, takes its cells one by one and the tile's rays through each, so that
-//!    neighbouring rays find a brick's voxels in the first-level cache. `compositing`: layers that are mixed leave what they show of some of a
-//!    ray's segments (`gather`) to be seen through together (`media`, `mixture`), cell by cell where they share a cut, else ray by ray.
-//!    Where they share a cut and are plain fog (`channels`), some rays go side by side and are located once for all layers.
-//! 4. `ray` and `stretch`: the segments of a ray that belong to a cell, exactly once for all cells together.
-//! 5. `macrocells`: of those, the ones in which something can be seen.
+//! 3. `march`: a layer that is drawn alone, or projected, takes the tile's rays through its cells one by one, so that neighbouring rays
+//!    find a brick's voxels in the first-level cache. `compositing`: each of several layers that are mixed leaves what it shows of some of a
+//!    ray's segments (`gather`), and all of them are then seen through together (`media`, `mixture`), cell by cell where the layers share a
+//!    cut, else ray by ray. Where the layers share a cut and are plain fog (`channels`), some rays go side by side and are located once for
+//!    all layers.
+//! 4. `ray` and `stretch`: which of a ray's segments belong to a cell. All cells together have each segment exactly once.
+//! 5. `macrocells`: which of these segments may show something.
 //! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time). For all methods but the plain one, where there is
-//!    lighting, and for surfaces in fog, `path` and `pieces` make segments media (`medium`); `surface` finds one opaque surface.
+//!    lighting, and for surfaces in fog, `path` and `pieces` turn segments into media (`medium`). `surface` finds one opaque surface.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.

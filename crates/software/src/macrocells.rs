@@ -16,12 +16,12 @@ const fn spans_per_axis(edge: usize) -> usize {
     2 * per_axis(edge) - 1
 }
 
-/// Boxes of spans in a brick.
+/// The number of boxes of spans in a brick with this core edge.
 pub(crate) const fn boxes(edge: usize) -> usize {
     spans_per_axis(edge).pow(3)
 }
 
-/// What the cells of each box have together, x fastest.
+/// What the macro-cells of each box of a brick have together, by `join`; x fastest.
 pub(crate) fn over_boxes<T: Copy>(
     cells: impl Iterator<Item = T>,
     edge: usize,
@@ -45,11 +45,11 @@ pub(crate) fn over_boxes<T: Copy>(
     from.into()
 }
 
-/// How much of a brick can be seen.
+/// How much of a brick can be seen: nothing, some or all.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coverage {
     None,
-    /// To be asked cell by cell.
+    /// Some macro-cells can be seen: they are to be asked box by box.
     Some,
     All,
 }
@@ -58,7 +58,7 @@ pub(crate) enum Coverage {
 pub(crate) enum Mask {
     None,
     All,
-    /// Whether any cell of a box can.
+    /// Some macro-cells can be seen: for each box, whether any of its cells can.
     Some(Box<[bool]>),
 }
 
@@ -92,7 +92,7 @@ impl Mask {
         bits
     }
 
-    /// The cells for which `is_visible`.
+    /// The mask of the macro-cells whose ranges of codes satisfy `is_visible`.
     pub(crate) fn new(cells: &MacroCells, edge: usize, is_visible: impl Fn([u16; 2]) -> bool) -> Self {
         let visible: Vec<bool> = cells.ranges().iter().map(|&range| is_visible(range)).collect();
         match visible.iter().filter(|&&v| v).count() {
@@ -103,18 +103,19 @@ impl Mask {
     }
 }
 
-/// How much of its segments a block is made of.
+/// How much of its segments a block of samples is made of.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reach {
-    /// From the first one's middle to the last one's.
+    /// From the first segment's middle to the last segment's middle.
     Middles,
-    /// All.
+    /// All of its segments, from end to end.
     Ends,
-    /// All, and a cell takes those of others, too, that reach into it.
+    /// All of its segments, from end to end; and a cell also takes segments of other cells that reach into it.
     Beyond,
 }
 
-/// Segments of a block, which are so long along each axis (in voxels): at least one, and whole packets if more than one.
+/// The number of segments in a block, where a segment is `step` voxels long along each axis: at least one, and whole packets if more than
+/// one packet.
 #[inline(always)]
 pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
     /// Short of all that is ever counted.
@@ -132,7 +133,7 @@ pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
     if length > LANES as i32 { length & -(LANES as i32) } else { length }
 }
 
-/// A ray's way through a brick, block by block.
+/// A ray's way through a brick's macro-cells, block by block.
 #[derive(Clone, Copy)]
 pub(crate) struct Blocks {
     /// The middle of the first block, from one block to the next, and half of a block, in cells from the core's low corner.
@@ -163,7 +164,7 @@ impl Blocks {
         Self { middle, stride, half, spans: spans_per_axis(edge as usize) as i32, limit: cells.next_down() }
     }
 
-    /// The boxes in which the blocks from `first` on are: less than [`boxes`] of the brick's edge.
+    /// The indices of the boxes in which the blocks from `first` on are, each less than [`boxes`] of the brick's edge.
     #[inline(always)]
     pub(crate) fn boxes(&self, first: i32, found: &mut [i32; LANES]) {
         const LANE: Packet = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];

@@ -20,10 +20,10 @@ use glam::Vec4;
 /// What is seen by a tile's rays: premultiplied colour, and how much light passes.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// Takes a tile's rays through a layer, between the layers of meshes where there are some.
+/// A function that takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
 pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&Layers>, &mut Work, &mut Seen);
 
-/// The function for this frame on this machine.
+/// The function that takes rays through this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
         let Sampling { method, filter, .. } = frame.settings.sampling;
@@ -87,7 +87,7 @@ fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
     }
 }
 
-/// What a tile is worked on with.
+/// A thread's room to work on a tile.
 pub(crate) struct Work {
     pub(crate) rays: [Ray; PIXELS],
     chunk: Chunk,
@@ -225,7 +225,7 @@ impl Queue {
     }
 }
 
-/// Finds the blocks of a stretch that may be seen.
+/// Finds the blocks of a stretch that may be seen, and puts them into the stretch.
 #[inline(always)]
 pub(crate) fn look<B: Blend>(
     stretch: &mut Stretch,

@@ -9,44 +9,45 @@ use std::ops::Range;
 /// Places of a chunk, and of a packet that begins with its last one.
 const PLACES: usize = CHUNK + LANES;
 
-/// What a chunk of segments has.
+/// The media of a chunk of segments, of all layers, with room to work on them.
 pub(crate) struct Media {
-    /// The media of each segment: the light that they let through is `exp(-depth)`.
+    /// The media of each segment, of all layers together. The light that they let through is `exp(-depth)`.
     pub(crate) mixed: [Mixed; PLACES],
-    /// Whether that is anything.
+    /// Whether any segment of the chunk may have a medium.
     pub(crate) is_any: bool,
-    /// One past the last segment that can be seen: in that an opaque surface was met.
+    /// One past the last segment that can be seen, because an opaque surface was met in it; [`CHUNK`] if none was met.
     pub(crate) end: usize,
-    /// The light with which each segment was entered that was seen through last.
+    /// The light with which each segment was entered when light last passed through the chunk.
     pub(crate) light: [f32; PLACES],
     /// Room to work out how light passes them.
     passage: Passage,
-    /// Values of the layers that an expression reads, all of a segment's together, and the longest of their parts.
+    /// The values of the layers that an expression reads, segment by segment; NaN where a layer has none.
     pub(crate) values: Vec<f64>,
-    /// Where the expression is lit: the gradients of those values in the scene's world.
+    /// The gradients, in the scene's world, of the layers' values that an expression reads; empty if the expression is not lit.
     pub(crate) gradients: Vec<DVec3>,
+    /// The greatest length, in unit distances, that a segment has in a layer that an expression reads.
     pub(crate) longest: [f32; PLACES],
-    /// What one layer shows by itself.
+    /// What the layer that is gathered now shows by itself.
     pub(crate) alone: LayerMediumChunk,
-    /// Where there are surfaces: all pieces one by one, and all surfaces.
+    /// The pieces of media, one by one, and the surfaces met in the chunk; `None` if no layer has surfaces.
     pub(crate) found: Option<Found>,
 }
 
-/// What segments with surfaces in them are made of.
+/// What a chunk's segments with surfaces in them are made of.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) pieces: Vec<Piece>,
     pub(crate) surfaces: Vec<Met>,
 }
 
-/// What a layer shows by itself of a piece of a segment, from where to where.
+/// What a layer shows by itself of a piece of a segment, between two distances.
 pub(crate) struct Piece {
     pub(crate) segment: usize,
     pub(crate) alone: LayerMedium,
     pub(crate) ends: [f64; 2],
 }
 
-/// A surface that a ray meets: straight colour and opacity.
+/// A surface that a ray meets: where, and its straight colour and opacity.
 pub(crate) struct Met {
     pub(crate) segment: usize,
     pub(crate) t: f64,
@@ -54,7 +55,7 @@ pub(crate) struct Met {
 }
 
 impl Media {
-    /// The media of layers of which so many are read by an expression, with surfaces among them or not.
+    /// Empty media, for an expression that reads `read` layers and may be lit, or for layers that may have surfaces.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
             mixed: [Mixed::NONE; PLACES],
@@ -70,7 +71,7 @@ impl Media {
         }
     }
 
-    /// Takes what the layer shows by itself of a segment of the stretch, from where to where, to that of all layers.
+    /// Adds what the layer shows by itself of a segment of the stretch, between these distances, to the media of all layers.
     #[inline(always)]
     pub(crate) fn take_alone(&mut self, segment: i32, ends: [f64; 2]) {
         let place = self.alone.place(segment);
@@ -82,8 +83,8 @@ impl Media {
         }
     }
 
-    /// Puts in the media of an expression's values, and forgets what it is made of. `shade` lights a segment's colour under this
-    /// normal.
+    /// Adds the media that an expression makes of the first `count` segments' values, and clears the values. `shade` lights a segment's
+    /// colour under a normal; it is called if the expression is lit.
     pub(crate) fn combine(
         &mut self,
         combination: &Combination,
@@ -111,7 +112,7 @@ impl Media {
         }
     }
 
-    /// Passes light through so many segments, and empties them.
+    /// Passes light through the first `count` segments, and empties them. Returns premultiplied colour and the light that is left.
     #[inline(always)]
     pub(crate) fn see(&mut self, count: usize, mut light: Vec4) -> Vec4 {
         let count = count.min(CHUNK);
@@ -172,7 +173,7 @@ impl Found {
     }
 }
 
-/// Passes light through so many segments of media, and empties them, by the vector unit of this machine.
+/// The function that passes light through a number of segments of media, as [`Media::see`] does, by the vector unit of this machine.
 pub(crate) struct See(pub(crate) fn(&mut Media, usize, Vec4) -> Vec4);
 
 impl See {

@@ -13,8 +13,8 @@ use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;
 
-/// Emission and absorption: the sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end to end,
-/// and surfaces found in them.
+/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end
+/// to end, and surfaces are found in them.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Blend for Medium<ENDS> {

@@ -16,18 +16,18 @@ const LEAF: usize = 8;
 /// Triangles below which a thread builds a subtree alone.
 const ALONE: usize = 1 << 14;
 
-/// What meshes take beside themselves: each triangle its place in the order of leaves, which have more than half of [`LEAF`]
-/// each, and there are fewer inner nodes than leaves.
+/// The most bytes that the tree over meshes takes, beside the meshes themselves; 0 if there is room for no meshes. Every triangle takes its
+/// place in the order of leaves, a leaf has at least half of [`LEAF`] triangles, and there are fewer inner nodes than leaves.
 pub(crate) fn bytes(room: MeshCapacity) -> u64 {
     let nodes = room.triangles as usize * 2 / (LEAF / 2) + 1;
     let each = room.triangles as usize * size_of::<u32>() + nodes * size_of::<Node>();
     if room.is_none() { 0 } else { (each + room.meshes as usize * size_of::<Held>()) as u64 }
 }
 
-/// What a thread takes for its tile's layers.
+/// Bytes that a thread takes for the layers of meshes in its tile.
 pub(crate) const BYTES_PER_THREAD: u64 = size_of::<Layers>() as u64;
 
-/// The triangles of a frame's meshes in boxes.
+/// A tree of boxes over the triangles of a frame's meshes.
 #[derive(Debug, Default)]
 pub(crate) struct MeshTree {
     held: Vec<Held>,
@@ -60,7 +60,7 @@ fn nodes(triangles: usize) -> usize {
 }
 
 impl MeshTree {
-    /// Whether it is over these meshes.
+    /// Whether this is the tree over these meshes.
     pub(crate) fn is_of(&self, meshes: &[ShownMesh]) -> bool {
         let is_same = |(held, shown): (&Held, &ShownMesh)| Arc::ptr_eq(&held.mesh, &shown.mesh);
         self.held.len() == meshes.len() && self.held.iter().zip(meshes).all(is_same)
@@ -81,7 +81,7 @@ impl MeshTree {
         Self { held, order, nodes: tree }
     }
 
-    /// Finds for each of a tile's rays the next layer behind the one before.
+    /// Finds, for each of a tile's rays, the next layer of meshes behind the one that the ray has come to.
     pub(crate) fn peel(&self, settings: &FrameSettings, tile: &Tile, layers: &mut Layers) {
         let rays = &settings.rays;
         let beam = Beam::new(rays, tile);
@@ -210,7 +210,7 @@ impl Found {
     const NONE: Self = Self { t: f64::INFINITY, number: None, weights: [0.0; 3], color: Vec4::W };
 }
 
-/// How far a tile's rays have come.
+/// How far a tile's rays have come through the layers of meshes, and what they have seen.
 pub(crate) struct Layers {
     rays: [Ray; PIXELS],
     /// What is in front: premultiplied colour, and how much light passes.
@@ -252,12 +252,13 @@ impl Layers {
         }
     }
 
-    /// From where to where a ray's slab reaches.
+    /// The distances between which a ray's next slab lies: from the layer before to the next one. Both are 0 if nearly no light is left.
     pub(crate) fn limits(&self, place: usize) -> [f64; 2] {
         if self.front[place].w < FAINTEST { [0.0; 2] } else { [self.before[place].0, self.next[place].t] }
     }
 
-    /// Puts what is seen of a ray's slab, and the layer behind it, behind what is in front. Whether there is more behind.
+    /// Puts what is seen of a ray's slab, and then the layer of meshes behind the slab, behind what is in front. Returns whether there is
+    /// more to see behind.
     pub(crate) fn compose(&mut self, place: usize, seen: Vec4) -> bool {
         let (front, next) = (&mut self.front[place], self.next[place]);
         for color in [seen, next.color] {
@@ -271,7 +272,7 @@ impl Layers {
         next.number.is_some() && front.w >= FAINTEST
     }
 
-    /// What a ray shows.
+    /// What a ray shows: premultiplied colour, and how much light passes.
     pub(crate) fn color(&self, place: usize) -> Vec4 {
         self.front[place]
     }

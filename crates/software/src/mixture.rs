@@ -9,8 +9,8 @@ use glam::{Vec3, Vec4, Vec4Swizzles};
 /// The depth of what lets no light through: finite, so that sums and shares of it are numbers.
 pub(crate) const OPAQUE: f32 = 1e30;
 
-/// The media of a segment: the colour that they give where no light is lost on the way, and their depth. They are kept as two vectors
-/// whose sum they are, for as such two neighbouring entries of a table are added at once.
+/// The media of a segment: the colour that they give where no light is lost on the way, and their depth. They are kept as two vectors,
+/// whose sum they are, so that two neighbouring entries of a table can be added at once.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(crate) struct Mixed {
@@ -21,13 +21,13 @@ pub(crate) struct Mixed {
 impl Mixed {
     pub(crate) const NONE: Self = Self { near: Vec4::ZERO, far: Vec4::ZERO };
 
-    /// Adds colour and depth.
+    /// Adds media: their colour and depth.
     #[inline(always)]
     pub(crate) fn add(&mut self, media: Vec4) {
         self.near += media;
     }
 
-    /// Adds shares of two neighbouring entries of a table.
+    /// Adds two neighbouring entries of a table of media: the share `near` of the first, and `far` of the second.
     #[inline(always)]
     pub(crate) fn add_shares<U: Unit>(&mut self, entries: &[Vec4; 2], near: f32, far: f32) {
         #[cfg(target_arch = "x86_64")]
@@ -58,7 +58,7 @@ impl Mixed {
         }
     }
 
-    /// Colour and depth.
+    /// The media's colour, and their depth as the last component.
     #[inline(always)]
     pub(crate) fn sum(&self) -> Vec4 {
         self.near + self.far
@@ -91,10 +91,10 @@ impl LayerMedium {
     }
 }
 
-/// The segments of a chunk as one layer shows them.
+/// The segments of a chunk as one layer shows them by itself.
 pub(crate) struct LayerMediumChunk {
     pub(crate) blend: Blend,
-    /// The chunk's place for the stretch's first segment.
+    /// The place in the chunk of the stretch's first segment.
     pub(crate) first: i32,
     pub(crate) segments: [LayerMedium; CHUNK],
 }
@@ -105,12 +105,12 @@ impl LayerMediumChunk {
         Self { blend: Blend::Mix, first: 0, segments: [nothing; CHUNK] }
     };
 
-    /// The chunk's place for a segment of the stretch.
+    /// The place in the chunk of a segment of the stretch.
     pub(crate) fn place(&self, segment: i32) -> usize {
         (self.first + segment) as usize
     }
 
-    /// Adds a medium of one of the segments, behind those that it has.
+    /// Adds a medium to its segment, behind the media that the segment has.
     #[inline(always)]
     pub(crate) fn pass(&mut self, Passed { segment, color, depth, length }: Passed) {
         let place = self.place(segment);
@@ -133,17 +133,17 @@ impl LayerMediumChunk {
 pub(crate) struct Projections {
     /// Colour times depth, and depth, of the layers that mix.
     mixed: Vec4,
-    /// What layers that add give.
+    /// The colour of the layers that add.
     pub(crate) emission: Vec4,
 }
 
 impl Projections {
-    /// Mixes in a projection's colour, through so many halvings of the light.
+    /// Mixes in a projection's colour as a medium of this depth, in halvings of the light.
     pub(crate) fn mix(&mut self, color: Vec4, depth: f32) {
         self.mixed += color.with_w(1.0) * depth;
     }
 
-    /// Premultiplied colour, and the light that passes: what adds is not dimmed.
+    /// The premultiplied colour that the projections show together, and the light that passes. The colour of layers that add is not dimmed.
     pub(crate) fn seen(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
@@ -154,7 +154,7 @@ impl Projections {
 /// Media that are less deep pass light as the first four terms of the series say: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
-/// How light passes the media of a chunk, front to back: room to work in.
+/// Room to work out how light passes the media of a chunk, front to back.
 pub(crate) struct Passage {
     media: [Vec4; CHUNK],
     depth: [f32; CHUNK],
@@ -169,8 +169,8 @@ impl Passage {
         Self { media: [Vec4::ZERO; CHUNK], depth: none, dimmed: none, left: none }
     };
 
-    /// Passes light through the media of a chunk or of a part of one. Returns premultiplied colour and the light that is left, and says with
-    /// how much light each was entered.
+    /// Passes light through the media of a chunk's segments or of a part of them. Returns premultiplied colour and the light that is left, and
+    /// writes to `visibility` with how much light each segment was entered.
     #[inline(always)]
     pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, visibility: &mut [f32]) -> Vec4 {
         for ((media, depth), mixed) in self.media.iter_mut().zip(&mut self.depth).zip(mixed) {

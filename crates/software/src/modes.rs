@@ -14,21 +14,22 @@ use crate::transfer_table::Entries;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 
-/// A mode.
+/// A mode: how a ray's samples become a pixel.
 pub(crate) trait Blend {
     /// A ray's sum before its first sample.
     const START: Vec4;
 
-    /// Whether the order of samples matters. Where it does not, the most promising bricks come first.
+    /// Whether cells are taken front to back, and each segment once. If not, the order does not matter, and the most promising bricks
+    /// come first.
     const FRONT_TO_BACK: bool;
 
-    /// Whether a segment is looked at in its middle or from end to end.
+    /// Whether segments are looked at in their middles or from end to end.
     const REACH: Reach = Reach::Middles;
 
-    /// Whether what is in front takes light from what is behind; the sum's last component then is the light left.
+    /// Whether what is in front takes light from what is behind. If so, the sum's last component is the light that is left.
     const OCCLUDES: bool = false;
 
-    /// How much of a brick can change the sum: what its mask says, where that does not depend on the sum.
+    /// How much of a cell's brick can change a ray's sum. By default this is what the cell's mask says, whatever the ray.
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, _: &Ray) -> Coverage {
         cell.mask.coverage()
@@ -44,7 +45,7 @@ pub(crate) trait Blend {
         unsafe { cell.mask.seen(boxes) }
     }
 
-    /// Takes the segments `from..to` of a stretch, or fewer if nothing behind those can be seen.
+    /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those can be seen.
     fn take<C: Code, U: Unit, const INVALID: bool>(
         march: &March<'_>,
         stretch: &Stretch,
@@ -53,16 +54,16 @@ pub(crate) trait Blend {
         segments: Range<i32>,
     );
 
-    /// Whether no further sample can be seen.
+    /// Whether no further sample can change what is seen of this sum.
     fn is_final<C: Code>(sum: Vec4) -> bool;
 
-    /// What is seen: premultiplied colour, and how much light passes.
+    /// What is seen of a ray with this sum: premultiplied colour, and how much light passes.
     fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
 /// A mode that samples segments in their middles.
 pub(crate) trait Sum: Blend {
-    /// Adds a chunk of samples.
+    /// Adds a chunk of samples to a ray's sum, and returns the new sum.
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
 }
 
@@ -90,7 +91,7 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     ray.sum = sum;
 }
 
-/// Emission and absorption: the sum is premultiplied colour and transmittance.
+/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance.
 pub(crate) struct Dvr;
 
 impl Dvr {
@@ -193,7 +194,7 @@ impl Sum for Dvr {
     }
 }
 
-/// The greatest code; negative before the first sample.
+/// The mode of maximum projection: a ray's sum is the greatest code, negative before the first sample.
 pub(crate) struct Mip;
 
 impl Blend for Mip {
@@ -253,7 +254,7 @@ impl Sum for Mip {
     }
 }
 
-/// The least code; past the greatest before the first sample.
+/// The mode of minimum projection: a ray's sum is the least code, more than any code before the first sample.
 pub(crate) struct MinIp;
 
 impl Blend for MinIp {
@@ -313,7 +314,7 @@ impl Sum for MinIp {
     }
 }
 
-/// The weighted mean: the sum is that of weighted codes, then that of weights.
+/// The mode of the weighted mean: a ray's sum is the sum of weighted codes, then the sum of weights.
 pub(crate) struct Average;
 
 impl Blend for Average {

@@ -21,12 +21,12 @@ use brickyard_volume::{Gradient, Lighting, Medium as Mean, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
-/// A ray's way along a stretch of a brick; places along it are counted in segments from the middle of the first.
+/// A ray's way along a stretch of a brick. Places along it are counted in segments from the middle of the stretch's first.
 #[derive(Clone, Copy)]
 pub(crate) struct Path<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
-    /// Where the brick can be sampled.
+    /// The first place along the path at which the brick can be sampled; `high` is the last one.
     pub(crate) low: f32,
     pub(crate) high: f32,
     /// The ends of the ray's first and last segments, where they are the stretch's; else past all.
@@ -46,7 +46,7 @@ pub(crate) struct Path<'a> {
     has_gradients: bool,
 }
 
-/// Samples along the ray.
+/// A packet of samples along a path.
 #[derive(Clone, Copy)]
 pub(crate) struct Samples {
     along: Packet,
@@ -87,18 +87,18 @@ impl<'a> Path<'a> {
         }
     }
 
-    /// This path, of which only a piece of one segment counts.
+    /// This path, cut down to a piece of one segment, from `first_start` to `last_end`.
     pub(crate) fn piece(&self, first_start: f32, last_end: f32) -> Self {
         Self { first_start, last_end, ..*self }
     }
 
-    /// Where a segment begins and ends.
+    /// The places along the path at which a segment begins and ends.
     #[inline(always)]
     pub(crate) fn ends(&self, segment: i32) -> [f32; 2] {
         [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
     }
 
-    /// Segments from `first` on that are whole, at most `most`; or 1 if the first is not.
+    /// The number of whole segments from the first of these on, at most `most`; 1 if the first one is not whole.
     #[inline(always)]
     pub(crate) fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
         let is_cut = |segment: i32| {
@@ -134,7 +134,7 @@ impl<'a> Path<'a> {
         self.march.brick.filtered_points::<C, U, INVALID>(filter, points, weight)
     }
 
-    /// The media of a row of segments, from the first of these on, behind those that are there. Returns the first segment not taken. Not
+    /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment that was not taken. The work is not
     /// inlined: it is large, and several callers share it.
     #[inline(always)]
     pub(crate) fn row<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
@@ -220,7 +220,7 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// The places of a row of segments' ends, and so many more on each side.
+    /// The places along the path of the ends of `count` segments from `first` on, with `beyond` more places on each side.
     #[inline(always)]
     pub(crate) fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
         let mut along = [0.0; LANES];
@@ -355,7 +355,7 @@ impl<'a> Path<'a> {
         Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
     }
 
-    /// The straight colour of a surface at a place, lit, and its opacity. Not inlined, as a [row](Self::row).
+    /// The lit straight colour of a surface at a place along the path, and the surface's opacity. The work is not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
         #[cfg(target_arch = "x86_64")]
@@ -386,7 +386,7 @@ impl<'a> Path<'a> {
         self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
-    /// The distance of a place.
+    /// The distance along the ray of a place along the path.
     #[inline(always)]
     pub(crate) fn distance(&self, along: f32) -> f64 {
         self.stretch.middle + along as f64 * self.stretch.length
@@ -410,7 +410,8 @@ impl<'a> Path<'a> {
         (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel))
     }
 
-    /// The gradient in the scene's world, in data units by the unit, in the middle of a segment with this code; zero where the field is flat.
+    /// The gradient in the middle of a segment, which has this code: in the scene's world, in data units per world unit; zero where the field
+    /// is flat.
     #[inline(never)]
     pub(crate) fn gradient<C: Code, U: Unit, const INVALID: bool>(&self, segment: i32, code: f32) -> DVec3 {
         let [start, end] = self.ends(segment);

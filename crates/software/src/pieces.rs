@@ -30,11 +30,11 @@ pub(crate) struct Pieces<'a> {
     cut: Option<f32>,
 }
 
-/// Some segments, or a part of one, without a surface in between.
+/// Some segments of a path, or a part of one segment, without a surface in between.
 pub(crate) struct Piece<'a> {
     pub(crate) path: Path<'a>,
     pub(crate) segments: Range<i32>,
-    /// The surface at its end, and where that is.
+    /// The index of the surface at the piece's end, and its place along the path; `None` if there is no surface.
     pub(crate) surface: Option<(usize, f32)>,
 }
 
@@ -44,7 +44,7 @@ impl<'a> Pieces<'a> {
         Self { march, stretch, path, rest: segments, cut: None }
     }
 
-    /// The next piece, if there is one; the ray's rank becomes that behind it. Not inlined, as a [row](Path::row).
+    /// The next piece; `None` if there is none. The ray's rank becomes the one behind the piece. The work is not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         #[cfg(target_arch = "x86_64")]

@@ -10,7 +10,7 @@ use crate::ticks::Ticks;
 use brickyard_volume::Lattice;
 use glam::Vec4;
 
-/// A ray ends where less light than this passes: all that is behind could add 1/4096 of a channel, a sixteenth of one
+/// The share of light below which a ray ends: all that is behind could add at most 1/4096 of a channel, a sixteenth of one
 /// step of an 8-bit picture.
 pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
@@ -20,32 +20,32 @@ pub(crate) const NO_RANK: i32 = -1;
 /// A ray on its way through the cells.
 #[derive(Clone, Copy)]
 pub(crate) struct Ray {
-    /// Voxel space.
+    /// The ray's origin in voxel space.
     pub(crate) origin: [f64; 3],
-    /// Voxels per world unit.
+    /// The ray's direction in voxel space: voxels per world unit.
     pub(crate) direction: [f64; 3],
     /// World units per voxel.
     inverse: [f64; 3],
     /// The stretch that is shown.
     t_in: f64,
     t_out: f64,
-    /// The first segment, and one past the last.
+    /// The tick of the ray's first segment; `end` is one past the last.
     pub(crate) first: u32,
     pub(crate) end: u32,
-    /// One past the last segment taken so far; `end` when nothing more is wanted.
+    /// One past the last segment taken so far; equal to `end` when nothing more is wanted.
     pub(crate) cursor: u32,
-    /// What the samples add up to; the blend mode knows its meaning.
+    /// What the ray's samples add up to. Each mode has its own meaning for it: see [`Blend`](crate::modes::Blend).
     pub(crate) sum: Vec4,
-    /// What it knows of surfaces.
+    /// What the ray knows of surfaces.
     pub(crate) past: Past,
 }
 
 /// What a ray knows of a layer's surfaces.
 #[derive(Clone, Copy)]
 pub(crate) struct Past {
-    /// The segment behind the last one that was searched for a surface.
+    /// The tick of the segment behind the last one that was searched for a surface.
     pub(crate) reached: u32,
-    /// How many of several surfaces it is past.
+    /// The number of surfaces that the ray is past; [`NO_RANK`] if this is not known.
     pub(crate) rank: i32,
 }
 
@@ -68,14 +68,14 @@ impl Ray {
         past: Past::NONE,
     };
 
-    /// The ray through a pixel's centre, between these distances; one without segments if it misses the volume.
+    /// The ray through a pixel's centre, between these distances. If it misses the volume there, it has no segments.
     pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
         let mut ray = Self { sum, ..Self::aim(frame, x, y) };
         ray.set_out(&frame.ticks, frame.shift(x, y, ray.t_in), limits);
         ray
     }
 
-    /// The ray through a pixel's centre, before it sets out.
+    /// The ray through a pixel's centre, before it [sets out](Self::set_out).
     pub(crate) fn aim(frame: &Frame<'_>, x: u32, y: u32) -> Self {
         let settings = frame.settings;
         let own = settings.placement.volume_ray(&settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5));
@@ -100,13 +100,13 @@ impl Ray {
         ray
     }
 
-    /// Where the ray enters what is shown, if it does.
+    /// The distance at which the ray enters what is shown of the volume; `None` if it never does.
     pub(crate) fn entry(&self) -> Option<f64> {
         (self.t_in < self.t_out).then_some(self.t_in)
     }
 
-    /// Sets out between these distances, along a lattice that is moved towards the eye by `shift`: the lattice starts as far behind the
-    /// eye as it is moved, and so does the ray.
+    /// Finds the ray's segments between these distances, along a lattice that is moved towards the eye by `shift`. The lattice then starts
+    /// that far behind the eye, and so does the ray.
     #[inline(always)]
     pub(crate) fn set_out(&mut self, ticks: &Ticks, shift: f64, limits: [f64; 2]) {
         let (t_in, t_out) = (self.t_in.max(limits[0]), self.t_out.min(limits[1]));
@@ -122,7 +122,7 @@ impl Ray {
         }
     }
 
-    /// The segment's start and end; the first and last are cut where the ray enters and leaves the volume.
+    /// The distances at which the segment at a tick starts and ends. The first and last are cut where the ray enters and leaves the volume.
     #[inline(always)]
     pub(crate) fn ends(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
         let (start, end) = (tick as i32 as f64 * ticks.step, ticks.next(tick) as i32 as f64 * ticks.step);
@@ -131,15 +131,15 @@ impl Ray {
         (start, end)
     }
 
-    /// The segment's midpoint and length.
+    /// The distance of the midpoint, and the length, of the segment at a tick.
     #[inline(always)]
     pub(crate) fn segment(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
         let (start, end) = self.ends(ticks, tick);
         (0.5 * (start + end), end - start)
     }
 
-    /// The run of segments from the cursor on that belong to the cell, as first tick and one past the last. With
-    /// [`Reach::Beyond`] a cell also takes those of others of which more than half a voxel is in it.
+    /// The run of segments from the cursor on that belong to a cell: its first tick, and one past the last; `None` if there are none. With
+    /// [`Reach::Beyond`] a cell also takes segments of other cells of which more than half a voxel is in it.
     #[inline(always)]
     pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>, reach: Reach) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.

@@ -13,34 +13,34 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// Why a renderer cannot be made.
+/// Why a renderer cannot be made, or cannot do what it was asked to do.
 #[derive(Debug, thiserror::Error)]
 pub enum SoftwareError {
-    /// Not one slot fits, or not the least that layers need.
+    /// The budget does not hold one slot, or not the least number of slots that the layers need.
     #[error(
         "{given_bytes} bytes for the renderer hold no brick: the one on the CPU needs at least {least_bytes} bytes here"
     )]
     Budget {
-        /// What was given.
+        /// The budget given, in bytes.
         given_bytes: u64,
-        /// The least that works.
+        /// The least budget that works, in bytes.
         least_bytes: u64,
     },
-    /// Bricks whose voxels cannot be indexed.
+    /// The bricks' cores have no voxels, or more than can be indexed.
     #[error("bricks of {edge} voxels an edge cannot be drawn: expected 1 to {}", SoftwareRenderer::MAX_EDGE)]
     Edge {
-        /// The edge asked for.
+        /// The edge that was asked for, in voxels.
         edge: u32,
     },
     /// The operating system gives no threads.
     #[error("cannot start {threads} drawing threads: {source}")]
     Threads {
-        /// How many were asked for.
+        /// The number of threads that were asked for.
         threads: usize,
-        /// What the system said.
+        /// The system's error.
         source: rayon::ThreadPoolBuildError,
     },
-    /// Layers, frames, lists or bricks that do not belong to this renderer: a programming error of the caller's.
+    /// The renderer was given layers, frames, lists or bricks that do not belong to it: a programming error of the caller's.
     #[error("the CPU renderer was given {0}")]
     Mismatch(String),
 }
@@ -50,7 +50,7 @@ fn expect(is_right: bool, what: impl FnOnce() -> String) -> Result<(), SoftwareE
     if is_right { Ok(()) } else { Err(SoftwareError::Mismatch(what())) }
 }
 
-/// Pools of slots in RAM, and threads that draw layers from them.
+/// The renderer on the CPU: pools of slots in RAM, and threads that draw layers from them.
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
@@ -67,14 +67,15 @@ pub struct SoftwareRenderer {
 }
 
 impl SoftwareRenderer {
-    /// The longest core edge: padded bricks then stay below 2^31 voxels.
+    /// The longest edge of a brick's core, in voxels. Padded bricks then stay below 2^31 voxels.
     pub const MAX_EDGE: u32 = 1024;
 
-    /// Shares the budget out among layers' pools of slots (see [`pools`]); a slot takes memory once it holds a brick.
+    /// Makes a renderer for these layers, and shares its budget out among the layers' pools of slots (see [`pools`]). A slot takes memory once
+    /// it holds a brick.
     ///
     /// # Errors
-    /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), bricks are too large, or the
-    /// threads do not start; if there is no layer, or bricks have too narrow an apron: they would show their seams.
+    /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), the bricks' edge is out of range, or
+    /// the threads do not start. Also if there is no layer, or the bricks' apron is too narrow for the samples, so that seams would show.
     pub fn new(layers: &[VolumeNeeds], options: &SoftwareOptions) -> Result<Self, SoftwareError> {
         expect(!layers.is_empty(), || "no layer".into())?;
         for VolumeNeeds { edge, bricks, .. } in layers {
@@ -123,7 +124,7 @@ impl SoftwareRenderer {
         })
     }
 
-    /// How many slots there are in a layer's pool, which all of its layers share.
+    /// The number of slots in a layer's pool, which all layers of the pool share.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -131,13 +132,13 @@ impl SoftwareRenderer {
         self.pools[self.pool_of[layer]].len()
     }
 
-    /// What it takes when every slot is full, drawing included; at most the budget.
+    /// The bytes that the renderer takes when every slot is full, drawing included; at most the budget.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Puts a layer's padded brick into a slot of its pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
-    /// behind them if pictures need some. Nothing is copied; the codes are read once, for the macro-cells.
+    /// Puts a layer's padded brick into a slot of the layer's pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
+    /// behind them if pictures need some. Nothing is copied; if empty space is skipped, the codes are read once, for the macro-cells.
     ///
     /// # Errors
     /// If there is no such layer or slot, or the length is not a padded brick's.
@@ -152,13 +153,13 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// Draws layers, or an expression over them; those of the renderer's layers that are not given are not there. Costs time in proportion to
-    /// the samples taken; a draw list may not be longer than [`SoftwareRenderer::slots`] for the byte account to hold.
+    /// Draws layers, or an expression over them. The renderer's other layers are left out. The time is in proportion to the samples
+    /// taken. For the byte account to hold, no draw list may be longer than [`SoftwareRenderer::slots`].
     ///
     /// # Errors
-    /// If layers are none, in another order or not the renderer's, the picture is larger than was agreed, a list names a slot that was never
-    /// uploaded, frames, pyramids and needs do not belong together, or an expression is lit, has surfaces, or is shown by another mode or
-    /// method than the plain one.
+    /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture is larger than was agreed; if a
+    /// list names a slot to which no brick was uploaded; if frames, pyramids and needs do not belong together; or if a layer that an expression
+    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one.
     pub fn render(
         &mut self,
         layers: &[Layer<'_>],
@@ -218,9 +219,10 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// For each entry of the list of a layer that was drawn last, in its order, the greatest transmittance with which a ray entered its
-    /// cell: 1 where nothing is in front, 0 where no ray came because the light had been used up, or the cell is out of view. `None`
-    /// after projections, in which nothing hides anything, and before the first picture.
+    /// What the last picture saw of a layer: for each entry of the layer's draw list, in the list's order, the greatest transmittance with which
+    /// a ray entered the cell. It is 1 where nothing is in front of the cell, 0 where no ray came because the light had been used up, or the
+    /// cell is out of view. Empty if the picture left the layer out. `None` after projections, in which nothing hides anything, before the
+    /// first picture, and if there is no such layer.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
         self.visibility.get(layer).map(Vec::as_slice)
     }

@@ -2,12 +2,13 @@
 
 use glam::Vec3;
 
-/// A medium of one of the stretch's segments, or of a part of it.
+/// A medium of one of a stretch's segments, or of a part of the segment.
 pub(crate) struct Passed {
     pub(crate) segment: i32,
     pub(crate) color: Vec3,
-    /// Halvings of the light over a unit distance, and unit distances.
+    /// The medium's depth: halvings of the light over a unit distance.
     pub(crate) depth: f64,
+    /// The medium's length in unit distances.
     pub(crate) length: f64,
 }
 

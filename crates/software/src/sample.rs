@@ -16,31 +16,31 @@ use crate::row::Row;
 use crate::steps::Places;
 use glam::Vec4;
 
-/// A stretch of samples along a ray, near to far, and the room to work on it (kept, as clearing it takes time).
+/// Up to four packets of samples along a ray, near to far, and the room to work on them (kept, as clearing it takes time).
 pub(crate) struct Chunk {
-    /// Packets in use.
+    /// The number of packets in use.
     pub(crate) packets: usize,
-    /// Samples, where all of them are whole steps of one zone; else 0.
+    /// The number of samples, if all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
-    /// The zone whose steps these are.
+    /// The zone of the lattice that the samples are in.
     pub(crate) zone: usize,
-    /// Where each sample is, in steps from the run's first.
+    /// Where each sample is, in segments from the middle of the stretch's first one.
     pub(crate) along: [Packet; PACKETS],
-    /// What each sample weighs: its length in unit distances; 0 if it is none.
+    /// What each sample weighs: its segment's length in unit distances; 0 if there is no sample.
     pub(crate) weight: [Packet; PACKETS],
-    /// The codes there.
+    /// The code at each sample.
     pub(crate) code: [Packet; PACKETS],
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
     fraction: [[Packet; 3]; PACKETS],
-    /// Where they are in the table of whole steps.
+    /// Where the samples are in the table of whole steps, or of depths.
     pub(crate) places: [Places; PACKETS],
-    /// The transfer table's colour and opacity.
+    /// The transfer table's colour and opacity for each sample.
     pub(crate) entry: [[Vec4; LANES]; PACKETS],
     pub(crate) alpha: [Packet; PACKETS],
     /// The share of light that passes each sample.
     pub(crate) passed: [Packet; PACKETS],
-    /// The media of a row of segments.
+    /// Room for the media of a row of segments.
     pub(crate) media: Row,
 }
 
@@ -67,7 +67,7 @@ pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
 
 /// How a code lies in memory.
 pub(crate) trait Code {
-    /// Bytes of a code.
+    /// The number of bytes of a code.
     const BYTES: usize;
     /// The greatest code.
     const MAX: u32;
@@ -138,7 +138,7 @@ impl Code for Code16 {
     }
 }
 
-/// What a function is compiled for.
+/// The kind of machine that a function is compiled for.
 pub(crate) trait Unit {
     /// Whether the machine is known to have AVX2.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nobody asks where no machine can have it"))]
@@ -148,7 +148,7 @@ pub(crate) trait Unit {
 /// Any machine.
 pub(crate) struct Portable;
 
-/// One with AVX2.
+/// A machine with AVX2.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Avx2;
 
@@ -161,7 +161,7 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 }
 
-/// The voxels of padded bricks.
+/// The grid of voxels of padded bricks of one size.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     padded: usize,
@@ -170,14 +170,15 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// The grid of bricks with so many voxels along their edges.
+    /// The grid of padded bricks with this many voxels along their edges.
     #[inline(always)]
     pub(crate) fn new(padded: u32) -> Self {
         assert!(padded >= 2, "not a padded brick");
         Self { padded: padded as usize, limit: (padded as f32 - 1.0).next_down() }
     }
 
-    /// Finds where the samples at the slot coordinates `origin + along * step` are.
+    /// Finds the voxels of a chunk's samples, and the fractions towards the next voxels. The samples are at the slot coordinates
+    /// `origin + along * step`.
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut Chunk) {
         for p in 0..chunk.packets.min(PACKETS) {
@@ -220,20 +221,20 @@ impl<'a> Brick<'a> {
         Self { codes, grid }
     }
 
-    /// Voxels along its edge.
+    /// Voxels along the padded brick's edge.
     #[inline(always)]
     pub(crate) fn padded(&self) -> usize {
         self.grid.padded
     }
 
-    /// Its codes.
+    /// The padded brick's codes.
     #[inline(always)]
     pub(crate) fn codes(&self) -> &'a [u8] {
         self.codes
     }
 
-    /// Fills in the codes of the samples at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
-    /// With `INVALID`, code 0 is left out, and where less than half of the weight is valid the sample weighs nothing.
+    /// Fills in the codes of a chunk's samples, which are at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
+    /// With `INVALID`, code 0 is left out, and a sample of whose voxels less than half of the weight is valid weighs nothing.
     #[inline(always)]
     pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -246,10 +247,10 @@ impl<'a> Brick<'a> {
         unsafe { self.sample_located::<C, U, INVALID>(ALL_PACKETS, chunk) };
     }
 
-    /// [`Brick::sample`] of some packets where the samples are known to be.
+    /// Samples as [`Brick::sample`] does, but only these packets (a bit for each), whose samples have been located already.
     ///
     /// # Safety
-    /// [`Grid::locate`] has found them in a brick as large as this one.
+    /// [`Grid::locate`] has located the samples in a brick as large as this one.
     #[inline(always)]
     pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(&self, packets: u32, chunk: &mut Chunk) {
         for p in 0..chunk.packets.min(PACKETS) {
@@ -262,7 +263,7 @@ impl<'a> Brick<'a> {
         }
     }
 
-    /// The codes at eight slot coordinates, given axis by axis. Those without a value then weigh nothing.
+    /// The codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
     #[inline(always)]
     pub(crate) fn sample_points<C: Code, U: Unit, const INVALID: bool>(
         &self,

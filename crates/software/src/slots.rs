@@ -16,7 +16,7 @@ use brickyard_volume::macrocells::{self, MacroCells};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
-/// The places for bricks of the layers of a pool; one takes memory once it holds a brick.
+/// A pool's slots, which hold bricks of the pool's layers. A slot takes memory once it holds a brick.
 #[derive(Debug)]
 pub(crate) struct Slots {
     pub(crate) needs: VolumeNeeds,
@@ -35,7 +35,7 @@ impl Slots {
         self.bricks.len() as u32
     }
 
-    /// Puts a padded brick into a slot; the codes are read once, for the macro-cells.
+    /// Puts a padded brick into a slot. The codes are read once, for the macro-cells, if empty space is to be skipped.
     pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
         debug_assert!(self.is_padded_brick(&codes));
         let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
@@ -48,7 +48,7 @@ impl Slots {
         self.bricks[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes, cells));
     }
 
-    /// Whether codes are as long as a padded brick's, with its gradients.
+    /// Whether `codes` is as long as a padded brick of this pool, with its gradients.
     pub(crate) fn is_padded_brick(&self, codes: &[u8]) -> bool {
         codes.len() as u64 == slot_bytes(&self.needs)
     }
@@ -57,7 +57,10 @@ impl Slots {
         matches!(self.bricks.get(slot.0 as usize), Some(Some(_)))
     }
 
-    /// The brick in a slot, which has one.
+    /// The brick in a slot.
+    ///
+    /// # Panics
+    /// If the slot holds no brick, or there is no such slot.
     pub(crate) fn brick(&self, slot: Slot) -> &Resident {
         self.bricks[slot.0 as usize].as_ref().unwrap_or_else(|| panic!("slot {} holds no brick", slot.0))
     }
@@ -71,8 +74,8 @@ fn slot_bytes(needs: &VolumeNeeds) -> u64 {
     voxel_bytes(needs) + needs.bricks.gradients(needs.edge).bytes() as u64
 }
 
-/// A slot's voxels and macro-cells, the handle to them, and the cell that draws them with its mask or extremes and its light; where layers
-/// are drawn together, also what each thread keeps of it.
+/// Bytes of one slot: its voxels, gradients and macro-cells, the handle to them, and the cell that draws them with its mask or extremes and
+/// its light; where layers are drawn together, also what each thread keeps for the cell.
 pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are_several: bool) -> u64 {
     let edge = needs.edge as usize;
     let cells = macrocells::bytes(edge);
@@ -83,7 +86,8 @@ pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are
     slot_bytes(needs) + beside as u64
 }
 
-/// The picture as tiles and as rows, the meshes' tree, every thread's rays, and each layer's tables.
+/// Bytes that a renderer takes besides its slots: the picture as tiles and as rows, the meshes' tree, every thread's rays, and each layer's
+/// tables.
 pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;

@@ -22,7 +22,7 @@ const NOTHING: usize = LAST + 2;
 /// Entries of a zone.
 const ENTRIES: usize = NOTHING + 2;
 
-/// The tables of a frame.
+/// What one whole step through a frame's medium does, by code: a table for each zone of the lattice.
 pub(crate) struct StepTables {
     zones: Vec<Zone>,
 }
@@ -33,14 +33,15 @@ struct Zone {
     visible: [i32; 2],
 }
 
-/// One zone's.
+/// What one whole step through the medium does in one zone, by code.
 #[derive(Clone, Copy)]
 pub(crate) struct StepTable<'a> {
     entries: &'a [Vec4; ENTRIES],
     visible: [i32; 2],
 }
 
-/// Where a packet's samples are in a table: the entries' distances from the first, in bytes here, and the fractions towards the next.
+/// Where a packet's samples are in a table: the entries' distances from the first entry, in bytes for a [`StepTable`], and the fractions
+/// towards the next entries.
 #[derive(Clone, Copy)]
 pub(crate) struct Places {
     pub(crate) at: [i32; LANES],
@@ -51,7 +52,7 @@ impl Places {
     pub(crate) const EMPTY: Self = Self { at: [0; LANES], fraction: [0.0; LANES] };
 }
 
-/// Bytes that the tables take at most.
+/// The most bytes that the tables of `zones` zones take; 0 for codes wider than 8 bits.
 pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
     match format {
         SlotFormat::U8 => zones * ENTRIES * size_of::<Vec4>(),
@@ -60,7 +61,7 @@ pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
 }
 
 impl StepTables {
-    /// The steps of the lattice's first `zones`; none for codes wider than 8 bits.
+    /// The tables of the lattice's first `zones` zones; none for codes wider than 8 bits.
     pub(crate) fn new(table: &TransferTable, lattice: &Lattice, format: SlotFormat, zones: usize) -> Self {
         let entry = |zone: usize, i: usize| {
             if i >= NOTHING {
@@ -75,7 +76,7 @@ impl StepTables {
         Self { zones: (0..zones).map(|zone| Zone::new((0..ENTRIES).map(|i| entry(zone, i)).collect())).collect() }
     }
 
-    /// The table of a zone, if there is one.
+    /// The table of a zone; `None` if there is none.
     #[inline(always)]
     pub(crate) fn zone(&self, zone: usize) -> Option<StepTable<'_>> {
         let Zone { entries, visible } = self.zones.get(zone)?;
@@ -93,8 +94,8 @@ impl Zone {
 }
 
 impl StepTable<'_> {
-    /// Finds the places of the first `count` codes of a packet, from 0 to 255; the others become no samples. Returns whether
-    /// any shows anything.
+    /// Finds the places in the table of the first `count` codes of a packet, which are from 0 to 255. The other codes get the place of
+    /// no sample. Returns whether any code shows anything.
     #[inline(always)]
     pub(crate) fn find(&self, codes: &Packet, count: i32, places: &mut Places) -> bool {
         const LANE: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
@@ -114,7 +115,7 @@ impl StepTable<'_> {
         shows != 0
     }
 
-    /// Colour gained and light passed by a sample.
+    /// What the step of the packet's sample `i` does: colour gained and light passed.
     ///
     /// # Safety
     /// [`StepTable::find`] has found the places.

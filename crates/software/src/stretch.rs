@@ -8,32 +8,34 @@ use crate::sample::{Brick, Chunk};
 use brickyard_volume::macrocells::CELL_EDGE;
 use std::ops::Range;
 
-/// What stretches are marched through.
+/// A cell of a frame and its brick, through which stretches are marched.
 pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
     pub(crate) brick: Brick<'a>,
 }
 
-/// A part of a run inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+/// A part of a ray's run through a cell, inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch {
     /// The ray's place in the tile.
     pub(crate) ray: usize,
-    /// The first segment and one past the last.
+    /// The tick of the first segment; `end` is one past the last.
     pub(crate) start: u32,
     pub(crate) end: u32,
     pub(crate) zone: usize,
     pub(crate) count: i32,
-    /// Samples in a block, and a bit for each block: whether it may be seen.
+    /// The number of samples in a block.
     pub(crate) block: i32,
+    /// A bit for each block: whether it may be seen.
     pub(crate) seen: u64,
-    /// World length of a segment, and distance of the middle of the first, were it not cut.
+    /// The world length of a whole segment.
     pub(crate) length: f64,
+    /// The distance along the ray of the first segment's middle, were the segment not cut.
     pub(crate) middle: f64,
-    /// Slot coordinates of the first sample and from one to the next: counted from here, f32 is fine to a ten-thousandth
-    /// of a voxel.
+    /// The slot coordinates of the first sample. Counted from there, f32 is fine to a ten-thousandth of a voxel.
     pub(crate) origin: [f32; 3],
+    /// The step in slot coordinates from one sample to the next.
     pub(crate) step: [f32; 3],
 }
 
@@ -52,8 +54,8 @@ impl Stretch {
         step: [0.0; 3],
     };
 
-    /// The segments from `start` on, up to `last` or the end of the zone, or until there are as many blocks as bits. All
-    /// count as seen.
+    /// The stretch of the segments from the tick `start` on, up to `last`, or the end of the zone, or as many blocks as there are bits in
+    /// `seen`. All blocks count as seen. `place` is the ray's place in the tile.
     #[inline(always)]
     pub(crate) fn new(
         frame: &Frame<'_>,
@@ -83,13 +85,14 @@ impl Stretch {
         Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step }
     }
 
-    /// Its blocks in the brick.
+    /// The stretch's blocks in the brick.
     #[inline(always)]
     pub(crate) fn blocks(&self, frame: &Frame<'_>, reach: Reach) -> Blocks {
         Blocks::new(self.origin, self.step, self.block, reach, frame.edge, frame.apron)
     }
 
-    /// Goes on to look for several surfaces in segments. Where voxels may have no value, what was skipped may have had none.
+    /// Notes that a ray goes on to look for surfaces in these segments. With `INVALID`, a ray that has skipped segments before them forgets its
+    /// rank, as voxels there may have had no value.
     #[inline(always)]
     pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
         if INVALID && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
@@ -98,13 +101,13 @@ impl Stretch {
         ray.past.reached = self.start + ((segments.end as u32) << self.zone);
     }
 
-    /// A distance, in segments from the middle of the first.
+    /// The place of a distance along the stretch, in segments from the middle of the first.
     #[inline(always)]
     pub(crate) fn along(&self, t: f64) -> f32 {
         ((t - self.middle) / self.length) as f32
     }
 
-    /// The first neighbouring segments of blocks that may be seen, which are no longer among those afterwards.
+    /// The segments of the first neighbouring blocks in `seen`, which are removed from it; `None` if `seen` is empty.
     #[inline(always)]
     pub(crate) fn next_seen(&self, seen: &mut u64) -> Option<Range<i32>> {
         if *seen == 0 {
@@ -117,8 +120,8 @@ impl Stretch {
         Some(from as i32 * self.block..if last < self.count { last } else { self.count })
     }
 
-    /// The blocks of which macro-cells' ranges do not tell everything when whole segments count: those that may reach out of the
-    /// brick by more than half a voxel, and all if a segment may pass through a cell.
+    /// The blocks, a bit for each, of which the macro-cells' ranges do not tell everything when whole segments count: those that may reach
+    /// out of the brick by more than half a voxel, and all blocks if a segment may pass through a whole macro-cell.
     #[inline(always)]
     pub(crate) fn uncovered(&self) -> u64 {
         let longest = longest(self.step);
@@ -131,8 +134,8 @@ impl Stretch {
         1 | 1 << ((self.count - 1) / self.block)
     }
 
-    /// Between which places, in segments from the middle of the first, the brick can be sampled. Segments no longer than a voxel
-    /// never reach out of it.
+    /// The places along the stretch between which the brick can be sampled, in segments from the middle of the first. They are infinite where
+    /// segments are no longer than a voxel, as such segments never reach out of the brick.
     #[inline(always)]
     pub(crate) fn sampleable(&self, padded: u32) -> [f32; 2] {
         let (mut low, mut high) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -154,7 +157,7 @@ impl Stretch {
         (self.length * frame.per_unit) as f32
     }
 
-    /// Places the samples of the segments `done..to`, or of as many as a chunk holds.
+    /// Places the samples of these segments in a chunk, or of as many of them as a chunk holds.
     #[inline(always)]
     pub(crate) fn place_samples<const INVALID: bool>(
         &self,

@@ -22,8 +22,8 @@ const TOGETHER: usize = 2;
 
 const _: () = assert!(PARTS == LANES, "a round is a packet");
 
-/// The first surface: before it the sum is the side that the ray is on, nothing, nothing, and 1 for all of the light; then the
-/// colour and 0.
+/// The first isosurface that a ray meets, opaque. Before it, the ray's sum is the side that the ray is on, two unused numbers, and 1 for all
+/// of the light; behind it, the sum is the surface's colour and 0.
 pub(crate) struct Isosurface;
 
 impl Blend for Isosurface {
@@ -140,7 +140,8 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
     (crossed != 0).then(|| crossed.trailing_zeros() as usize)
 }
 
-/// A ray's way through a brick, in segments from the middle of a stretch's first.
+/// A ray's way through a brick, on which a surface is looked for. Places along it are counted in segments from the middle of the stretch's
+/// first.
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
     pub(crate) stretch: &'a Stretch,
@@ -160,7 +161,7 @@ impl Line<'_> {
         }
     }
 
-    /// The surface between two places, of which the one behind is given with its code.
+    /// The place of the surface between the places `from` and `to`, of which `to` is behind and given with its code.
     #[inline(always)]
     pub(crate) fn locate<C: Code, U: Unit, const INVALID: bool>(
         &self,

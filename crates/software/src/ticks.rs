@@ -3,14 +3,14 @@
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
 
-/// The lattice with what per-ray work needs at hand.
+/// A sampling lattice, prepared for work per ray.
 pub(crate) struct Ticks {
-    /// World length of a tick.
+    /// The world length of a tick, which is the lattice's finest step.
     pub(crate) step: f64,
     per_world: f64,
     /// One past the last zone is [`Lattice::NEVER`].
     starts: [u32; MAX_ZONES + 1],
-    /// Zones that rays can reach.
+    /// The number of zones that rays can reach.
     pub(crate) zones: usize,
 }
 
@@ -54,7 +54,7 @@ impl Ticks {
         tick >> zone << zone
     }
 
-    /// The segment about `t`, give or take rounding.
+    /// The first tick of the segment that holds the distance `t`, or, by rounding, of one next to it.
     #[inline(always)]
     pub(crate) fn about(&self, t: f64) -> u32 {
         let tick = t * self.per_world;

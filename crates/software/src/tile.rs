@@ -11,7 +11,7 @@ use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
 
-/// What a thread needs besides the frames.
+/// Bytes that a drawing thread needs besides the frames.
 pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<Seen>()
     + size_of::<[Projections; PIXELS]>()
@@ -33,8 +33,8 @@ enum Drawn<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// The scene of layers' frames, and of the tree over their meshes if there are some; or of an expression over the layers. One layer
-    /// is drawn by itself unless it is `mixed`.
+    /// The scene of these layers' frames, or of an expression over the layers, with the tree over the frames' meshes if there are any. Unless
+    /// the scene is mixed, it draws the first frame alone.
     pub(crate) fn new(
         frames: Vec<Frame<'a>>,
         meshes: Option<&'a MeshTree>,
@@ -52,12 +52,12 @@ impl<'a> Scene<'a> {
         Self { frames, meshes, drawn }
     }
 
-    /// The layers' frames.
+    /// The frames of the scene's layers.
     pub(crate) fn frames(&self) -> &[Frame<'a>] {
         &self.frames
     }
 
-    /// Draws a tile.
+    /// Draws a tile: its pixels over the background.
     pub(crate) fn draw(&self, tile: &Tile, work: &mut Work) -> TilePixels {
         let settings = self.frames[0].settings;
         let mut seen = [Vec4::W; PIXELS];

@@ -2,7 +2,7 @@
 
 use brickyard_volume::Picture;
 
-/// Pixels along a tile's edge: its rays' state stays in the first-level cache, and there are enough tiles for all threads.
+/// Pixels along a tile's edge: so few that the state of a tile's rays stays in the first-level cache, and all threads find tiles.
 pub(crate) const TILE_PX: u32 = 16;
 
 pub(crate) const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
@@ -10,7 +10,7 @@ pub(crate) const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
 /// A tile's place on the picture.
 pub(crate) type Tile = brickyard_volume::PixelRect;
 
-/// A tile's pixels in rows of [`TILE_PX`], also where the picture ends earlier.
+/// A tile's pixels in rows of [`TILE_PX`], even where the picture ends within the tile.
 pub(crate) type TilePixels = [[u8; 3]; PIXELS];
 
 /// The picture's tiles, row by row.
@@ -22,7 +22,7 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
     })
 }
 
-/// The picture of drawn tiles.
+/// Puts the picture together from its drawn tiles.
 pub(crate) fn picture((width, height): (u32, u32), tiles: &[Tile], drawn: &[TilePixels]) -> Picture {
     let mut rgb = vec![[0; 3]; width as usize * height as usize];
     for (tile, pixels) in tiles.iter().zip(drawn) {
@@ -35,7 +35,7 @@ pub(crate) fn picture((width, height): (u32, u32), tiles: &[Tile], drawn: &[Tile
     Picture { width, height, rgb }
 }
 
-/// The places of a tile's pixels.
+/// The places of a tile's pixels in [`TilePixels`], row by row.
 pub(crate) fn places(tile: &Tile) -> impl Iterator<Item = usize> {
     let Tile { x0, x1, y0, y1 } = *tile;
     (0..y1 - y0).flat_map(move |y| (0..x1 - x0).map(move |x| (y * TILE_PX + x) as usize))

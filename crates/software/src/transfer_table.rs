@@ -4,7 +4,7 @@ use crate::frame::Frame;
 use crate::packet::{LANES, Packet};
 use glam::Vec4;
 
-/// The transfer table, for quick look-up.
+/// A frame's transfer table, for quick look-up.
 pub(crate) struct Entries<'a> {
     entries: &'a [[f32; 4]],
     /// The greatest position: short of the last entry, so that there is one to its right.
@@ -19,7 +19,7 @@ impl<'a> Entries<'a> {
         Self { entries, limit: ((entries.len() - 1) as i32 as f32).next_down() }
     }
 
-    /// Where the codes are in the table.
+    /// The positions of a packet's codes in the table, in entries.
     #[inline(always)]
     pub(crate) fn positions(&self, frame: &Frame<'_>, code: &Packet) -> Packet {
         let mut position = [0.0f32; LANES];
@@ -29,7 +29,7 @@ impl<'a> Entries<'a> {
         position
     }
 
-    /// [`brickyard_volume::TransferTable::lookup`] at a position in entries.
+    /// The interpolated entry at a position in entries: the twin of [`brickyard_volume::TransferTable::lookup`].
     #[inline(always)]
     pub(crate) fn lookup(&self, position: f32) -> Vec4 {
         // Written so that NaN, too, ends up inside.

@@ -14,7 +14,7 @@ use crate::error::CodecError;
 use crate::scratch::Scratch;
 
 const HEADER_BYTES: usize = 16;
-/// Header, one block start, one stream length.
+/// Bytes that a container adds to its one stream: the header, one block start, one stream length.
 pub(crate) const OVERHEAD_BYTES: usize = HEADER_BYTES + 8;
 
 const VERSION: u8 = 2;
@@ -27,7 +27,7 @@ const ZSTD: u8 = 4;
 const MAX_SPLITS: usize = 16;
 const MIN_STREAM_BYTES: usize = 128;
 
-/// Appends `data` (voxels of `typesize` bytes) as one container to `out`.
+/// Appends `data` (voxels of `typesize` bytes) to `out` as one container.
 pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &[u8], out: &mut Vec<u8>) {
     let start = out.len();
     let mut shuffled = std::mem::take(&mut scratch.bytes);
@@ -57,7 +57,7 @@ pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &
     }
 }
 
-/// Decodes a container that must hold exactly `out`.
+/// Decodes a container, which must hold exactly `out.len()` bytes, into `out`.
 pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let header = Header::parse(container, out.len())?;
     let body = &container[..header.container_bytes];
@@ -173,7 +173,8 @@ fn read_u32(bytes: &[u8], at: usize) -> Option<usize> {
     Some(u32::from_le_bytes(*four) as usize)
 }
 
-/// All first bytes of the elements, then all second ones, ...; bytes past the last whole element stay in place.
+/// Writes the first bytes of all elements to `out`, then their second bytes, and so on. Bytes past the last whole
+/// element stay in place.
 pub(crate) fn shuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
     let count = data.len() / typesize;
     let (body, rest) = data.split_at(count * typesize);

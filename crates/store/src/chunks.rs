@@ -41,7 +41,7 @@ pub(crate) struct Chunks {
 }
 
 impl Chunks {
-    /// The chunks of the store at `store`.
+    /// Makes a reader for the chunks of the store at `store`. No file is opened yet.
     pub(crate) fn new(store: &Path, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
         let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
         let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));
@@ -62,7 +62,7 @@ impl Chunks {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    /// The most memory that open shards and kept pages take.
+    /// The most memory that open shards and kept pages take, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         let array = SideArray::fingerprints(&self.store, &self.layout, Level(0));
         let levels = self.layout.pyramid.levels().len() as u64;
@@ -76,7 +76,7 @@ impl Chunks {
         SideArray::fingerprints(&self.store, &self.layout, level).page_count()
     }
 
-    /// The number of files that a page of fingerprints knows, and their bytes.
+    /// The number of shard files that a page of fingerprints lists, and the sum of their lengths in bytes.
     pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
         let array = SideArray::fingerprints(&self.store, &self.layout, level);
         // Past the grid a page holds zeros.
@@ -84,7 +84,7 @@ impl Chunks {
         Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
-    /// Decodes a brick's chunk into `out`; all zero if it is not stored.
+    /// Decodes a brick's chunk into `out`. A chunk that is not stored is all zero.
     pub(crate) fn read(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         assert_eq!(out.len(), self.chunk_bytes());
         let Some((shard, range)) = self.locate(id)? else {
@@ -110,7 +110,7 @@ impl Chunks {
         read
     }
 
-    /// Whether the brick has a chunk; one that has not is all zero.
+    /// Whether the brick's chunk is stored. A chunk that is not stored is all zero.
     pub(crate) fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
         Ok(self.locate(id)?.is_some())
     }
@@ -153,7 +153,8 @@ impl Chunks {
         Ok(range.map(|range| (shard, range)))
     }
 
-    /// An open shard; `None` if it has no file. Failures are not kept: a file that comes back is read again.
+    /// The shard, opened if it is not open yet; `None` if it has no file. Failures are not kept: a file that comes back
+    /// is read again.
     pub(crate) fn shard(&self, id: ShardId) -> Result<Option<Arc<ShardFile>>, ReadError> {
         if let Some(shard) = lock(&self.open).get(&id) {
             return Ok(Some(shard.clone()));
@@ -182,7 +183,7 @@ impl Chunks {
         Ok(read[place])
     }
 
-    /// A shard's file.
+    /// The path of a shard's file.
     pub(crate) fn path(&self, id: ShardId) -> PathBuf {
         self.layout.shard_path(&self.store, id)
     }

@@ -22,17 +22,18 @@ pub enum Codec {
     Zstd(i32),
     /// Byte shuffle, then Zstandard at this level, as the standard `blosc` codec: the default for wider voxels.
     ShuffleZstd(i32),
-    /// Bytes as they are.
+    /// Bytes as they are, uncompressed.
     None,
 }
 
 impl Codec {
-    /// What a store of this voxel type uses unless told otherwise.
+    /// The codec of a store of this voxel type unless another one is chosen.
     pub const fn default_for(voxel_type: VoxelType) -> Self {
         if voxel_type.bytes() == 1 { Self::Zstd(1) } else { Self::ShuffleZstd(1) }
     }
 
-    /// The codec as it works on this voxel type: single bytes have nothing to shuffle.
+    /// The codec as it works on this voxel type: `ShuffleZstd` becomes `Zstd` for 8-bit voxels, which have nothing to
+    /// shuffle.
     pub const fn for_voxel_type(self, voxel_type: VoxelType) -> Self {
         match self {
             Self::ShuffleZstd(level) if voxel_type.bytes() == 1 => Self::Zstd(level),
@@ -79,7 +80,7 @@ impl From<Codec> for String {
     }
 }
 
-/// The codec of a store's bricks: a [`Codec`] for cores, or aprons, of known size.
+/// The codec of a store's bricks: a [`Codec`] for cores, or for aprons, of known size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BrickCodec {
     codec: Codec,
@@ -93,7 +94,7 @@ impl BrickCodec {
         Self::of_voxels(codec, voxel_type, (edge as usize).pow(3))
     }
 
-    /// The codec for aprons of this shape: everything here that is said of cores then goes for them.
+    /// The codec for aprons of this shape. What its methods call a core is then an apron.
     pub fn of_aprons(codec: Codec, voxel_type: VoxelType, apron: Apron) -> Self {
         Self::of_voxels(codec, voxel_type, apron.voxels())
     }
@@ -108,15 +109,15 @@ impl BrickCodec {
         self.core_bytes
     }
 
-    /// The greatest length of an encoded brick.
+    /// The greatest length of an encoded brick, in bytes.
     pub fn encoded_cap(&self) -> u64 {
         (zstd::zstd_safe::compress_bound(self.core_bytes) + blosc::OVERHEAD_BYTES + CRC_BYTES) as u64
     }
 
-    /// Appends the encoded core to `out`. The same core always gives the same bytes.
+    /// Appends the encoded `core` to `out`. The same core always gives the same bytes.
     ///
     /// # Panics
-    /// If `core` is not a core's bytes.
+    /// If `core` is not [`BrickCodec::core_bytes`] long.
     pub fn encode(&self, scratch: &mut Scratch, core: &[u8], out: &mut Vec<u8>) {
         assert_eq!(core.len(), self.core_bytes);
         let start = out.len();
@@ -135,7 +136,7 @@ impl BrickCodec {
     /// If the checksum does not match, the payload is not the codec's, or it does not decode to a core's length.
     ///
     /// # Panics
-    /// If `out` is not a core's bytes.
+    /// If `out` is not [`BrickCodec::core_bytes`] long.
     pub fn decode(&self, scratch: &mut Scratch, encoded: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
         assert_eq!(out.len(), self.core_bytes);
         let Some((payload, crc)) = encoded.split_last_chunk::<CRC_BYTES>() else {

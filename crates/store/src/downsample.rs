@@ -10,27 +10,27 @@
 use brickyard_volume::Voxel;
 use serde::{Deserialize, Serialize};
 
-/// How a coarse voxel follows from the finer ones in its box.
+/// How a coarse voxel is made from the finer voxels in its box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Downsample {
-    /// The arithmetic mean: images.
+    /// The arithmetic mean, for images.
     Mean,
-    /// The greatest: maximum projections stay exact at every level.
+    /// The greatest value: maximum projections stay exact at every level.
     Max,
-    /// The least.
+    /// The least value.
     Min,
-    /// The most frequent, the least of those that tie: labels.
+    /// The most frequent value, and the least of those that tie; for labels.
     Mode,
-    /// The one at the lowest x, y, z.
+    /// The voxel at the lowest x, y and z.
     Nearest,
 }
 
 impl Downsample {
-    /// All methods.
+    /// All methods of downsampling.
     pub const ALL: [Self; 5] = [Self::Mean, Self::Max, Self::Min, Self::Mode, Self::Nearest];
 
-    /// The name on the command line and in metadata.
+    /// The method's name on the command line and in metadata.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Mean => "mean",
@@ -54,7 +54,7 @@ impl std::str::FromStr for Downsample {
     }
 }
 
-/// How a store's coarser levels are made: in one way, or in two (`mean,max`), as two pyramids that share level 0.
+/// How a store's coarser levels are made: by one method, or by two (`mean,max`) as two pyramids that share level 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reductions {
@@ -63,12 +63,12 @@ pub struct Reductions {
 }
 
 impl Reductions {
-    /// The way that everyone sees: the store's own levels.
+    /// The method of the main pyramid, whose levels every Zarr reader sees.
     pub const fn main(self) -> Downsample {
         self.main
     }
 
-    /// The other one, if there are two.
+    /// The method of the second pyramid; `None` if there is only one pyramid.
     pub const fn second(self) -> Option<Downsample> {
         self.second
     }
@@ -115,19 +115,19 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    /// What a row of input voxels is summed in.
+    /// The type in which voxels are summed.
     type Sum: Copy;
-    /// The sum of nothing.
+    /// The sum of no voxels.
     const ZERO: Self::Sum;
-    /// Adds one voxel.
+    /// Adds one voxel to a sum.
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;
     /// Adds two sums.
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
-    /// The mean of `2^log2_count` voxels.
+    /// The mean of `2^log2_count` voxels, given their sum.
     fn mean(sum: Self::Sum, log2_count: u32) -> Self;
-    /// The greater; the valid one if only one is.
+    /// The greater of two voxels; the valid one if only one is valid.
     fn greater(a: Self, b: Self) -> Self;
-    /// The lesser; the valid one if only one is.
+    /// The lesser of two voxels; the valid one if only one is valid.
     fn lesser(a: Self, b: Self) -> Self;
 }
 
@@ -172,7 +172,8 @@ impl Reduce for f32 {
     fn join(a: (f64, f32), b: (f64, f32)) -> (f64, f32) {
         (a.0 + b.0, a.1 + b.1)
     }
-    /// 0 / 0 where nothing is finite: NaN, made canonical so that stores do not depend on the processor.
+    /// The mean of the finite voxels. Where none is finite it is one fixed NaN, so that stores do not depend on the
+    /// processor.
     #[inline(always)]
     fn mean((sum, count): (f64, f32), _: u32) -> f32 {
         if count > 0.0 { (sum / count as f64) as f32 } else { f32::NAN }
@@ -204,11 +205,11 @@ fn pick(a: f32, b: f32, a_wins: bool) -> f32 {
     }
 }
 
-/// The longest row of a brick.
+/// The most voxels in a row of a brick.
 pub(crate) const MAX_EDGE: usize = 256;
 
 /// Fills `out` (`shape / factor` voxels, packed, x fastest) from the first `shape` voxels of `core`, an `edge`^3 brick.
-/// Each of `factor` is 1 or 2 and divides `shape`.
+/// Each element of `factor` is 1 or 2 and divides that of `shape`.
 #[inline(always)]
 pub(crate) fn downsample<T: Reduce>(
     method: Downsample,

@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// There is nothing here that could be a store.
+    /// The path holds nothing that could be a store.
     #[error("{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT {path}' makes one", path = path.display())]
     NotAStore {
-        /// The directory asked for.
+        /// The path that was to be opened.
         path: PathBuf,
     },
-    /// A pack was interrupted: the journal is there, the completion marker is not.
+    /// A pack was interrupted, or is still at work: the journal is there, the completion marker is not.
     #[error(
         "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \
          to start over",
@@ -22,18 +22,18 @@ pub enum OpenError {
     Incomplete {
         /// The store.
         path: PathBuf,
-        /// How much of it is there, 0 to 99.
+        /// How much of the store is packed, in percent, 0 to 99.
         percent: u8,
     },
-    /// Sound, but with something that is not read yet.
+    /// The store is sound, but uses something that is not supported.
     #[error("{path}: {feature} is not supported", path = path.display())]
     Unsupported {
-        /// The file that says so.
+        /// The file or directory that uses it.
         path: PathBuf,
-        /// What it uses, and what to do.
+        /// What the file uses, and what to do.
         feature: String,
     },
-    /// Written by an earlier version of this program, in a format that is not read any more.
+    /// The store was written by an earlier version of this program, in a format that is not read any more.
     #[error(
         "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}), \
          with `overwrite`",
@@ -42,12 +42,12 @@ pub enum OpenError {
     OldFormat {
         /// The store.
         store: PathBuf,
-        /// Its format.
+        /// The version of the store's format.
         version: u64,
-        /// What it says that it was packed from.
+        /// What the store was packed from, as it says itself.
         source_name: String,
     },
-    /// The store's levels are made in other ways.
+    /// None of the store's pyramids is made by the method asked for.
     #[error(
         "{path}: no level is made by {asked}, only by {found}; pack it with `downsample` {main},{asked}",
         path = path.display(), asked = asked.name(), main = found.main().name()
@@ -55,29 +55,29 @@ pub enum OpenError {
     NoReduction {
         /// The store.
         path: PathBuf,
-        /// What was asked for.
+        /// The method that was asked for.
         asked: Downsample,
-        /// What is there.
+        /// The methods of the store's pyramids.
         found: Reductions,
     },
-    /// A field contradicts the format or another field.
+    /// A field of the metadata contradicts the format or another field.
     #[error("{path}: {field}: expected {expected}, found {found}", path = path.display())]
     Invalid {
-        /// The file.
+        /// The metadata file.
         path: PathBuf,
-        /// The field inside it.
+        /// The field inside the file.
         field: String,
-        /// What should be there.
+        /// What the field should hold.
         expected: String,
-        /// What is there.
+        /// What the field holds.
         found: String,
     },
-    /// The operating system refused.
+    /// The operating system could not open or read a file of the store.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
@@ -102,69 +102,69 @@ impl OpenError {
 /// Why a brick cannot be read from an open store.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The store says that this file exists.
+    /// A shard's file is missing, though the store was packed with it.
     #[error("{path}: missing shard (the store was packed with it); pack again or restore the file", path = path.display())]
     MissingShard {
-        /// The shard.
+        /// The path of the missing shard.
         path: PathBuf,
     },
-    /// The file is not the one that was packed.
+    /// A shard's file is not the one that was packed.
     #[error(
         "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another tool); pack again or restore \
          the file",
         path = path.display()
     )]
     Rewritten {
-        /// The shard.
+        /// The shard's file.
         path: PathBuf,
         /// What differs: the length or the index checksum.
         what: &'static str,
-        /// The value as packed.
+        /// The length or checksum that was packed.
         expected: u64,
-        /// The value as found.
+        /// The length or checksum that was found.
         found: u64,
     },
-    /// The shard's index is damaged, so none of its bricks can be found.
+    /// A shard's index is damaged, so none of its bricks can be found.
     #[error("{path}: damaged shard index: {error}", path = path.display())]
     CorruptIndex {
-        /// The shard.
+        /// The shard's file.
         path: PathBuf,
-        /// How.
+        /// What is wrong with the index.
         #[source]
         error: ShardError,
     },
     /// One brick is damaged.
     #[error("{path}: {id}: {error}", path = path.display())]
     CorruptBrick {
-        /// The shard.
+        /// The shard's file.
         path: PathBuf,
-        /// The brick.
+        /// The damaged brick.
         id: BrickId,
-        /// How.
+        /// What is wrong with the brick's bytes.
         #[source]
         error: CodecError,
     },
-    /// A page of side data is damaged: what it says of bricks or shards is not known.
+    /// A page of side data is damaged, so what it says of bricks or shards is not known.
     #[error("{path}: damaged side data: {what}", path = path.display())]
     CorruptPage {
         /// The page's file.
         path: PathBuf,
-        /// How.
+        /// What is wrong with the page.
         what: String,
     },
-    /// The operating system refused.
+    /// The operating system could not open or read a file of the store.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
 }
 
 impl ReadError {
-    /// The file.
+    /// The file that the error is about.
     pub fn path(&self) -> &Path {
         match self {
             Self::MissingShard { path }
@@ -176,8 +176,8 @@ impl ReadError {
         }
     }
 
-    /// Whether the same read may go well later, with nothing mended: memory or descriptors that ran out, a network file system
-    /// or a disk that does not answer. What is missing, shorter, damaged or not permitted stays so.
+    /// Whether the same read may succeed later without any repair: memory or descriptors ran out, or a network file
+    /// system or a disk did not answer. A file that is missing, shorter, damaged or not permitted stays so.
     pub fn is_passing(&self) -> bool {
         use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
         let Self::Io { error, .. } = self else { return false };
@@ -188,12 +188,12 @@ impl ReadError {
 /// Why a shard's index cannot be trusted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
-    /// Not even room for the index.
+    /// The file is too short for its index.
     #[error("the file has {found} bytes, its index alone needs {expected}")]
     TooShort {
-        /// Bytes of the index.
+        /// Bytes that the index needs.
         expected: u64,
-        /// Bytes of the file.
+        /// Bytes of the whole file.
         found: u64,
     },
     /// The index does not match its checksum.
@@ -204,20 +204,20 @@ pub enum ShardError {
         /// The checksum of the bytes in the file.
         computed: u32,
     },
-    /// An entry points outside the data, or is larger than an encoded brick can be.
+    /// An entry of the index points outside the data, or is longer than an encoded brick can be.
     #[error(
         "index entry {slot}: {length} bytes at {offset} do not fit {data} bytes of data in bricks of at most {cap}"
     )]
     Range {
-        /// Which entry.
+        /// The number of the entry in the index.
         slot: usize,
-        /// The offset as stored.
+        /// The offset of the brick, as stored, in bytes.
         offset: u64,
-        /// The length as stored.
+        /// The length of the brick, as stored, in bytes.
         length: u64,
-        /// Bytes before the index.
+        /// Bytes of the file before the index.
         data: u64,
-        /// The greatest length that an encoded brick may have.
+        /// The greatest length that an encoded brick may have, in bytes.
         cap: u64,
     },
 }
@@ -225,7 +225,7 @@ pub enum ShardError {
 /// Why a brick's bytes cannot be decoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
-    /// The bytes do not match their checksum.
+    /// The brick's bytes do not match their checksum.
     #[error("damaged brick: checksum stored {stored:08x}, computed {computed:08x}")]
     Checksum {
         /// The checksum in the file.
@@ -236,53 +236,53 @@ pub enum CodecError {
     /// The decoded brick has the wrong size.
     #[error("damaged brick: {found} bytes decoded, expected {expected}")]
     Length {
-        /// Bytes of a core.
+        /// Bytes that a decoded core has.
         expected: u64,
-        /// Bytes decoded, or announced.
+        /// Bytes that were decoded, or that a header announces.
         found: u64,
     },
-    /// The bytes pass their checksum but are not what the codec writes.
+    /// The brick's bytes match their checksum, but are not what the codec writes.
     #[error("damaged brick: {0}")]
     Malformed(String),
-    /// A sound container with something that is not read.
+    /// The brick's Blosc container is sound, but uses something that is not supported.
     #[error("{0} is not supported")]
     Unsupported(String),
 }
 
-/// Why an export failed. Nothing is left under the output's name then.
+/// Why an export failed. A failed export leaves no new file under the output's name.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The output is there already.
+    /// The output exists already, and may not be replaced.
     #[error("{path}: exists already; choose another name or pass `overwrite`", path = path.display())]
     Exists {
-        /// The output.
+        /// The output's path.
         path: PathBuf,
     },
     /// The output's extension names no format that is written.
     #[error("{path}: cannot export to this extension; supported: .raw, .npy", path = path.display())]
     Extension {
-        /// The output.
+        /// The output's path.
         path: PathBuf,
     },
     /// The store has no such level, time step, channel or box.
     #[error("{what} {found} is outside the store: expected {expected}")]
     Outside {
-        /// Which request.
+        /// Which part of the request: the level, time step, channel or box.
         what: &'static str,
         /// What was asked for.
         found: String,
-        /// What there is.
+        /// What the store has.
         expected: String,
     },
     /// A brick could not be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The operating system refused.
+    /// The operating system could not write the output.
     #[error("{path}: {error}", path = path.display())]
     Io {
-        /// The output.
+        /// The output's path.
         path: PathBuf,
-        /// What it said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },

@@ -14,27 +14,27 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What to export.
+/// Which part of a store to export, and whether an existing file may be replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExportRequest {
-    /// Level.
+    /// The level to export.
     pub level: Level,
-    /// Time step.
+    /// The time step to export.
     pub time: u32,
-    /// Channel.
+    /// The channel to export.
     pub channel: u32,
-    /// Box in the level's voxels; `None` is all of it.
+    /// The box to export, in the level's voxels; `None` exports the whole level.
     pub region: Option<VoxelBox>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
 }
 
-/// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. `progress` is told bytes
-/// written and bytes in all. Returns the extent written.
+/// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. Calls `progress` with
+/// the bytes written so far and the bytes in all. Returns the extent written.
 ///
 /// # Errors
 /// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
-/// cannot be read, or the file cannot be written. Nothing is left behind then.
+/// cannot be read, or the file cannot be written. After an error, nothing new is left behind.
 pub fn export(
     store: &Store,
     output: &Path,

@@ -15,29 +15,31 @@ use crate::downsample::Downsample;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
 use std::path::{Path, PathBuf};
 
-/// Voxels along a shard's edge unless a store says otherwise.
+/// The most voxels along a shard's edge unless a store says otherwise.
 pub const DEFAULT_SHARD_EDGE: u32 = 512;
 
-/// Most voxels along a shard's edge.
+/// The greatest number of voxels along a shard's edge that a store may have.
 pub const MAX_SHARD_EDGE: u32 = 8192;
 
-/// Present in a store directory exactly while a pack is unfinished. Its first line is a JSON object whose `shards` is the
-/// number of shards to come; every further complete line is one finished shard.
+/// The name of the journal, a file that is in a store directory exactly while a pack is unfinished. Its first line is a
+/// JSON object whose `shards` is the number of shards in all; every further complete line is one finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
-/// Present in a store directory while somebody packs into it: locked, with the name of who does.
+/// The name of the lock file, which is in a store directory while a process packs into it. It names the process and its
+/// machine. A pack that was killed leaves it behind.
 pub const LOCK_NAME: &str = ".brickyard-lock";
 
-/// The folder inside a level's own that other readers leave alone.
+/// The name of the folder of side data inside a level's folder, which other readers leave alone.
 pub(crate) const SIDE_NAME: &str = ".brickyard";
 
 /// The folder of a level's aprons, among its side data.
 const APRONS_NAME: &str = "aprons";
 
-/// A number that no store has: which, and what is expected.
+/// A number that no store may have: the field's name, and what is expected of it.
 pub(crate) type Unfit = (&'static str, String);
 
-/// Whether a store may have bricks and shards of such edges. What packs and what opens ask the same.
+/// Checks whether a store may have bricks of `edge` voxels and shards of `shard` voxels along an edge. Packing and
+/// opening make the same check.
 pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     if !(8..=256).contains(&edge) || !edge.is_power_of_two() {
         return Err(("edge", "a power of two from 8 to 256".into()));
@@ -48,7 +50,8 @@ pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     Ok(())
 }
 
-/// Whether a store may have so many voxels. What packs and what opens ask the same.
+/// Checks that a store may have this many voxels in all: at least 1, and fewer than 2^63. Packing and opening make the
+/// same check.
 pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<(), Unfit> {
     let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
     match voxels {
@@ -60,24 +63,24 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShardId {
-    /// Time step.
+    /// The shard's time step.
     pub time: u32,
-    /// Channel.
+    /// The shard's channel.
     pub channel: u32,
-    /// Level.
+    /// The shard's level.
     pub level: Level,
-    /// Place in the level's shard grid along z.
+    /// Index in the level's shard grid along z.
     pub z: u32,
-    /// Along y.
+    /// Index in the level's shard grid along y.
     pub y: u32,
-    /// Along x.
+    /// Index in the level's shard grid along x.
     pub x: u32,
 }
 
 /// The arrangement of a store's bricks, or of their aprons, into shards and files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
-    /// Levels and brick grids.
+    /// The levels and their brick grids.
     pub pyramid: Pyramid,
     /// Number of time steps, at least 1.
     pub times: u32,
@@ -92,7 +95,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// A layout with shards of at most `shard_edge` voxels an axis (at least one brick).
+    /// A layout with shards of at most `shard_edge` voxels along each axis, but of at least one brick.
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
         Self { pyramid, times, channels, max_shard_bricks, second: None, is_aprons: false }
@@ -103,17 +106,18 @@ impl Layout {
         Self { second: Some(method), ..self.clone() }
     }
 
-    /// This layout for the aprons of the bricks: equal shards in folders of their own.
+    /// This layout for the aprons of the bricks: the same shards, in folders of their own.
     pub fn of_aprons(&self) -> Self {
         Self { is_aprons: true, ..self.clone() }
     }
 
-    /// How the levels are made if they are a second pyramid's; `None` for the main one.
+    /// The downsampling of levels 1 and up if they are a second pyramid; `None` for the main pyramid.
     pub fn second(&self) -> Option<Downsample> {
         self.second
     }
 
-    /// The store's axes, slowest first: `t` and `c` only where there is more than one of them, then `z`, `y`, `x`.
+    /// The store's axes, slowest first: `t` only if there is more than one time step, `c` only if there is more than
+    /// one channel, then `z`, `y`, `x`.
     pub fn axes(&self) -> Vec<&'static str> {
         let t = (self.times > 1).then_some("t");
         let c = (self.channels > 1).then_some("c");
@@ -127,13 +131,14 @@ impl Layout {
         t.into_iter().chain(c).chain([z, y, x]).collect()
     }
 
-    /// Bricks of a shard along each axis (of whole shards; those at the far faces may reach past the grid).
+    /// Bricks of a level's shards along each axis. Shards at the far faces are of this size too, and may reach past the
+    /// grid of bricks.
     pub fn shard_bricks(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         Extent::from_array(bricks.map(|n| n.min(self.max_shard_bricks)))
     }
 
-    /// Shards of a level along each axis, for one time step and channel.
+    /// Number of shards of a level along each axis, for one time step and channel.
     pub fn shard_grid(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         let shard = self.shard_bricks(level).to_array();
@@ -169,23 +174,23 @@ impl Layout {
         (0..self.level_shards(level)).map(move |i| self.shard_at(level, i))
     }
 
-    /// Shards of a level, of all time steps and channels.
+    /// Number of shards of a level, over all time steps and channels.
     pub fn level_shards(&self, level: Level) -> u64 {
         self.times as u64 * self.channels as u64 * self.shard_grid(level).volume()
     }
 
-    /// Shard `i` of a level, row-major in (t, c, z, y, x).
+    /// Shard number `i` of a level, counted row-major in (t, c, z, y, x).
     pub fn shard_at(&self, level: Level, i: u64) -> ShardId {
         let [time, channel, z, y, x] = place_at(i, self.channels, self.shard_grid(level));
         ShardId { time, channel, level, z, y, x }
     }
 
-    /// Shards of all levels, time steps and channels.
+    /// Number of shards of all levels, time steps and channels.
     pub fn shard_count(&self) -> u64 {
         (0..self.pyramid.levels().len()).map(|k| self.level_shards(Level(k as u8))).sum()
     }
 
-    /// The folder of a level, or of its aprons, below the store.
+    /// The path of a level's folder, or of the folder of its aprons, relative to the store.
     pub fn level_path(&self, level: Level) -> String {
         let level = match self.second {
             Some(method) if level > Level(0) => format!("{level}/{SIDE_NAME}/{}", method.name()),
@@ -194,12 +199,12 @@ impl Layout {
         if self.is_aprons { format!("{level}/{SIDE_NAME}/{APRONS_NAME}") } else { level }
     }
 
-    /// The folder of the side data of a level, or of its aprons.
+    /// The path of the folder with the side data of a level, or of its aprons.
     pub fn side_dir(&self, store: &Path, level: Level) -> PathBuf {
         store.join(self.level_path(level)).join(SIDE_NAME)
     }
 
-    /// The shard's file.
+    /// The path of a shard's file.
     pub fn shard_path(&self, store: &Path, id: ShardId) -> PathBuf {
         let mut path = store.join(self.level_path(id.level));
         path.push("c");
@@ -211,7 +216,7 @@ impl Layout {
         path
     }
 
-    /// Whether the store has such a brick.
+    /// Whether the store has the brick `id`.
     pub fn contains(&self, id: BrickId) -> bool {
         id.time < self.times
             && id.channel < self.channels
@@ -220,14 +225,15 @@ impl Layout {
     }
 }
 
-/// `[t, c, z, y, x]` of the `i`th cell, row-major, of all time steps and so many channels of a grid.
+/// `[t, c, z, y, x]` of cell `i`, counted row-major over all time steps, `channels` channels and the cells of `grid`.
 pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
     let (volume, cell) = (i / grid.volume(), i % grid.volume());
     let (gx, gy, channels) = (grid.x as u64, grid.y as u64, channels as u64);
     [volume / channels, volume % channels, cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32)
 }
 
-/// How much of an unfinished store its journal says is there, 0 to 99; `None` if the journal cannot be read.
+/// How much of an unfinished store is packed according to its journal, in percent, 0 to 99; `None` if the journal
+/// cannot be read.
 pub fn journal_percent(store: &Path) -> Option<u8> {
     let journal = std::fs::read(store.join(JOURNAL_NAME)).ok()?;
     let mut lines = journal.split_inclusive(|&b| b == b'\n');

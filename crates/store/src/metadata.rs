@@ -17,69 +17,70 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Bins of a [`Histogram`].
+/// Number of bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
 
-/// What the values mean.
+/// What a store's values mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// Intensities: interpolated.
+    /// The values are intensities, and may be interpolated.
     #[default]
     Image,
-    /// Identifiers: never mixed.
+    /// The values are identifiers, and must never be mixed.
     Labels,
 }
 
-/// Values below which a share of a channel's valid voxels lies.
+/// Percentiles of a channel's valid voxels: for each share, the value that this share of them does not exceed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// 0.1 %.
+    /// The value that 0.1 % of the valid voxels do not exceed.
     #[serde(rename = "0.1")]
     pub p0_1: f64,
-    /// 1 %.
+    /// The value that 1 % of the valid voxels do not exceed.
     #[serde(rename = "1")]
     pub p1: f64,
-    /// 5 %.
+    /// The value that 5 % of the valid voxels do not exceed.
     #[serde(rename = "5")]
     pub p5: f64,
-    /// 50 %.
+    /// The value that 50 % of the valid voxels do not exceed: the median.
     #[serde(rename = "50")]
     pub p50: f64,
-    /// 95 %.
+    /// The value that 95 % of the valid voxels do not exceed.
     #[serde(rename = "95")]
     pub p95: f64,
-    /// 99 %.
+    /// The value that 99 % of the valid voxels do not exceed.
     #[serde(rename = "99")]
     pub p99: f64,
-    /// 99.9 %.
+    /// The value that 99.9 % of the valid voxels do not exceed.
     #[serde(rename = "99.9")]
     pub p99_9: f64,
 }
 
-/// Counts of level-0 values in equal bins; the outer bins are open ended.
+/// How many of a channel's valid level-0 voxels fall in each of [`HISTOGRAM_BINS`] equal bins. The last bin includes
+/// its upper edge.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Histogram {
-    /// Lower edge of the first bin.
+    /// Lower edge of the first bin, in data units.
     pub low: f64,
     /// Width of a bin in data units; positive.
     pub width: f64,
-    /// Valid voxels in each of the [`HISTOGRAM_BINS`] bins.
+    /// Number of valid voxels in each of the [`HISTOGRAM_BINS`] bins.
     pub counts: Vec<u64>,
 }
 
-/// One channel's level-0 statistics over all time steps. Valid means neither NaN nor infinite.
+/// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is neither NaN nor infinite.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
     /// Least and greatest valid value; `[0, 0]` where there is none.
     pub range: [f64; 2],
-    /// Valid voxels.
+    /// Number of valid voxels.
     pub count: u64,
-    /// NaN voxels.
+    /// Number of voxels that are NaN.
     pub nan: u64,
-    /// Voxels of +infinity.
+    /// Number of voxels that are positive infinity.
     pub pos_inf: u64,
-    /// Voxels of -infinity.
+    /// Number of voxels that are negative infinity.
     pub neg_inf: u64,
     /// Mean of the valid voxels; 0 where there is none.
     pub mean: f64,
@@ -87,14 +88,14 @@ pub struct ChannelStatistics {
     pub percentiles: Percentiles,
     /// Histogram of the valid voxels.
     pub histogram: Histogram,
-    /// The values shown as black and white unless a transfer function is given.
+    /// The values `[low, high]` that are shown as black and white unless a transfer function is given.
     pub window: [f64; 2],
-    /// How occupancy masks bin the channel's values.
+    /// The bins that occupancy masks have for the channel's values.
     pub bins: OccupancyBins,
 }
 
 impl ChannelStatistics {
-    /// Whether some voxel is NaN or infinite.
+    /// Whether some voxel of the channel is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.nan + self.pos_inf + self.neg_inf > 0
     }
@@ -103,11 +104,11 @@ impl ChannelStatistics {
 /// The root group's `brickyard` attribute: settings and statistics of the whole store.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoreInfo {
-    /// [`FORMAT_VERSION`].
+    /// The version of the store's format: [`FORMAT_VERSION`].
     pub version: u32,
-    /// Voxels along a brick's core edge.
+    /// Voxels along the edge of a brick's core.
     pub edge: u32,
-    /// Most voxels along a shard's edge.
+    /// The most voxels along a shard's edge.
     pub shard: u32,
     /// Type of a voxel.
     pub voxel_type: VoxelType,
@@ -115,12 +116,13 @@ pub struct StoreInfo {
     pub codec: Codec,
     /// How coarser levels were made.
     pub downsample: Reductions,
-    /// What the values mean.
+    /// What the store's values mean.
     pub kind: Kind,
     /// Width of the stored aprons in voxels; 0 where none are stored.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub aprons: u32,
-    /// Spacing (`[x, y, z]`) that the levels' factors were chosen by. Where voxels stand is `attributes.ome`'s to say.
+    /// The voxel spacing `[x, y, z]` from which the levels' factors were chosen. Where voxels lie in the world is in
+    /// `attributes.ome`.
     pub spacing: [f64; 3],
     /// Whether the source gave a spacing.
     pub calibrated: bool,
@@ -129,11 +131,11 @@ pub struct StoreInfo {
     pub orientation: Option<Orientation>,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
-    /// What the store was packed from.
+    /// What the store was packed from: the identity that its source gave.
     pub source: String,
-    /// Identifies source and settings together.
+    /// A hash of the source and the settings together.
     pub settings_fingerprint: String,
-    /// Always true in a finished store.
+    /// Whether the store is finished; always true in a finished store.
     pub complete: bool,
 }
 
@@ -142,7 +144,7 @@ fn is_zero(n: &u32) -> bool {
 }
 
 impl StoreInfo {
-    /// The shape of the stored aprons, if there are any.
+    /// The shape of the stored aprons; `None` if none are stored.
     pub fn apron(&self) -> Option<Apron> {
         (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
     }
@@ -185,11 +187,11 @@ impl StoreInfo {
 
 /// The root group's document, from the layout of the main pyramid.
 ///
-/// `attributes.brickyard.checksum` is of the rest, as it is here: for `verify`, which makes the document anew from what it
-/// reads. Others may change the rest, so opening does not look.
+/// `attributes.brickyard.checksum` is the checksum of the document without it. Only `verify` compares it, against a
+/// document that it makes anew from what it reads. Opening does not, since other tools may change the document.
 ///
-/// A second pyramid's multiscale stands in `attributes.brickyard`, since not every reader of `attributes.ome` keeps to
-/// the first one.
+/// A second pyramid's multiscale is in `attributes.brickyard`, since not every reader of `attributes.ome` stops at the
+/// first one.
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
     let multiscale = |layout: &Layout, method: Downsample| {
         json!([{
@@ -255,7 +257,7 @@ fn omero(info: &StoreInfo) -> Value {
     json!({ "channels": info.channels.iter().enumerate().map(channel).collect::<Value>() })
 }
 
-/// A level's array document.
+/// The `zarr.json` document of a level's array.
 pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value {
     let extent = layout.pyramid.level(level).extent.to_array();
     let shape = layout.per_axis(layout.times, layout.channels, extent);
@@ -265,7 +267,7 @@ pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value 
     document
 }
 
-/// The array document of a level's aprons: one row of voxels per brick.
+/// The `zarr.json` document of the array of a level's aprons: one row of voxels per brick.
 pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
     let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
     let bricks = layout.pyramid.level(level).bricks.to_array();
@@ -304,7 +306,7 @@ pub(crate) fn array_document<T: Serialize>(shape: &[T], chunk_shape: &[T], data_
     })
 }
 
-/// The Zarr `bytes` codec for elements of this many bytes.
+/// The Zarr `bytes` codec for elements of `element_bytes` bytes.
 pub(crate) fn bytes_codec(element_bytes: usize) -> Value {
     match element_bytes {
         1 => json!({ "name": "bytes" }),
@@ -338,7 +340,7 @@ pub fn document_bytes(document: &Value) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Compares an array document with the one that the settings call for.
+/// Compares an array document with the one that the settings call for; an error names the first field that differs.
 pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value) -> Result<(), OpenError> {
     const FIELDS: [&str; 8] =
         ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
@@ -377,7 +379,7 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         .map_err(|e| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", e))
 }
 
-/// The layout that level 0's shape and the settings call for.
+/// Derives a store's layout from level 0's shape and the settings, and checks both.
 pub(crate) fn parse_layout(
     root_path: &Path,
     root: &Value,
@@ -408,7 +410,7 @@ pub(crate) fn parse_layout(
     Ok(Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard))
 }
 
-/// Placement from the pyramid's multiscale, every level of which must agree with level 0's.
+/// Reads the placement from the pyramid's multiscale, and checks that every level's agrees with level 0's.
 pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
     let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
     let multiscale = &root["attributes"][owner]["multiscales"][0];

@@ -56,43 +56,45 @@ use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// What to do if the output is there already.
+/// What to do if the output exists already.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exists {
-    /// Fail.
+    /// Fail, and leave the output as it is.
     #[default]
     Refuse,
     /// Finish an unfinished pack of the same source and settings; start one if there is none.
     Resume,
-    /// Replace it, if it is a store or an unfinished pack.
+    /// Replace the output, if it is a store or an unfinished pack.
     Overwrite,
 }
 
-/// How to pack.
+/// The settings of a pack.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackOptions {
-    /// Voxels along a brick's core edge: a power of two from 8 to 256.
+    /// Voxels along the edge of a brick's core: a power of two from 8 to 256.
     pub edge: u32,
-    /// Most voxels along a shard's edge: a multiple of `edge`. Larger means fewer files.
+    /// The most voxels along a shard's edge: a multiple of `edge`, at most
+    /// [`MAX_SHARD_EDGE`](crate::layout::MAX_SHARD_EDGE). Larger shards mean fewer files.
     pub shard_edge: u32,
-    /// How bricks are compressed. zstd 3 is 3 % smaller than 1 at twice the time.
+    /// How bricks are compressed. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
     pub codec: Codec,
     /// How coarser levels are made.
     pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
-    /// Width of the aprons to store, at most [`MAX_APRON`]; 0 for none.
+    /// Width of the aprons to store, in voxels, at most [`MAX_APRON`]; 0 stores none.
     pub aprons: u32,
-    /// Most anonymous memory.
+    /// The most anonymous memory that the pack may take, in bytes.
     pub memory_bytes: u64,
-    /// Worker threads, at least 1. Reading planes and writing have a thread of their own each.
+    /// Number of worker threads, at least 1. Reading whole planes and writing files take further threads.
     pub threads: usize,
-    /// What to do if the output is there already.
+    /// What to do if the output exists already.
     pub exists: Exists,
 }
 
 impl PackOptions {
-    /// The defaults for a voxel type: bricks of 64, shards of 512, 2 GiB, all processors.
+    /// The default options for a voxel type: bricks of 64 voxels and shards of 512 along an edge, 2 GiB of memory, one
+    /// thread per processor.
     pub fn new(voxel_type: VoxelType) -> Self {
         Self {
             edge: DEFAULT_BRICK_EDGE,
@@ -129,93 +131,94 @@ impl PackOptions {
     }
 }
 
-/// Told how a pack comes along. Calls may come from any thread.
+/// Receives the progress of a pack. Methods may be called from any thread.
 pub trait Progress: Sync {
-    /// Before anything is read or written.
+    /// Called once with the plan, before any voxel is read. Not called if the store was complete already.
     fn planned(&self, _plan: &PackPlan) {}
-    /// Something the user should know, one sentence.
+    /// Called with something that the user should know, in one sentence.
     fn warn(&self, _message: &str) {}
-    /// Called when so many of all voxels of level 0 are packed.
+    /// Called as bricks of level 0 are packed: so far `done` of `total` voxels, over all time steps and channels.
     fn advanced(&self, _done: u64, _total: u64) {}
-    /// After that, where aprons are stored: so many of so many bytes of them, uncompressed, are packed.
+    /// Called in the second pass, where aprons are stored: so far `done` of `total` bytes of aprons, uncompressed, are
+    /// packed.
     fn aprons(&self, _done: u64, _total: u64) {}
 }
 
-/// Tells no one.
+/// Ignores all progress.
 impl Progress for () {}
 
-/// What a pack made.
+/// What a pack did.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackReport {
-    /// What it needed.
+    /// The plan of the pack: what it needed.
     pub plan: PackPlan,
-    /// Shards in the store, those without a file (all fill) included.
+    /// Number of shards in the store, those without a file (all fill) included.
     pub shards: u64,
-    /// Shards that earlier, interrupted runs had finished.
+    /// Number of shards that earlier, interrupted runs had finished.
     pub shards_resumed: u64,
-    /// Bytes written to shards by this run.
+    /// Bytes that this run wrote to shards.
     pub written_bytes: u64,
-    /// Voxels that are NaN or infinite.
+    /// Number of voxels of level 0 that are NaN or infinite; 0 if `was_complete`.
     pub non_finite: u64,
-    /// The store was there, finished, from the same source and settings: nothing was done.
+    /// Whether a finished store from the same source and settings was there already, so that nothing was done.
     pub was_complete: bool,
 }
 
 /// Why a pack failed.
 #[derive(Debug, thiserror::Error)]
 pub enum PackError {
-    /// The options contradict each other.
+    /// An option is out of its range, or contradicts another one.
     #[error("{0}")]
     Options(String),
-    /// The budget is smaller than the least a pack can do with.
+    /// The memory allowed is less than the least that the pack needs.
     #[error(
         "`memory` {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
-        /// The least it can do with.
+        /// The least memory that the pack needs, in bytes.
         needed_bytes: u64,
-        /// What was allowed.
+        /// The memory that was allowed, in bytes.
         given_bytes: u64,
-        /// Which other options would do with that, if there are any.
+        /// Other options that would fit the memory allowed, in words; empty if there are none.
         advice: String,
     },
-    /// The input says of itself what no store can hold.
+    /// The input has a property that no store can hold.
     #[error("the input's {what} {found}: expected {expected}; {cure}")]
     Unfit {
-        /// Which property.
+        /// The property of the input.
         what: &'static str,
-        /// The name as the input gives it.
+        /// The value that the input has.
         found: String,
-        /// What can be stored.
+        /// The values that a store can hold.
         expected: String,
-        /// What to do.
+        /// What the user can do.
         cure: &'static str,
     },
-    /// The output is there, and nothing was said about that.
+    /// The output exists already, and [`Exists::Refuse`] was asked for.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
         if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" }, path = path.display())]
     Exists {
-        /// The output.
+        /// The output's path.
         path: PathBuf,
-        /// Whether it is an unfinished pack.
+        /// Whether the output is an unfinished pack.
         unfinished: bool,
     },
-    /// The output is there, and is nothing that packing would replace.
+    /// The output exists, and is nothing that packing would replace.
     #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name or remove it", path = path.display())]
     NotOurs {
-        /// The output.
+        /// The output's path.
         path: PathBuf,
     },
-    /// The unfinished pack was made from other data or with other settings.
+    /// The pack or store that was to be resumed was made from other data or with other settings.
     #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
     Mismatch {
         /// The store.
         store: PathBuf,
-        /// Which setting, then and now.
+        /// What differs, in words, such as a setting's values then and now.
         difference: String,
     },
-    /// Overwriting would delete what packing did not write.
+    /// Overwriting would delete files that packing did not write.
     #[error(
         "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
          another name",
@@ -224,32 +227,32 @@ pub enum PackError {
     Foreign {
         /// The store.
         store: PathBuf,
-        /// What is inside of it.
+        /// A file or folder inside the store that packing did not write.
         found: PathBuf,
     },
-    /// The place where the successor of a finished store is made is taken.
+    /// A finished store is replaced by way of `STORE.packing` beside it, and something else has that name.
     #[error(
         "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
         path = path.display(), store = store.display()
     )]
     InTheWay {
-        /// What is there.
+        /// What stands under that name, `STORE.packing`.
         path: PathBuf,
-        /// The output.
+        /// The store that was to be replaced.
         store: PathBuf,
     },
-    /// Another pack is at work there.
+    /// Another pack is at work on the same output.
     #[error(
         "{store}: another pack is at work there{}; wait for it or stop it",
         holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
     )]
     Busy {
-        /// Where it packs.
+        /// The directory that the other pack works in.
         store: PathBuf,
-        /// Who it is, if known.
+        /// The process of the other pack; `None` if it is not known.
         holder: Option<Holder>,
     },
-    /// Two packs could not be told apart there.
+    /// The file system does not lock files, so a second pack into the same store would not be noticed.
     #[error(
         "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
          to a local disk or to NFS and move the store from there",
@@ -258,21 +261,21 @@ pub enum PackError {
     NoLock {
         /// Where the store was to be made.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
     /// The source failed midway. What was packed stays.
     #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with `resume`", store = store.display())]
     Source {
-        /// What it said.
+        /// The source's error.
         #[source]
         error: ImportError,
-        /// The store.
+        /// The unfinished store.
         store: PathBuf,
-        /// Finished shards.
+        /// Number of finished shards.
         done: u64,
-        /// All shards.
+        /// Number of shards in all.
         total: u64,
     },
     /// A write failed midway (a full disk, mostly). What was packed stays; nothing half-made has a final name.
@@ -281,55 +284,55 @@ pub enum PackError {
         path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
     )]
     Incomplete {
-        /// What was being written.
+        /// The file that was being written.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
-        /// The store.
+        /// The unfinished store.
         store: PathBuf,
-        /// Finished shards.
+        /// Number of finished shards.
         done: u64,
-        /// All shards.
+        /// Number of shards in all.
         total: u64,
-        /// About how much more will be written.
+        /// Estimate of the bytes that are still to be written.
         needed_bytes: u64,
     },
-    /// What the pack has just written cannot be read.
+    /// What the pack has just written cannot be read back.
     #[error("{error}; this pack has just written it: see to the disk of {store} and start over with `overwrite`", store = store.display())]
     ReadBack {
-        /// What is wrong.
+        /// Why it cannot be read.
         #[source]
         error: ReadError,
         /// The store.
         store: PathBuf,
     },
-    /// A thread has panicked.
+    /// A thread of the packer, or of the source, panicked.
     #[error(
         "this program (or the reader of the input) has a fault: {words:?}; {done} of {total} shards of {store} are finished, \
          and `resume` goes on; please report this",
         store = store.display()
     )]
     Panic {
-        /// What it said.
+        /// The panic's message.
         words: String,
-        /// The store.
+        /// The unfinished store.
         store: PathBuf,
-        /// Finished shards.
+        /// Number of finished shards.
         done: u64,
-        /// All shards.
+        /// Number of shards in all.
         total: u64,
     },
-    /// The operating system refused before anything was packed, or after all was.
+    /// The operating system refused an operation before this run packed anything.
     #[error("{path}: {error}", path = path.display())]
     Io {
-        /// The file.
+        /// The file or directory.
         path: PathBuf,
-        /// What it said.
+        /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
-    /// Threads could not be started.
+    /// The worker threads could not be started.
     #[error("cannot start worker threads: {0}; use fewer `threads`")]
     Threads(String),
 }
@@ -346,8 +349,8 @@ fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
 /// Packs a source into a store.
 ///
 /// # Errors
-/// If the options or the output do not allow it; if the source fails or the disk is full, in which case the pack can be
-/// resumed.
+/// If the options or the output do not allow it, if the source fails, or if the disk fails or is full. What was packed
+/// before the source or the disk failed can be resumed.
 pub fn pack(
     source: &dyn Source,
     store: &Path,

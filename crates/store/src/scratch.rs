@@ -4,16 +4,17 @@ use crate::error::CodecError;
 use std::cell::RefCell;
 use std::io::Cursor;
 
-/// What coding needs besides its input and output: Zstandard contexts and two buffers, kept between bricks.
+/// What encoding and decoding need besides input and output: Zstandard contexts and two buffers, kept from brick to
+/// brick.
 #[derive(Default)]
 pub struct Scratch {
     compressor: zstd::bulk::Compressor<'static>,
     /// The level the compressor is set to.
     level: Option<i32>,
     decompressor: zstd::bulk::Decompressor<'static>,
-    /// Shuffled voxels.
+    /// A buffer for shuffled voxels.
     pub(crate) bytes: Vec<u8>,
-    /// An encoded brick, where it is read and not mapped.
+    /// A buffer for an encoded brick that is read from a file and not mapped.
     pub(crate) encoded: Vec<u8>,
 }
 
@@ -21,13 +22,13 @@ impl Scratch {
     /// Runs `work` with this thread's scratch.
     ///
     /// # Panics
-    /// If `work` asks for it again.
+    /// If `work` itself calls [`Scratch::with`].
     pub fn with<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
         thread_local!(static SCRATCH: RefCell<Scratch> = RefCell::default());
         SCRATCH.with_borrow_mut(work)
     }
 
-    /// Appends one Zstandard frame, content size included.
+    /// Compresses `data` to one Zstandard frame, content size included, and appends it to `out`.
     pub(crate) fn compress(&mut self, level: i32, data: &[u8], out: &mut Vec<u8>) {
         if self.level != Some(level) {
             self.compressor.set_compression_level(level).expect("levels are checked when a codec is parsed");
@@ -40,7 +41,7 @@ impl Scratch {
         self.compressor.compress_to_buffer(data, &mut end).expect("a frame fits its own bound");
     }
 
-    /// Decompresses into exactly `out`.
+    /// Decompresses a Zstandard frame into `out`, which it must fill exactly.
     pub(crate) fn decompress(&mut self, data: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
         let expected = out.len() as u64;
         let found = self

@@ -10,11 +10,12 @@ use bytemuck::{Pod, Zeroable};
 /// Marks a brick that is not stored.
 const EMPTY: u64 = u64::MAX;
 
-/// What identifies a shard file as the one that was packed; both zero where no file was written (all bricks empty).
+/// What identifies a shard file as the one that was packed. Both fields are zero where no file was written (all bricks
+/// empty).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Fingerprint {
-    /// Length of the file.
+    /// Length of the file in bytes.
     pub file_bytes: u64,
     /// The crc32c of the index, which is also the file's last four bytes.
     pub index_crc: u64,
@@ -27,28 +28,29 @@ impl Fingerprint {
     }
 }
 
-/// Where an encoded brick lies in its shard.
+/// Where an encoded brick lies in its shard file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BrickRange {
-    /// From the start of the file.
+    /// Bytes from the start of the file to the brick.
     pub offset: u64,
-    /// Encoded length.
+    /// Length of the encoded brick in bytes.
     pub length: u64,
 }
 
 impl BrickRange {
-    /// The range as indices into the whole file.
+    /// The range as byte indices into the whole file.
     pub fn as_range(self) -> std::ops::Range<usize> {
         self.offset as usize..(self.offset + self.length) as usize
     }
 }
 
-/// Bytes of the index of a shard of `bricks`, checksum included.
+/// Bytes of a shard's index for this many bricks, checksum included.
 pub const fn index_bytes(bricks: usize) -> usize {
     bricks * 16 + 4
 }
 
-/// The index of a shard, checksum included, and that checksum.
+/// Encodes a shard's index. Returns its bytes, checksum included, and the checksum. `None` stands for a brick that is
+/// not stored.
 pub fn encode_index(ranges: &[Option<BrickRange>]) -> (Vec<u8>, u32) {
     let mut index = Vec::with_capacity(index_bytes(ranges.len()));
     for range in ranges {
@@ -73,10 +75,11 @@ pub struct ShardIndex<'a> {
 }
 
 impl<'a> ShardIndex<'a> {
-    /// The index in the last [`index_bytes`] of a file of `file_bytes`, where `cap` is the greatest length of an encoded brick.
+    /// Takes `tail`, the last [`index_bytes`] of a file of `file_bytes`, as the index of a shard of this many bricks.
+    /// `cap` is the greatest length of an encoded brick.
     ///
     /// # Errors
-    /// If the file is too short.
+    /// If the file is too short for the index, or `tail` does not have the length of the index.
     pub fn new(tail: &'a [u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
         let expected = index_bytes(bricks) as u64;
         if file_bytes < expected || (tail.len() as u64) != expected {
@@ -85,10 +88,10 @@ impl<'a> ShardIndex<'a> {
         Ok(Self { tail, data: file_bytes - expected, cap })
     }
 
-    /// Compares the checksum and looks at every entry.
+    /// Compares the checksum and checks every entry.
     ///
     /// # Errors
-    /// If the checksum does not match, or a range leaves the data.
+    /// If the checksum does not match, or a range leaves the data or is longer than an encoded brick can be.
     pub fn check(&self) -> Result<(), ShardError> {
         let (stored, computed) = (self.crc(), crc32c::crc32c(self.entries()));
         if stored != computed {
@@ -97,10 +100,11 @@ impl<'a> ShardIndex<'a> {
         (0..self.bricks()).try_for_each(|slot| self.range(slot).map(drop))
     }
 
-    /// Where the brick of an entry lies; `None` if it is not stored.
+    /// Where the brick of entry `slot` lies in the file; `None` if the brick is not stored.
     ///
     /// # Errors
-    /// If the range leaves the data, as it may where the file has changed since it was checked.
+    /// If the range leaves the data or is longer than an encoded brick can be, as may be where the file has changed
+    /// since it was checked.
     ///
     /// # Panics
     /// If there is no such entry.
@@ -118,12 +122,12 @@ impl<'a> ShardIndex<'a> {
         }
     }
 
-    /// The number of entries.
+    /// The number of entries, one for each brick.
     pub fn bricks(&self) -> usize {
         self.entries().len() / 16
     }
 
-    /// The index's checksum, as stored.
+    /// The checksum (crc32c) of the index, as stored.
     pub fn crc(&self) -> u32 {
         u32::from_le_bytes(self.tail[self.entries().len()..].try_into().unwrap_or_default())
     }

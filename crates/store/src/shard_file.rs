@@ -8,18 +8,18 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// How shards are read.
+/// How the files of shards are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum IoMode {
-    /// Memory-mapped: no copy, and read-ahead as advised. Where a file is truncated or its disk fails meanwhile, its bricks are
-    /// damaged.
+    /// Shards are memory-mapped: no copy, and read-ahead as advised. If a file is truncated or its disk fails while it
+    /// is mapped, reading its bricks gives errors.
     #[default]
     Mmap,
-    /// Read at offsets: slower, but safe on network file systems.
+    /// Shards are read at offsets: slower, but safe on network file systems.
     Pread,
 }
 
-/// One shard whose length and index are those that were packed.
+/// An open shard, whose length and index have been found to be those that were packed.
 pub(crate) struct ShardFile {
     body: Body,
     /// A copy, so that what was checked stays what is read, whatever happens to the file.
@@ -37,7 +37,8 @@ enum Body {
 }
 
 impl ShardFile {
-    /// Opens a shard that must exist. `bricks` is its number of index entries, `cap` an encoded brick's greatest length.
+    /// Opens a shard that must exist. `bricks` is the number of its index entries, `cap` the greatest length of an
+    /// encoded brick.
     pub(crate) fn open(
         path: &Path,
         fingerprint: Fingerprint,
@@ -81,13 +82,13 @@ impl ShardFile {
         Ok(shard)
     }
 
-    /// Where the brick of an entry of the index lies; `None` if it is not stored.
+    /// Where the brick of index entry `slot` lies in the file; `None` if the brick is not stored.
     pub(crate) fn range(&self, slot: usize) -> Result<Option<BrickRange>, ShardError> {
         let bricks = self.index.len() / 16;
         ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.range(slot)
     }
 
-    /// A brick's encoded bytes, from the map, or read into `buffer`.
+    /// A brick's encoded bytes, borrowed from the map or read into `buffer`.
     pub(crate) fn bytes<'a>(&'a self, range: BrickRange, buffer: &'a mut Vec<u8>) -> std::io::Result<&'a [u8]> {
         match &self.body {
             // The range was checked against the length that was mapped.
@@ -105,15 +106,15 @@ impl ShardFile {
         matches!(&self.body, Body::Mapped(map) if map.lost())
     }
 
-    /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
+    /// Asks the kernel to read a range of bytes ahead, if the file is mapped. A refusal costs speed only.
     pub(crate) fn advise(&self, range: std::ops::Range<usize>) {
         if let Body::Mapped(map) = &self.body {
             map.advise(range);
         }
     }
 
-    /// Why a brick of this shard does not decode: the file has been truncated or its disk has failed since it was opened,
-    /// or else the brick is damaged.
+    /// The error for a brick of this shard that does not decode: the file has been truncated or its disk has failed
+    /// since it was opened, or else the brick is damaged.
     pub(crate) fn unreadable(&self, path: &Path, id: BrickId, error: CodecError) -> ReadError {
         let path = path.to_path_buf();
         let (expected, found) = (self.file_bytes, std::fs::metadata(&path).map(|file| file.len()));

@@ -24,7 +24,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// One side array of a level.
+/// One array of a level's side data.
 pub(crate) struct SideArray {
     /// Its folder.
     dir: PathBuf,
@@ -38,18 +38,18 @@ pub(crate) struct SideArray {
 }
 
 impl SideArray {
-    /// The ranges of a level's bricks, below `store`.
+    /// The array of the ranges of a level's bricks, in the store at `store`.
     pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
         let bricks = layout.pyramid.level(level).bricks;
         Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
     }
 
-    /// The hashes of a level's bricks.
+    /// The array of the hashes of a level's bricks, in the store at `store`.
     pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
         Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
     }
 
-    /// The fingerprints of a level's shards, or of those of its aprons.
+    /// The array of the fingerprints of a level's shards, or of its aprons' shards, in the store at `store`.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
         Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2)
     }
@@ -69,7 +69,7 @@ impl SideArray {
         Self { dir, data_type, element_bytes, times: layout.times, channels: layout.channels, grid, values }
     }
 
-    /// How its cells divide into pages.
+    /// How the array's cells divide into pages.
     pub(crate) fn paging(&self) -> Paging {
         Paging::new(self.grid)
     }
@@ -83,23 +83,23 @@ impl SideArray {
         self.dir.join("zarr.json")
     }
 
-    /// A page's file.
+    /// The path of a page's file.
     pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
         self.dir.join(format!("c/{time}/{channel}/{z}/{y}/{x}/0"))
     }
 
-    /// Its document: path and content.
+    /// The array's document: the path of its file, and the content.
     pub(crate) fn document_file(&self) -> (PathBuf, Vec<u8>) {
         (self.document_path(), document_bytes(&self.document()))
     }
 
-    /// A page's file: path and content, of its decoded bytes.
+    /// A page's file: its path, and the content that encodes the page's `bytes`.
     pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> (PathBuf, Vec<u8>) {
         debug_assert_eq!(bytes.len(), self.page_bytes());
         (self.page_path(page), encode(bytes))
     }
 
-    /// Compares the document with the one that the layout calls for.
+    /// Compares the array's document with the one that the layout calls for.
     pub(crate) fn check(&self) -> Result<(), OpenError> {
         let path = self.document_path();
         check_array(&path, &self.document(), &read_json(&path)?)
@@ -113,12 +113,12 @@ impl SideArray {
         decode(&encoded, self.page_bytes()).map_err(|what| ReadError::CorruptPage { path, what })
     }
 
-    /// The number of pages.
+    /// The number of pages of the array, over all time steps and channels.
     pub(crate) fn page_count(&self) -> u64 {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
     }
 
-    /// Page `i` of a level, in the order of the axes.
+    /// The id of page `i` of the array, which is one of `level`. Pages are counted row-major in (t, c, z, y, x).
     pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
         let [time, channel, z, y, x] = place_at(i, self.channels, self.paging().page_grid());
         PageId { time, channel, level, z, y, x }
@@ -137,7 +137,7 @@ impl SideArray {
     }
 }
 
-/// The arrays of a level of cores, in the order in which they are written.
+/// The side arrays of a level's cores, in the order in which they are written: ranges, hashes, fingerprints.
 pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> [SideArray; 3] {
     [
         SideArray::ranges(store, layout, level, voxel_type),
@@ -146,7 +146,7 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
     ]
 }
 
-/// The ranges of the bricks of one page.
+/// The value ranges of the bricks of one page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePage {
     voxel_type: VoxelType,
@@ -160,12 +160,14 @@ impl RangePage {
         self.pair(place, 0)
     }
 
-    /// The range of the brick with one voxel around it.
+    /// Least and greatest valid value of a brick and its descendants, with one voxel around each, given the place of
+    /// the brick in the page; `None` where there is none.
     pub fn reach(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 2)
     }
 
-    /// What the brick and its descendants can show, one voxel around it included.
+    /// The occupancy of a brick and its descendants, with one voxel around each, given the place of the brick in the
+    /// page and its channel's bins.
     pub fn occupancy(&self, place: usize, bins: OccupancyBins) -> Occupancy {
         self.reach(place).map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high))
     }
@@ -194,7 +196,7 @@ impl SidePages {
         Self { store: store.into(), layout: layout.clone(), voxel_type, ranges: Mutex::new(LruCache::new(kept)) }
     }
 
-    /// The most memory that kept pages take.
+    /// The most memory that kept pages take, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
         let arrays = levels.map(|level| SideArray::ranges(&self.store, &self.layout, level, self.voxel_type));
@@ -202,13 +204,13 @@ impl SidePages {
         all.min(KEPT_BYTES as u64)
     }
 
-    /// Reads a page of ranges, and keeps nothing.
+    /// Reads a page of ranges without keeping it.
     pub(crate) fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
         let array = SideArray::ranges(&self.store, &self.layout, page.level, self.voxel_type);
         Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(page)? })
     }
 
-    /// The page of a brick's ranges, and the brick's place in it.
+    /// The page that holds a brick's ranges, and the brick's place in it. The page is kept.
     pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
         let (page, place) = self.layout.pyramid.page_of(id);
         if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {
@@ -219,20 +221,20 @@ impl SidePages {
         Ok((read, place))
     }
 
-    /// Reads a page of hashes: one for each brick, those past the grid included.
+    /// Reads a page of hashes: one for each brick, and zeros past the grid.
     pub(crate) fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
         let bytes = SideArray::hashes(&self.store, &self.layout, page.level).read_page(page)?;
         Ok(bytes.as_chunks().0.iter().map(|hash| u128::from_le_bytes(*hash)).collect())
     }
 }
 
-/// Decodes a page of fingerprints.
+/// Reads and decodes a page of fingerprints.
 pub(crate) fn read_fingerprints(array: &SideArray, page: PageId) -> Result<Vec<Fingerprint>, ReadError> {
     let bytes = array.read_page(page)?;
     Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
 }
 
-/// The hash of a brick's decoded core, padding included.
+/// The hash (XXH3-128) of a brick's decoded core, padding included.
 pub(crate) fn core_hash(core: &[u8]) -> u128 {
     xxhash_rust::xxh3::xxh3_128(core)
 }

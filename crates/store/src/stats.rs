@@ -20,7 +20,7 @@ use brickyard_volume::{OccupancyBins, VoxelType};
 
 const WORDS: usize = 1 << 16;
 
-/// Least and greatest valid voxel; `low > high` where there is none.
+/// The least and the greatest valid voxel; `low > high` where there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range<T> {
     pub(crate) low: T,
@@ -48,28 +48,31 @@ impl<T: Measure> Range<T> {
 
 /// A voxel type's arithmetic for statistics.
 pub(crate) trait Measure: Reduce {
-    /// The range of no voxel.
+    /// The range of no voxels, which has `low > high`.
     const EMPTY: Range<Self>;
-    /// What side data hold where there is no valid voxel.
+    /// The value that side data hold for both ends of a range where there is no valid voxel.
     const INVALID: Self;
-    /// The lesser, where `value` is valid; `low` is, or stands for no voxel. One vector operation where it is inlined.
+    /// The lesser of `low` and `value`, or `low` if `value` is not valid. `low` is valid or that of an empty range. One
+    /// vector operation where it is inlined.
     fn lower(low: Self, value: Self) -> Self;
-    /// The greater, likewise.
+    /// The greater of `high` and `value`, or `high` if `value` is not valid. `high` is valid or that of an empty range.
+    /// One vector operation where it is inlined.
     fn upper(high: Self, value: Self) -> Self;
     /// The range of the valid voxels.
     fn range(values: &[Self]) -> Range<Self> {
         values.iter().fold(Self::EMPTY, |range, &v| range.join(Self::range_of(v)))
     }
-    /// The range of one voxel.
+    /// The range of one voxel, which is empty if the voxel is not valid.
     #[inline(always)]
     fn range_of(value: Self) -> Range<Self> {
         if value.is_valid() { Range { low: value, high: value } } else { Self::EMPTY }
     }
-    /// Counts each voxel.
+    /// Counts the valid voxels by value.
     fn count(values: &[Self], counter: &mut Counter);
-    /// A whole number that orders like a valid value and is 0 for zero; none where the value is not valid.
+    /// A whole number that orders like a valid value and is 0 for zero; `None` where the value is not valid.
     fn ordinal(self) -> Option<i64>;
-    /// What [`ChannelTotals`] cannot take from the histogram: 32-bit sums and counts of what is not finite.
+    /// Adds to the tally what [`ChannelTotals`] cannot take from counts by value: sums of 32-bit voxels, and how many
+    /// voxels are not finite.
     fn tally(_values: &[Self], _tally: &mut Tally) {}
 }
 
@@ -186,7 +189,8 @@ impl Measure for f32 {
     }
 }
 
-/// Sums and counts of a brick that are added up in the bricks' own order, so that rounding does not depend on threads.
+/// A sum of voxels and counts of those that are not finite. They are added up in the order of the bricks, so that
+/// rounding does not depend on threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
     pub(crate) sum: f64,
@@ -204,7 +208,7 @@ impl Tally {
     }
 }
 
-/// One thread's counts of one channel's voxels.
+/// One thread's counts of one channel's voxels by value.
 pub(crate) enum Counter {
     /// Counts of values of 8 and 16 bits.
     Words(WordTable),
@@ -220,7 +224,7 @@ impl Counter {
         }
     }
 
-    /// Bytes that one takes.
+    /// Bytes that a counter takes for voxels of `voxel_bytes`.
     pub(crate) const fn bytes(voxel_bytes: usize) -> usize {
         if voxel_bytes <= 2 { WORDS * 12 + 2048 } else { ValueTable::BYTES }
     }
@@ -241,7 +245,7 @@ impl Counter {
         }
     }
 
-    /// Counts `count` voxels of one value without looking at them.
+    /// Counts `count` voxels that all have one value.
     pub(crate) fn constant<T: Measure>(&mut self, value: T, count: u64) {
         match self {
             Self::Words(words) => words.constant(value, count),
@@ -249,7 +253,7 @@ impl Counter {
         }
     }
 
-    /// Adds everything counted to the channel's counts, and starts over.
+    /// Adds everything counted to the channel's counts, and starts over at zero.
     pub(crate) fn drain_into(&mut self, channel: &mut ChannelTotals) {
         match self {
             Self::Words(words) => words.drain_into(channel),
@@ -258,7 +262,7 @@ impl Counter {
     }
 }
 
-/// A histogram of 16-bit words.
+/// Counts of 16-bit words.
 pub(crate) struct WordTable {
     counts: Box<[u32; WORDS]>,
     /// Single bytes, from rows of an odd number of 8-bit voxels.
@@ -338,17 +342,17 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
     }
 }
 
-/// What is known of all voxels of one channel, over all time steps, at full resolution.
+/// Statistics of all voxels of one channel, over all time steps, at full resolution.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ChannelTotals {
     voxel_type: VoxelType,
-    /// Least and greatest valid voxel; `None` where there is none.
+    /// The least and the greatest valid voxel; `None` where there is none.
     pub range: Option<(f64, f64)>,
-    /// Voxels that are NaN.
+    /// Number of voxels that are NaN.
     pub nan: u64,
-    /// Voxels that are positive infinity.
+    /// Number of voxels that are positive infinity.
     pub positive_infinite: u64,
-    /// Voxels that are negative infinity.
+    /// Number of voxels that are negative infinity.
     pub negative_infinite: u64,
     sum: f64,
     /// How often each value of 8 or 16 bits occurs, the least first.
@@ -380,7 +384,7 @@ impl ChannelTotals {
         }
     }
 
-    /// Bytes that one channel's counts may take.
+    /// The most bytes that one channel's counts take.
     pub(crate) const fn bytes(voxel_type: VoxelType) -> u64 {
         match voxel_type.bytes() {
             1 | 2 => Self::bins(voxel_type) as u64 * 8,
@@ -388,7 +392,7 @@ impl ChannelTotals {
         }
     }
 
-    /// Bytes that adding to a channel's counts takes meanwhile.
+    /// Bytes that adding to a channel's counts takes for a while.
     pub(crate) const fn adding_bytes(voxel_type: VoxelType) -> u64 {
         if voxel_type.bytes() <= 2 { 0 } else { ValueCounts::ADDING_BYTES }
     }
@@ -432,8 +436,9 @@ impl ChannelTotals {
         (valid > 0).then(|| sum / valid as f64)
     }
 
-    /// The value that so many ten-thousandths of the valid voxels do not exceed (nearest rank): exact for 8 and 16 bits, and
-    /// where values are counted one by one; else as near as `value_counts.rs` says.
+    /// The value that `ten_thousandths` / 10,000 of the valid voxels do not exceed (nearest rank); `None` if there is
+    /// no valid voxel. Exact for 8 and 16 bits, and where 32-bit values are counted one by one; else as near as
+    /// `value_counts.rs` says.
     pub(crate) fn percentile(&self, ten_thousandths: u64) -> Option<f64> {
         let (low, high) = self.range?;
         let valid = self.valid();
@@ -473,7 +478,7 @@ impl ChannelTotals {
         Histogram { low: first, width, counts }
     }
 
-    /// What the metadata say of the channel.
+    /// The channel's statistics as the metadata hold them.
     pub(crate) fn finish(&self) -> ChannelStatistics {
         let range = self.range.unwrap_or_default();
         let at = |ten_thousandths| self.percentile(ten_thousandths).unwrap_or_default();

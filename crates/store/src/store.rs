@@ -21,7 +21,7 @@ use brickyard_volume::{
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A finished brick store: one of its pyramids, if it has two.
+/// A finished brick store that is open: one of its pyramids, if it has two.
 pub struct Store {
     path: PathBuf,
     geometry: Geometry,
@@ -34,26 +34,26 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens a store, memory-mapped.
+    /// Opens the main pyramid of a store, whose shards are memory-mapped.
     ///
     /// # Errors
-    /// If it is no store, unfinished, of an unknown version, or contradicts itself.
+    /// If it is no store, is unfinished, is of an unknown version, contradicts itself, or cannot be read.
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
         Self::open_with(path, IoMode::default())
     }
 
-    /// Opens a store, to be read as `mode` says.
+    /// Opens the main pyramid of a store, whose shards are read as `mode` says.
     ///
     /// # Errors
-    /// As [`Store::open`].
+    /// As for [`Store::open`].
     pub fn open_with(path: impl Into<PathBuf>, mode: IoMode) -> Result<Self, OpenError> {
         Self::open_view(path.into(), mode, None)
     }
 
-    /// Opens a store as one whose coarser levels are all made by `method`: the main pyramid or the second.
+    /// Opens the pyramid of a store whose coarser levels are made by `method`: the main one or the second one.
     ///
     /// # Errors
-    /// As [`Store::open`], or if neither is made that way.
+    /// As for [`Store::open`], or if neither pyramid is made by `method`.
     pub fn open_reduced(path: impl Into<PathBuf>, method: Downsample, mode: IoMode) -> Result<Self, OpenError> {
         Self::open_view(path.into(), mode, Some(method))
     }
@@ -91,27 +91,27 @@ impl Store {
         Ok(Self { path, geometry, placement, info, sides, cores, aprons })
     }
 
-    /// Where the store is.
+    /// The store's directory.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Settings and statistics.
+    /// The store's settings and statistics.
     pub fn info(&self) -> &StoreInfo {
         &self.info
     }
 
-    /// How the coarser levels of this view are made.
+    /// How the coarser levels of the open pyramid are made.
     pub fn downsample(&self) -> Downsample {
         self.layout().second().unwrap_or(self.info.downsample.main())
     }
 
-    /// Which file holds what.
+    /// The layout of the open pyramid: which file holds what.
     pub fn layout(&self) -> &Layout {
         self.cores.layout()
     }
 
-    /// Levels and brick grids.
+    /// The levels and their brick grids.
     pub fn pyramid(&self) -> &Pyramid {
         &self.layout().pyramid
     }
@@ -147,18 +147,18 @@ impl Store {
         self.cores.chunk_bytes()
     }
 
-    /// Least and greatest valid value over all channels and time steps; (0, 0) where there is none.
+    /// Least and greatest valid value of level 0 over all channels and time steps; (0, 0) where there is none.
     pub fn value_range(&self) -> (f64, f64) {
         let ranges = self.info.channels.iter().filter(|c| c.count > 0).map(|c| (c.range[0], c.range[1]));
         ranges.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
     }
 
-    /// Whether some voxel is NaN or infinite.
+    /// Whether some voxel of level 0 is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.info.channels.iter().any(|c| c.has_non_finite())
     }
 
-    /// The values shown as black and white unless a transfer function is given.
+    /// The values (low, high) of a channel that are shown as black and white unless a transfer function is given.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -166,7 +166,7 @@ impl Store {
         self.info.channels[channel as usize].window.into()
     }
 
-    /// How occupancy masks bin a channel's values.
+    /// The bins that occupancy masks have for a channel's values.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -174,7 +174,7 @@ impl Store {
         self.info.channels[channel as usize].bins
     }
 
-    /// Reads the ranges of a page of bricks. Nothing is kept.
+    /// Reads the value ranges of a page of bricks. The page is not kept in memory.
     ///
     /// # Errors
     /// If the page cannot be read, or is damaged.
@@ -182,7 +182,7 @@ impl Store {
         self.sides.read_ranges(page)
     }
 
-    /// Reads the hashes of the decoded cores of a page of bricks (XXH3-128); zeros past the grid.
+    /// Reads the hashes (XXH3-128) of the decoded cores of a page of bricks. Places past the grid hold zeros.
     ///
     /// # Errors
     /// If the page cannot be read, or is damaged.
@@ -190,7 +190,8 @@ impl Store {
         self.sides.read_hashes(page)
     }
 
-    /// What the brick and its descendants can show, one voxel around them included. The last pages are kept in memory.
+    /// The occupancy of a brick and its descendants, with one voxel around each. The pages read last are kept in
+    /// memory.
     ///
     /// # Errors
     /// If the brick's page cannot be read, or is damaged.
@@ -208,13 +209,15 @@ impl Store {
         Ok(page.core(place))
     }
 
-    /// The most memory that the store takes besides the callers' buffers, whatever its size: open shards, and pages of side data.
+    /// The most memory in bytes that the store takes besides the callers' buffers, whatever its size: open shards, and
+    /// pages of side data.
     pub fn cache_bytes(&self) -> u64 {
         self.chunks().map(Chunks::cache_bytes).sum::<u64>() + self.sides.cache_bytes()
     }
 
-    /// Tells the kernel that these bricks are about to be read, and their aprons where they are stored, so that it reads
-    /// them ahead and together. Opens their shards if need be; what cannot be opened is left for reading to report.
+    /// Tells the kernel that these bricks are about to be read, and their aprons where they are stored, so that it
+    /// reads them ahead and together. Opens their shards if need be. A shard that cannot be opened is left for reading
+    /// to report.
     pub fn advise(&self, ids: &[BrickId]) {
         self.cores.advise(ids);
         if let Some(aprons) = &self.aprons {
@@ -226,7 +229,8 @@ impl Store {
     /// zero. Voxels past the level's extent are unspecified.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the one packed or has a damaged index, or the brick itself is damaged.
+    /// If the brick's shard is missing, not the one packed or has a damaged index, if the brick itself is damaged, or
+    /// if a page of side data or a file cannot be read.
     ///
     /// # Panics
     /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
@@ -234,23 +238,25 @@ impl Store {
         self.cores.read(id, out)
     }
 
-    /// The shape of the stored aprons; `None` if there are none.
+    /// The shape of the stored aprons; `None` if none are stored.
     pub fn apron(&self) -> Option<Apron> {
         self.info.apron()
     }
 
-    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`.
+    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`. An apron that is not
+    /// stored, in a store with aprons, is all zero.
     ///
     /// # Errors
-    /// As [`Store::read_core`], of the apron.
+    /// If the apron's shard is missing, not the one packed or has a damaged index, if the apron itself is damaged, or
+    /// if a page of side data or a file cannot be read.
     ///
     /// # Panics
-    /// If there is no such brick, no aprons are stored, or `out` is not an apron's bytes.
+    /// If there is no such brick, the store has no aprons, or `out` is not an apron's bytes.
     pub fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         self.aprons.as_ref().expect("aprons are stored").read(id, out)
     }
 
-    /// Bytes of the files in which this pyramid's aprons are stored: the sum over all fingerprints, which are read for it.
+    /// Bytes of all files that hold this pyramid's aprons; 0 if none are stored. Reads all fingerprints to add them up.
     ///
     /// # Errors
     /// If a page of fingerprints cannot be read, or is damaged.
@@ -266,10 +272,11 @@ impl Store {
         self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
     }
 
-    /// Whether the brick has bytes of its own; one that has not is all zero.
+    /// Whether the brick's core is stored. A core that is not stored is all zero.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the one packed or has a damaged index.
+    /// If the brick's shard is missing, not the one packed or has a damaged index, or if a page of side data or a file
+    /// cannot be read.
     ///
     /// # Panics
     /// If there is no such brick.
@@ -283,7 +290,8 @@ impl Store {
     /// At the first brick that cannot be read.
     ///
     /// # Panics
-    /// If the box leaves the level or `out` is not exactly the box's bytes.
+    /// If there is no such time step, channel or level, the box leaves the level, or `out` is not exactly the box's
+    /// bytes.
     pub fn read_box(
         &self,
         time: u32,
@@ -304,7 +312,7 @@ impl Store {
         Ok(())
     }
 
-    /// Copies what a brick's core and a box share.
+    /// Copies the voxels that a brick's `core` shares with a box into `out`, which holds the box.
     pub(crate) fn copy_rows(&self, index: BrickIndex, core: &[u8], region: VoxelBox, out: &mut [u8]) {
         let (edge, voxel_bytes) = (self.info.edge, self.voxel_type().bytes());
         let corner = index.to_array().map(|i| i * edge);
@@ -325,17 +333,17 @@ impl Store {
         }
     }
 
-    /// What is read from files: cores first, then aprons, if they are stored.
+    /// The chunks that are read from files: cores first, then aprons, if they are stored.
     pub(crate) fn chunks(&self) -> impl Iterator<Item = &Chunks> {
         std::iter::once(&self.cores).chain(self.aprons())
     }
 
-    /// The stored aprons, if there are any.
+    /// The chunks of the stored aprons; `None` if none are stored.
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
         self.aprons.as_ref()
     }
 
-    /// The side data of its bricks.
+    /// The side data of the pyramid's bricks.
     pub(crate) fn sides(&self) -> &SidePages {
         &self.sides
     }
@@ -355,7 +363,7 @@ fn open_aprons(path: &Path, layout: &Layout, info: &StoreInfo, mode: IoMode) -> 
     Ok(Some(Chunks::new(path, layout, codec, mode)))
 }
 
-/// The bricks that share voxels with a box, in memory order.
+/// The bricks of `edge`^3 voxels that share voxels with a box, x fastest.
 pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = BrickIndex> {
     let first = region.min.to_array().map(|v| v / edge);
     let end = region.max.to_array().map(|v| v.div_ceil(edge));

@@ -62,7 +62,8 @@ impl TestStore {
         Geometry { spacing, origin: DVec3::new(-3.0, 0.1, 100.0), unit: Some("micrometer".into()) }
     }
 
-    /// All levels of one volume, rounded to the voxel type; a coarse voxel is the mean of those there are under it.
+    /// All levels of one volume, rounded to the voxel type. A coarse voxel is the mean of the finer voxels under it
+    /// that exist.
     pub(crate) fn levels(&self, value: impl Fn([u32; 3]) -> f64) -> Vec<Vec<f64>> {
         let layout = self.layout();
         let round = |v: f64| with_voxel_type!(self.voxel_type, T => T::from_f64_rounded(v).to_f64());
@@ -88,7 +89,7 @@ impl TestStore {
         levels
     }
 
-    /// Writes the store and opens nothing.
+    /// Writes the store, whose voxels are `value(t, c, [x, y, z])`.
     pub(crate) fn write(&self, store: &Path, value: impl Fn(u32, u32, [u32; 3]) -> f64) {
         let layout = self.layout();
         let info = self.info(&value);
@@ -141,7 +142,7 @@ impl TestStore {
         write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
     }
 
-    /// Writes the documents alone, of a store of nothing but zeros: what opening reads.
+    /// Writes only the documents of a store of zeros: all that opening reads.
     pub(crate) fn write_documents(&self, store: &Path) {
         let layout = self.layout();
         let channels =
@@ -252,7 +253,7 @@ impl TestStore {
         Fingerprint { file_bytes: file.len() as u64, index_crc: crc.into() }
     }
 
-    /// One voxel, little-endian.
+    /// The bytes of one voxel, little-endian.
     pub(crate) fn bytes_of(&self, value: f64) -> Vec<u8> {
         with_voxel_type!(self.voxel_type, T => bytemuck::bytes_of(&T::from_f64_rounded(value)).to_vec())
     }
@@ -275,7 +276,7 @@ pub(crate) fn voxels(region: VoxelBox) -> impl Iterator<Item = [u32; 3]> {
     (min.z..max.z).flat_map(move |z| (min.y..max.y).flat_map(move |y| (min.x..max.x).map(move |x| [x, y, z])))
 }
 
-/// Structure in every octant, zeros in one corner, nothing symmetric.
+/// The value of a test voxel: structure in every octant, zeros in one corner, nothing symmetric.
 pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
     if x < 16 && y < 16 && z < 16 {
         return 0.0;

@@ -18,7 +18,7 @@ use brickyard_volume::VoxelType;
 /// The most classes that are told apart.
 pub(crate) const MOST_CLASSES: usize = 1 << 16;
 
-/// The class of an ordinal, or the class of the next shift where `shift` is 1.
+/// The class of an ordinal at a shift. Given a class in place of the ordinal, its class `shift` shifts further up.
 #[inline(always)]
 pub(crate) fn class(ordinal: i64, shift: u32) -> i64 {
     let size = ordinal.abs();
@@ -36,7 +36,7 @@ fn value(voxel_type: VoxelType, ordinal: i64) -> f64 {
     if ordinal < 0 { -value } else { value }
 }
 
-/// Values by class, in order.
+/// How often values occur, by class, in ascending order.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueCounts {
     voxel_type: VoxelType,
@@ -44,7 +44,7 @@ pub(crate) struct ValueCounts {
     classes: Classes,
 }
 
-/// Classes of one shift and their counts, ascending.
+/// The classes of one shift and their counts, ascending.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Classes {
     pub(crate) shift: u32,
@@ -52,7 +52,7 @@ pub(crate) struct Classes {
 }
 
 impl Classes {
-    /// Classes in any order, some perhaps more than once.
+    /// Makes classes from counts in any order, in which a class may occur more than once.
     pub(crate) fn of(shift: u32, mut counts: Vec<(i64, u64)>) -> Self {
         counts.sort_unstable();
         let mut classes = Self { shift, counts };
@@ -89,15 +89,16 @@ impl Classes {
 }
 
 impl ValueCounts {
-    /// Bytes that these may take, and those that adding to them takes meanwhile.
+    /// The most bytes that the counts of one channel take.
     pub(crate) const BYTES: u64 = (MOST_CLASSES * size_of::<(i64, u64)>()) as u64;
+    /// Bytes that adding to the counts of one channel takes for a while.
     pub(crate) const ADDING_BYTES: u64 = 4 * Self::BYTES;
 
     pub(crate) fn new(voxel_type: VoxelType) -> Self {
         Self::with_at_most(voxel_type, MOST_CLASSES)
     }
 
-    /// Tells `most` classes apart.
+    /// Makes empty counts that tell at most `most` classes apart.
     pub(crate) fn with_at_most(voxel_type: VoxelType, most: usize) -> Self {
         Self { voxel_type, most, classes: Classes::default() }
     }
@@ -113,7 +114,7 @@ impl ValueCounts {
         self.classes.counts.shrink_to_fit();
     }
 
-    /// Each class's least and greatest value, and how many it has, ascending.
+    /// For each class, ascending: its least value, its greatest value, and how many voxels it has.
     pub(crate) fn classes(&self) -> impl Iterator<Item = (f64, f64, u64)> {
         let shift = self.classes.shift;
         self.classes.counts.iter().map(move |&(class, count)| {

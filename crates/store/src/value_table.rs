@@ -29,20 +29,20 @@ pub(crate) struct ValueTable {
 }
 
 impl ValueTable {
-    /// Bytes that a table takes, and what it takes to raise its shift.
+    /// Bytes that a table takes, with what raising its shift needs.
     pub(crate) const BYTES: usize = 3 * MOST_CLASSES * size_of::<Slot>();
 
     pub(crate) fn new(signed: bool) -> Self {
         Self::with_at_most(signed, MOST_CLASSES)
     }
 
-    /// Tells `most` classes apart.
+    /// Makes an empty table that tells at most `most` classes apart.
     pub(crate) fn with_at_most(signed: bool, most: usize) -> Self {
         let slots = vec![Slot::default(); 2 * most.next_power_of_two()].into_boxed_slice();
         Self { signed, most, shift: 0, used: 0, slots, moved: Vec::new(), pending: 0 }
     }
 
-    /// Counts ordinals, less than 2^31 of them; `None` is not counted.
+    /// Counts the ordinals, of which there are less than 2^31. `None` is not counted.
     #[inline(always)]
     pub(crate) fn count(&mut self, ordinals: impl ExactSizeIterator<Item = Option<i64>>) {
         self.make_room(ordinals.len() as u64);
@@ -51,7 +51,7 @@ impl ValueTable {
         }
     }
 
-    /// Counts one ordinal many times.
+    /// Counts one ordinal `count` times.
     pub(crate) fn constant(&mut self, ordinal: i64, mut count: u64) {
         while count > 0 {
             let part = count.min(LARGE as u64 - 1);
@@ -126,7 +126,7 @@ impl ValueTable {
         }
     }
 
-    /// Everything counted; starts over.
+    /// Returns everything counted, and starts over at zero.
     pub(crate) fn take(&mut self) -> Classes {
         let counted = self.slots.iter().filter(|slot| slot.count > 0).map(|slot| (slot.key, slot.count as u64));
         let mut counts = Vec::with_capacity(self.used + self.moved.len());

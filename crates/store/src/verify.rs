@@ -1,10 +1,10 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
-//! Every document against the one that packing would write (`verify/documents.rs`), every page of side data, every shard's index,
-//! every brick's checksum, length and hash, its ranges, that parents' cover their children's, that each level is what the finer
-//! one gives, that stored aprons are the neighbours' voxels, and the statistics in the root document; for both pyramids, if there
-//! are two, in one pass over level 0. It goes on after a problem and reports them all; a brick that cannot be read is reported
-//! once, not again by what depends on it.
+//! It checks every document against the one that packing would write (`verify/documents.rs`), every page of side data, every
+//! shard's index, and every brick's checksum, length, hash and ranges. It checks that parents' ranges cover their children's,
+//! that each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
+//! document. If there are two pyramids, both are checked in one pass over level 0. Verification goes on after a problem and
+//! reports all of them. A brick that cannot be read is reported once, not again by what depends on it.
 //!
 //! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is
 //! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per pyramid. Where memory is
@@ -34,11 +34,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 /// One thing that is wrong with a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifyProblem {
-    /// The brick, where it is about one.
+    /// The brick that the problem is about; `None` if it is not about one brick.
     pub brick: Option<BrickId>,
-    /// The file.
+    /// The file that the problem is about, or the folder of an array of side data.
     pub path: PathBuf,
-    /// What is wrong, expected and found.
+    /// What is wrong: what was expected, and what was found.
     pub what: String,
 }
 
@@ -55,53 +55,57 @@ impl std::fmt::Display for VerifyProblem {
 /// The outcome of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VerifyReport {
-    /// Bricks checked, stored or not.
+    /// Number of bricks checked, stored or not.
     pub bricks: u64,
-    /// Shard files checked.
+    /// Number of shard files checked.
     pub shards: u64,
-    /// Bytes of those files.
+    /// Bytes of all shard files, as the side data give them.
     pub bytes: u64,
-    /// Everything that is wrong, shards first, then bricks in the order of the levels.
+    /// All problems found: first those of documents, side data and shards, then those of bricks by time step, channel
+    /// and level, then those of the statistics.
     pub problems: Vec<VerifyProblem>,
 }
 
 /// Why a store was not verified.
 #[derive(Debug, thiserror::Error)]
 pub enum VerifyError {
-    /// It cannot even be opened.
+    /// The store cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The budget is smaller than the least that one thread can do with.
+    /// The memory allowed is less than the least that one thread needs.
     #[error(
         "`memory` {given} MiB is too little: verifying this store needs at least {needed} MiB",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
-        /// The least it can do with.
+        /// The least memory that verifying this store needs, in bytes.
         needed_bytes: u64,
-        /// What was allowed.
+        /// The memory that was allowed, in bytes.
         given_bytes: u64,
     },
-    /// Threads could not be started.
+    /// The worker threads could not be started.
     #[error("cannot start worker threads: {0}")]
     Threads(String),
 }
 
-/// The memory that [`verify`] may take.
+/// The memory that [`verify`] may take, in bytes.
 pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
 
-/// Verifies a store on as many threads as the current rayon pool has. `progress` is told bytes of voxels checked and in all.
+/// Verifies a store within [`VERIFY_MEMORY_BYTES`], on as many threads as the current rayon pool has, or fewer where
+/// memory is short. Calls `progress` with the bytes of voxels checked so far and the bytes in all.
 ///
 /// # Errors
-/// If the store cannot even be opened; everything else is in the report.
+/// If the store cannot be opened, the memory is too little for one thread, or no threads can be started. All else that
+/// is wrong is in the report.
 pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, VerifyError> {
     verify_within(path, VERIFY_MEMORY_BYTES, progress)
 }
 
-/// The same within so much memory of the process's own, beside what opening a store takes.
+/// Verifies a store as [`verify`] does, within `memory_bytes` of the process's own memory besides what opening the
+/// store takes.
 ///
 /// # Errors
-/// Also if that is too little for one thread.
+/// If the store cannot be opened, `memory_bytes` is too little for one thread, or no threads can be started.
 pub fn verify_within(
     path: &Path,
     memory_bytes: u64,

@@ -1,26 +1,27 @@
 //! An apron as one array: the voxels around a brick's core, in the order in which stores keep them.
 //!
 //! ```text
-//! low z, high z    padded x padded x width     the whole padded brick's faces
-//! low y, high y    padded x width x edge       between those
-//! low x, high x    width x edge x edge         between all those
+//! low z, high z    padded x padded x width     the padded brick's whole z faces
+//! low y, high y    padded x width x edge       its y faces between the z slabs
+//! low x, high x    width x edge x edge         its x faces between the z and y slabs
 //! ```
 //!
-//! Six slabs, each a box with x fastest, one after another; every voxel of the padded brick lies in the core or in exactly one of
-//! them. Slabs compress and copy better than rows with a hole would. Voxels outside of the level are those nearest inside.
+//! The apron is six slabs, one after another, each a box with x fastest. Every voxel of the padded brick lies in the core or in
+//! exactly one slab. Slabs compress and copy better than rows with a hole would. A voxel outside of the level has the value of the
+//! nearest voxel inside.
 
 use crate::space::VoxelBox;
 
-/// The widest apron that stores keep: 1 voxel for trilinear samples, 2 for gradients or tricubic ones. The rarer pictures that need
-/// more have theirs put together from neighbours.
+/// The widest apron that stores keep, in voxels: 1 for trilinear samples, 2 for gradients or tricubic ones. Pictures that need a
+/// wider apron, which are rarer, have it put together from neighbouring bricks.
 pub const MAX_APRON: u32 = 2;
 
-/// The shape of an apron.
+/// The shape of an apron around a brick's core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Apron {
     /// Voxels along the core's edge.
     pub edge: u32,
-    /// Voxels on each side of the core.
+    /// Width of the apron: voxels on each side of the core.
     pub width: u32,
 }
 
@@ -30,12 +31,12 @@ impl Apron {
         self.edge + 2 * self.width
     }
 
-    /// Voxels of the apron.
+    /// Number of voxels in the apron; those of the core do not count.
     pub const fn voxels(self) -> usize {
         (self.padded() as usize).pow(3) - (self.edge as usize).pow(3)
     }
 
-    /// The slabs, as boxes of the padded brick, whose first voxel is (0, 0, 0).
+    /// The apron's six slabs in their stored order, as boxes of the padded brick, whose first voxel is (0, 0, 0).
     pub const fn slabs(self) -> [VoxelBox; 6] {
         let (low, high, end) = (self.width, self.width + self.edge, self.padded());
         [

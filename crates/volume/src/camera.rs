@@ -25,13 +25,13 @@ pub enum Projection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Where the camera is.
+    /// World position of the eye.
     pub eye: DVec3,
-    /// What it looks at.
+    /// World position that the camera looks at.
     pub target: DVec3,
-    /// Any vector not along the view direction; the picture's up as far as possible.
+    /// The picture's up direction, as far as possible: any vector that is not zero and not along the view direction.
     pub up: DVec3,
-    /// Perspective or orthographic.
+    /// How rays leave the camera: perspective or orthographic.
     pub projection: Projection,
 }
 
@@ -41,15 +41,15 @@ pub enum CameraError {
     /// Eye and target coincide, or a coordinate is not finite.
     #[error("the camera's eye {eye} and target {target} give no direction")]
     NoDirection {
-        /// The eye.
+        /// World position of the camera's eye.
         eye: DVec3,
-        /// The target.
+        /// World position of the camera's target.
         target: DVec3,
     },
-    /// Up is zero or along the view.
+    /// The up vector is zero or along the view direction.
     #[error("the camera's up vector {0} is zero or along the view direction")]
     Up(DVec3),
-    /// The angle or height is out of range.
+    /// The projection's opening angle or height is out of range; the text says which.
     #[error("{0}")]
     Projection(String),
 }
@@ -81,7 +81,7 @@ impl Camera {
         Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
     }
 
-    /// This camera turned about its target around its up axis.
+    /// This camera turned by `angle_deg` degrees around its target, about the axis of its up vector.
     pub fn orbited(&self, angle_deg: f64) -> Self {
         let turn = glam::DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
         Self { eye: self.target + turn * (self.eye - self.target), ..*self }
@@ -90,7 +90,7 @@ impl Camera {
     /// The rays of a picture of `width` x `height` square pixels.
     ///
     /// # Errors
-    /// If eye, target, up, angle or height cannot make a picture.
+    /// If eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
         let forward = (self.target - self.eye).try_normalize();
         let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
@@ -133,13 +133,15 @@ impl Camera {
 /// A camera resolved for one picture size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewRays {
-    /// The eye, world.
+    /// World position of the eye.
     pub eye: DVec3,
     /// Unit view direction, at right angles to the picture's plane.
     pub forward: DVec3,
-    /// From the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic views.
+    /// World vector from the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic
+    /// views.
     pub right: DVec3,
-    /// From the picture's centre to its top edge, likewise.
+    /// World vector from the picture's centre to its top edge: at distance 1 in perspective, on the eye plane in orthographic
+    /// views.
     pub up: DVec3,
     /// How far rays lean to the right, in units of `right` for each unit forward: 0 but for the eyes of a stereo pair.
     pub shift: f64,
@@ -165,8 +167,8 @@ impl ViewRays {
         }
     }
 
-    /// Where a point of the world is seen in the picture, in pixels: the ray there passes it. `None` where in perspective it is not
-    /// in front of the eye.
+    /// The place in the picture, in pixels, where a point of the world is seen: the ray through that place passes the point. `None`
+    /// if the point is not in front of the eye of a perspective view.
     pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
         let from_eye = point - self.eye;
         let depth = from_eye.dot(self.forward);
@@ -179,7 +181,7 @@ impl ViewRays {
         Some([(1.0 + u) * 0.5 * self.width as f64, (1.0 - v) * 0.5 * self.height as f64])
     }
 
-    /// Unit direction of the ray through the picture's middle; of all rays where they are parallel.
+    /// Unit direction of the ray through the picture's centre. In orthographic views all rays have this direction.
     pub fn middle(&self) -> DVec3 {
         (self.forward + self.right * self.shift).normalize()
     }
@@ -207,7 +209,7 @@ impl ViewRays {
         self.frustum_of(self.whole())
     }
 
-    /// The planes that bound what some pixels of the picture show.
+    /// The planes that bound what a rectangle of pixels shows.
     pub fn frustum_of(&self, PixelRect { x0, x1, y0, y1 }: PixelRect) -> Frustum {
         let middle = self.middle();
         let [left, right] = [x0, x1].map(|x| self.right * (2.0 * x as f64 / self.width as f64 - 1.0));
@@ -247,15 +249,15 @@ pub struct PixelRect {
     pub y1: u32,
 }
 
-/// Five inward planes `(normal, offset)`: left, right, top, bottom and the eye's. A point is inside where
-/// `normal . p + offset >= 0` for all.
+/// A view frustum of five planes `(normal, offset)`: left, right, top, bottom, and the one through the eye. Normals point inward: a
+/// point `p` is inside where `normal . p + offset >= 0` for all planes.
 #[derive(Clone, Copy, Debug)]
 pub struct Frustum {
     planes: [(DVec3, f64); 5],
 }
 
 impl Frustum {
-    /// This frustum's planes in a volume's own world.
+    /// This frustum of the scene's world, brought to a volume's own world.
     pub fn in_volume(&self, placement: &Placement) -> Self {
         let origin = placement.world_from_volume(DVec3::ZERO);
         let plane = |(normal, offset): (DVec3, f64)| (placement.volume_normal(normal), offset + normal.dot(origin));

@@ -1,33 +1,33 @@
-//! What of a volume is shown: the part inside a box and on the inner sides of planes, all in the world.
+//! Clipping: what of a volume is shown. It is the part inside a box and on the inner sides of planes, all in the world.
 //!
-//! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)):
-//! the first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in
-//! a renderer knows of it. The pager leaves out bricks that lie wholly outside. Costs a few products per ray and plane.
+//! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The
+//! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in a
+//! renderer knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane.
 
 use crate::placement::Placement;
 use crate::ray::Ray;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Clip planes of a scene, at most.
+/// The most clip planes that a scene may have.
 pub const MAX_CLIP_PLANES: usize = 6;
 
 /// The most clip planes of a layer in a picture: the scene's own, the two sides of its slice, and the six sides of its box as a volume sees them
 /// that stands askew to the scene's world.
 pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2 + 6;
 
-/// A plane in the world. What is on the side that its normal points to is shown, the plane itself included.
+/// A clip plane in the world. What is on the side that its normal points to is shown, the plane itself included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClipPlane {
-    /// A point that it passes through.
+    /// A world point on the plane.
     pub point: DVec3,
-    /// Across it, towards what is shown; of any length.
+    /// Normal of the plane, towards what is shown; of any length but zero.
     pub normal: DVec3,
 }
 
 impl ClipPlane {
-    /// The signed distance of a point, in lengths of the normal; not negative where things are shown.
+    /// The signed distance of a point from the plane, times the length of the normal; not negative where things are shown.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point - self.point)
     }
@@ -42,34 +42,34 @@ impl ClipPlane {
     }
 }
 
-/// Why nothing can be clipped or sliced so.
+/// Why a clip box, a clip plane or a slice cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ClipError {
-    /// A box without inside.
+    /// The clip box is empty, or a corner is not finite.
     #[error("the clip box from {low} to {high} is empty: expected low below high")]
     Box {
         /// The corner that should be the lower one.
         low: DVec3,
-        /// The other.
+        /// The corner that should be the upper one.
         high: DVec3,
     },
-    /// No plane.
+    /// The plane's normal is zero, or a number is not finite.
     #[error(
         "the plane through {} with normal {}: expected finite numbers, and a normal that is not zero", .0.point, .0.normal
     )]
     Plane(ClipPlane),
-    /// More planes than there is room for.
+    /// There are too many clip planes; the number is how many there are.
     #[error("{0} clip planes: expected at most {MAX_CLIP_PLANES}")]
     Planes(usize),
-    /// A slice from nowhere to nowhere.
+    /// The slice's thickness is negative or not finite.
     #[error("the slice's thickness is {0}: expected a positive number, or 0 for as thin as can be")]
     Thickness(f64),
-    /// A mode that does not end in one value.
+    /// The mode does not give one value per pixel, so it cannot show a slice; the text is the mode's name.
     #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]
     SliceMode(&'static str),
 }
 
-/// What is shown of the world: the inside of a box and of planes.
+/// The part of space that is shown: the inside of a box, on the inner sides of all planes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     low: DVec3,
@@ -79,10 +79,11 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// Inside of the box between two corners, where there is one, and of planes.
+    /// Clips to the box between two world corners, the lower one first, and to the inner sides of planes. Without corners (`None`)
+    /// the box has no bounds.
     ///
     /// # Errors
-    /// If the box has no inside, a plane no normal, or there are more than [`MAX_PLANES`].
+    /// If the box is empty or not finite, a plane cannot be normalised, or there are more than [`MAX_PLANES`] planes.
     pub fn new(corners: Option<[DVec3; 2]>, planes: &[ClipPlane]) -> Result<Self, ClipError> {
         if let Some([low, high]) = corners
             && !(low.is_finite() && high.is_finite() && low.cmplt(high).all())
@@ -97,11 +98,11 @@ impl Clip {
         Ok(Self { low, high, planes })
     }
 
-    /// What a volume shows that stands somewhere in the world and is cropped to a box of its own: in its own world. `None` is
-    /// everything.
+    /// What is shown of a placed volume, in the volume's own world: `clip`, which is in the scene's world, and `crop`, which is two
+    /// corners of a box in the volume's own. `None` shows everything.
     ///
     /// # Errors
-    /// If the crop has no inside.
+    /// If the crop box is empty or not finite.
     pub fn in_volume(
         clip: Option<&Self>,
         placement: &Placement,
@@ -130,24 +131,26 @@ impl Clip {
         Ok(Some(own))
     }
 
-    /// The corners of the box; infinite where it has no bounds.
+    /// The lower and the upper corner of the clip box; infinite where it has no bounds.
     pub fn corners(&self) -> [DVec3; 2] {
         [self.low, self.high]
     }
 
-    /// The planes, with normals of length 1 in the scene's world.
+    /// The clip planes. Their normals have length 1 in the scene's world, but not always in a volume's own.
     pub fn planes(&self) -> &[ClipPlane] {
         &self.planes
     }
 
-    /// Whether a part of a box may be shown: false only if the clip box has none of it, or one plane nothing of what that has.
+    /// Whether a part of the box from `low` to `high` may be shown. It is false only if the box misses the clip box, or if what they
+    /// have in common lies wholly outside one plane.
     pub fn meets_box(&self, low: DVec3, high: DVec3) -> bool {
         let (low, high) = (low.max(self.low), high.min(self.high));
         let farthest = |plane: &ClipPlane| DVec3::select(plane.normal.cmpge(DVec3::ZERO), high, low);
         low.cmplt(high).all() && self.planes.iter().all(|plane| plane.height(farthest(plane)) >= 0.0)
     }
 
-    /// What the planes leave of a ray's stretch; empty if it then ends before it begins.
+    /// The part of a ray's stretch `(from, to)` that is on the inner sides of all planes; empty if it does not end after it begins.
+    /// The clip box plays no part.
     pub fn shorten(&self, ray: &Ray, (mut from, mut to): (f64, f64)) -> (f64, f64) {
         for plane in &self.planes {
             let (height, rise) = (plane.height(ray.origin), plane.normal.dot(ray.direction));

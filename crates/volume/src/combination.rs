@@ -1,9 +1,10 @@
 //! An expression over several volumes as one picture: its value in each segment goes through one transfer function.
 //!
-//! In each segment every volume is read in the middle of its part, as when it is shown by itself; one that has no part there, or no
-//! value, has none. Where the expression has a value, the segment has its medium, over the longest of the parts with a value. Where the
-//! scene is lit, so is that, in the middle of the segment, by the expression's gradient: the chain rule makes it of the volumes' own in
-//! the scene's world, found where each is read. A volume whose field is flat there counts as constant.
+//! In each segment every volume is read in the middle of its own part of the segment, as when it is shown by itself. A volume that has no
+//! part there, or no value, has none for the expression. Where the expression has a value, the segment has the medium of that value, over
+//! the longest of the parts with a value. In a lit scene that medium is lit in the middle of the segment, by the expression's gradient. The
+//! chain rule makes this gradient of the volumes' own gradients in the scene's world, each found where its volume is read. A volume whose
+//! field is flat there counts as constant.
 
 use crate::expression::{Expression, Range};
 use crate::slot_encoding::{SlotEncoding, SlotFormat};
@@ -11,16 +12,16 @@ use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
 use glam::{DVec3, Vec3};
 
-/// An expression and how its values look.
+/// An expression over the volumes of a frame, and how its values look.
 #[derive(Clone, Debug)]
 pub struct Combination {
-    /// Over the volumes of a frame, by their places in it.
+    /// The expression. It names volumes by their places in the frame.
     pub expression: Expression,
-    /// How its values look.
+    /// The transfer function of the expression's values.
     pub transfer: TransferFunction,
     /// The transfer function as a table, over the values from its first point to its last.
     pub table: TransferTable,
-    /// What the table's entries stand for.
+    /// How the codes that index the table stand for the expression's values.
     pub encoding: SlotEncoding,
 }
 
@@ -36,13 +37,14 @@ impl Combination {
         Self { expression, transfer, table, encoding }
     }
 
-    /// Straight colour and opacity where volumes have these values; `None` where there is nothing.
+    /// Straight colour and opacity, `[r, g, b, alpha]`, where the volumes have these values (NaN is no value). `None` where nothing is
+    /// shown.
     pub fn look(&self, values: &[f64]) -> Option<[f32; 4]> {
         self.look_of(self.expression.value(values))
     }
 
-    /// The same, lit: by `shade`, given the colour and the unit vector along the value's gradient where there is one. The volumes have these
-    /// gradients.
+    /// Lit colour and opacity, `[r, g, b, alpha]`, where the volumes have these values and gradients. `None` where nothing is shown. `shade`
+    /// lights a straight colour, given the unit vector along the expression's gradient, or `None` where it has no gradient.
     pub fn look_lit(
         &self,
         values: &[f64],
@@ -60,9 +62,9 @@ impl Combination {
         (!value.is_nan()).then(look).filter(|look| look[3] > 0.0)
     }
 
-    /// How one of its volumes is shown to pagers and renderers: opaque where the expression may show something, given that the volumes have
-    /// values in these windows or none, and else clear, so that bricks of such values are neither read nor sampled. A clear value is
-    /// as good as none, for the expression shows nothing there with it or without.
+    /// The transfer function that pagers and renderers take for one of the volumes: opaque where the expression may show something, and
+    /// clear elsewhere, so that bricks of clear values are neither read nor sampled. Each volume has values in its window of `windows`, or
+    /// none. A clear value is as good as none, for the expression shows nothing there with it or without.
     pub fn of_volume(&self, volume: usize, windows: &[[f64; 2]]) -> TransferFunction {
         let [low, high] = windows[volume];
         let width = (high - low) / PARTS as f64;

@@ -1,4 +1,4 @@
-//! What the layers of a picture are together in one place.
+//! Compositing of layers: what the layers of a picture show together in one place.
 //!
 //! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
 //! segment a layer has the part that is inside of its volume, of its crop and of what is shown. It takes that part as if it were alone, by the
@@ -7,13 +7,13 @@
 //! pieces that lies there, as a medium of the piece's colour spread evenly over it ([`JointMedium`]). So a list of one layer is that layer's own
 //! picture, nothing depends on the order of layers, and media that do not change are exact at any step.
 //!
-//! Of layers that *mix*, extinctions add and colours mix by extinction, as of media that fill the same place. A layer that *adds* glows: it
-//! gives its colour, times its opacity, for every unit distance, and hides nothing; what glows is dimmed by what mixes in the same
-//! interval. The colour of a layer that mixes is lit before it is mixed, by the gradient of its own field in the scene's world: its
-//! placement is affine, so gradients go by the inverse transpose. What adds is not lit. Surfaces are lit, whatever their layer's fog does.
+//! Layers that *mix* are media in the same place: their extinctions add, and their colours mix by extinction. A layer that *adds* emits light: it
+//! gives its colour, times its opacity, for every unit distance, and hides nothing. Its light is dimmed by what mixes in the same interval. The
+//! colour of a layer that mixes is lit before it is mixed, by the gradient of its own field in the scene's world: its placement is affine, so
+//! gradients go by the inverse transpose. A layer that adds is not lit. Surfaces are lit, whatever their layer's fog does.
 //!
-//! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Those that mix are joined as media of
-//! the layers' opacities ([`JointMedium::put`] over length 1: of opaque ones the mean colour, which hides what is behind). Those that add give their
+//! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Layers that mix are joined as media of the
+//! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide what is behind. Layers that add give their
 //! colour times their opacity on top ([`JointMedium::flat`]).
 
 use crate::enum_all::every;
@@ -22,42 +22,42 @@ use crate::picture::FrameSettings;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// What a volume does to others in the same place.
+/// How a volume joins others in the same place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Blend {
-    /// It takes light from what is behind, and its colour has the share of its extinction.
+    /// As a medium: the volume takes light from what is behind, and its share of the mixed colour is its share of the extinction.
     #[default]
     Mix,
-    /// Its colour is added, and it hides nothing.
+    /// As light alone: the volume's colour is added, and it hides nothing.
     Add,
 }
 
 every!(Blend: Mix Add);
 
-/// A volume's part of a frame of several.
+/// The settings of one volume in a frame of several volumes.
 #[derive(Clone, Debug)]
 pub struct VolumeFrame {
-    /// As if it were alone. Rays, lattice, mode, sampling, meshes and background are the same for all volumes of a frame.
+    /// The settings of a frame of this volume alone. Rays, lattice, mode, sampling, meshes and background are the same for all volumes of a frame.
     pub settings: FrameSettings,
-    /// What it does to others.
+    /// How the volume joins others in the same place.
     pub blend: Blend,
-    /// The opacity of its projection, 0 to 1; the transfer function's own is not of projections.
+    /// Opacity of the volume in a projection, 0 to 1. Projections do not use the transfer function's opacity.
     pub opacity: f64,
 }
 
 impl VolumeFrame {
-    /// A layer that stands alone.
+    /// The frame of a volume that stands alone: it mixes, with opacity 1.
     pub fn alone(settings: FrameSettings) -> Self {
         Self { settings, blend: Blend::Mix, opacity: 1.0 }
     }
 
-    /// Whether the picture of this layer, if there is no other, is what the layer shows by itself.
+    /// Whether this volume, as the only one of a frame, makes the picture of its settings: neither blend nor opacity changes it.
     pub fn is_plain(&self) -> bool {
         self.blend == Blend::Mix && (self.opacity >= 1.0 || !self.settings.mode.is_projection())
     }
 
-    /// Whether its colours are lit.
+    /// Whether the volume's fog is lit: the frame has a lighting model, and the volume mixes.
     pub fn is_lit(&self) -> bool {
         self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
     }
@@ -73,12 +73,13 @@ pub struct LayerMedium {
     emission: DVec3,
 }
 
-/// The depth of what lets no light through: finite, so that sums and shares of it are numbers, and more than any picture can tell from
-/// opaque after a billionth of a unit distance.
+/// The depth of what lets no light through, in halvings of the light. It is finite, so that sums and shares of it are numbers; after a billionth of
+/// a unit distance no picture can tell it from opaque.
 pub const OPAQUE: f64 = 1e30;
 
 impl LayerMedium {
-    /// Adds the next part behind those so far: a straight colour, halvings of the light over a unit distance, and unit distances.
+    /// Adds the next part, behind those so far: `rgb` is its straight colour, `depth` its halvings of the light over a unit distance, and `length`
+    /// its length in unit distances.
     pub fn add(&mut self, blend: Blend, rgb: DVec3, depth: f64, length: f64) {
         let depth = depth.min(OPAQUE);
         match blend {
@@ -103,7 +104,7 @@ pub struct JointMedium {
 }
 
 impl JointMedium {
-    /// Adds a uniform medium of this straight colour and opacity, of so many unit distances.
+    /// Adds a uniform medium: `rgb` is its straight colour, `alpha` its opacity over a unit distance, and `length` its length in unit distances.
     pub fn put(&mut self, blend: Blend, rgb: [f64; 3], alpha: f64, length: f64) {
         let mut alone = LayerMedium::default();
         alone.add(blend, DVec3::from_array(rgb), -(1.0 - alpha).log2(), length);
@@ -129,7 +130,8 @@ impl JointMedium {
         (mixed + self.emission * dimmed, left)
     }
 
-    /// What projections show together, and the share of the light that passes: what adds is not dimmed.
+    /// The premultiplied colour that projections show together, and the share of the light that passes them. The light of layers that add is not
+    /// dimmed.
     pub fn flat(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
         (mixed + self.emission, left)

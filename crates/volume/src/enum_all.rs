@@ -4,7 +4,7 @@
 macro_rules! every {
     ($enum:ident: $($variant:ident)*) => {
         impl $enum {
-            /// All of them.
+            /// All variants of this enum.
             pub const ALL: [Self; [$(Self::$variant),*].len()] = [$(Self::$variant),*];
         }
 

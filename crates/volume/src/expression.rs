@@ -4,9 +4,9 @@
 //! out without recursion and written down in a shader line by line. There is nothing in the language that loops, stores or
 //! calls out: an expression costs what its operations do, and of those there are at most [`MAX_OPERATIONS`].
 //!
-//! A volume may have no value at a place: its box does not reach there, or its voxels are not finite. What is made of no value
-//! is no value, but for `default(x, y)`, `valid(x)`, and the side of `c ? x : y` that is not taken. Nor has `1 / 0`, or
-//! whatever else is no finite number.
+//! A volume may have no value at a place: its box does not reach there, or its voxels are not finite. An operation on no value has
+//! no value, except `default(x, y)`, `valid(x)`, and `c ? x : y` if it is the side that is not taken. `1 / 0` has no value either,
+//! nor has any other result that is not a finite number.
 
 mod parse;
 mod range;
@@ -16,82 +16,82 @@ pub use range::Range;
 
 use glam::DVec3;
 
-/// Volumes of a picture, at most.
+/// The most volumes that a picture or an expression may have.
 pub const MAX_VOLUMES: usize = 32;
 
-/// Operations of an expression, at most.
+/// The most operations that an expression may have.
 pub const MAX_OPERATIONS: usize = 128;
 
-/// A gradient shorter than this share of the terms that it is made of is what rounding leaves where they cancel each other: 32-bit
-/// renderers have them to about a ten thousandth.
+/// A gradient counts as none if it is shorter than this share of the summed lengths of its terms: it is then what rounding leaves
+/// where terms cancel each other. 32-bit renderers have the terms to about a ten-thousandth.
 pub const FLAT_SHARE: f64 = 1e-3;
 
-/// What is done with one value.
+/// An operation on one value, `x`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unary {
-    /// `-x`.
+    /// `-x`: the negative.
     Negate,
     /// `!x`: 1 where x is 0, else 0.
     Not,
-    /// The distance from 0.
+    /// `abs(x)`: the absolute value.
     Abs,
-    /// -1, 0 or 1.
+    /// `sign(x)`: -1, 0 or 1, for a negative `x`, for 0 and for a positive `x`.
     Sign,
-    /// The greatest whole number that is no greater.
+    /// `floor(x)`: the greatest whole number that is not greater than `x`.
     Floor,
-    /// The least that is no less.
+    /// `ceil(x)`: the least whole number that is not less than `x`.
     Ceil,
-    /// The nearest; halves go to the even one.
+    /// `round(x)`: the nearest whole number; halves go to the even one.
     Round,
-    /// The square root.
+    /// `sqrt(x)`: the square root; no value where `x` is negative.
     Sqrt,
-    /// e to that power.
+    /// `exp(x)`: e to the power of `x`.
     Exp,
-    /// The natural logarithm.
+    /// `log(x)`: the natural logarithm; no value where `x` is not positive.
     Log,
-    /// The sine of radians.
+    /// `sin(x)`: the sine of `x` in radians.
     Sin,
-    /// The cosine of radians.
+    /// `cos(x)`: the cosine of `x` in radians.
     Cos,
-    /// 1 where there is a value, else 0.
+    /// `valid(x)`: 1 where `x` has a value, else 0.
     Valid,
 }
 
-/// What is done with two.
+/// An operation on two values, `x` and `y`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Binary {
-    /// The sum.
+    /// `x + y`: the sum.
     Add,
-    /// The difference.
+    /// `x - y`: the difference.
     Subtract,
-    /// The product.
+    /// `x * y`: the product.
     Multiply,
-    /// The quotient.
+    /// `x / y`: the quotient; no value where `y` is 0.
     Divide,
-    /// The power; of negative numbers only whole ones.
+    /// `x ^ y`: the power; a negative `x` has one only for a whole `y`.
     Power,
-    /// The lesser.
+    /// `min(x, y)`: the lesser value.
     Min,
-    /// The greater.
+    /// `max(x, y)`: the greater value.
     Max,
-    /// 1 if the first is less, else 0.
+    /// `x < y`: 1 if `x` is less than `y`, else 0.
     Less,
-    /// 1 if it is not greater.
+    /// `x <= y`: 1 if `x` is not greater than `y`, else 0.
     LessOrEqual,
-    /// 1 if both are the same.
+    /// `x == y`: 1 if both values are the same, else 0.
     Equal,
-    /// 1 if neither is 0.
+    /// `x && y`: 1 if neither value is 0, else 0.
     And,
-    /// 1 if not both are 0.
+    /// `x || y`: 1 if at least one value is not 0, else 0.
     Or,
-    /// The first, or where it has no value the second.
+    /// `default(x, y)`: `x`, or `y` where `x` has no value.
     Default,
 }
 
-/// One operation. Operands are results of earlier ones, by their position.
+/// One operation of an expression. Each operand is the position of an earlier operation, whose result it stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Operation {
-    /// A number.
+    /// A constant.
     Number(f64),
     /// The value of a volume, by its position.
     Volume(usize),
@@ -116,17 +116,17 @@ pub struct Expression {
 pub struct ExpressionError {
     /// What was expected and what was found.
     pub problem: String,
-    /// The text, on one line.
+    /// The expression's text, on one line; only its first 40 characters if it is too long to be read.
     pub text: String,
-    /// Where in it, in characters.
+    /// Position of the problem in `text`, in characters from 0.
     pub position: usize,
 }
 
 impl Expression {
-    /// Reads an expression over so many volumes: `a` is the first, `b` the second, and `v0`, `v1` are the same by number.
+    /// Parses an expression over `volumes` volumes: `a` is the first, `b` the second, and `v0`, `v1` are the same by number.
     ///
     /// # Errors
-    /// If the text is none; the message has a caret under the place.
+    /// If the text is no expression over these volumes; the message has a caret under the place of the problem.
     pub fn parse(text: &str, volumes: usize) -> Result<Self, ExpressionError> {
         // Carets stand under characters of one line.
         let text: String = text.chars().map(|c| if c.is_whitespace() { ' ' } else { c }).collect();
@@ -134,7 +134,7 @@ impl Expression {
         Ok(Self { text, operations })
     }
 
-    /// What was read.
+    /// The text that was parsed, on one line.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -144,13 +144,13 @@ impl Expression {
         &self.operations
     }
 
-    /// Which volumes it reads, by their position; ascending.
+    /// Positions of the volumes that the expression reads, ascending.
     pub fn volumes(&self) -> Vec<usize> {
         let reads = |volume: &usize| self.operations.contains(&Operation::Volume(*volume));
         (0..MAX_VOLUMES).filter(reads).collect()
     }
 
-    /// This expression over the volumes that it reads alone, in their order.
+    /// This expression over only the volumes that it reads, which are renumbered from 0 in their order.
     pub fn of_its_own(&self) -> Self {
         let volumes = self.volumes();
         let place = |volume: usize| volumes.iter().position(|v| *v == volume).unwrap_or(volume);
@@ -161,7 +161,9 @@ impl Expression {
         Self { text: self.text.clone(), operations: operations.collect() }
     }
 
-    /// The values that it can have of volumes with values in these windows; from 0 to 1 where that has no end.
+    /// The least and the greatest value that the expression can have where volumes have values in these windows. Where only the
+    /// greatest is infinite, or the range is too wide for an `f64`, both are the least value; where the least is infinite, or there
+    /// is no value, they are 0 and 1.
     pub fn window(&self, windows: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
         let windows: Vec<Range> = windows.map(|(low, high)| Some([low, high])).collect();
         match self.range(&windows) {
@@ -172,19 +174,20 @@ impl Expression {
         }
     }
 
-    /// The value where volumes have these; NaN is no value.
+    /// The expression's value where the volumes have these values; NaN is no value.
     ///
     /// # Panics
-    /// If there are fewer than it was read for.
+    /// If `volumes` lacks a volume that the expression reads.
     pub fn value(&self, volumes: &[f64]) -> f64 {
         self.work_out(volumes, |_, _, _| {})
     }
 
-    /// The value and its gradient where volumes have these, by the chain rule. There is no gradient where the volumes' cancel each
-    /// other to less than [`FLAT_SHARE`] of what they add up to, where the value has steps, and where it has a gradient without end.
+    /// The expression's value, and its gradient by the chain rule, where the volumes have these values and gradients. The gradient
+    /// is `None` where its terms cancel each other to less than [`FLAT_SHARE`] of what they add up to, where the value has steps,
+    /// and where the gradient would be infinite.
     ///
     /// # Panics
-    /// If there are fewer values or gradients than it was read for.
+    /// If `volumes` or `gradients` lacks a volume that the expression reads.
     pub fn value_and_gradient(&self, volumes: &[f64], gradients: &[DVec3]) -> (f64, Option<DVec3>) {
         let mut slopes = [Slope::FLAT; MAX_OPERATIONS];
         let value = self.work_out(volumes, |i, operation, results| {

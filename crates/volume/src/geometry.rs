@@ -4,14 +4,14 @@ use crate::space::Extent;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// The placement of level 0. Coarser levels follow from their factors.
+/// Spacing, origin and unit of a volume's level 0. Coarser levels follow from their factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
     /// World distance between neighbouring voxel centres; positive.
     pub spacing: DVec3,
     /// World position of the **centre** of voxel (0, 0, 0), as in VTK, ITK, NIfTI and DICOM.
     pub origin: DVec3,
-    /// UDUNITS name of the world unit (`micrometer`, `millimeter`), where the source gave one.
+    /// UDUNITS name of the world unit (`micrometer`, `millimeter`); `None` where the source gave none.
     pub unit: Option<String>,
 }
 
@@ -38,8 +38,8 @@ impl Geometry {
         (self.world_from_voxel(DVec3::ZERO), self.world_from_voxel(far))
     }
 
-    /// How far single precision can move a point of a ray from this eye inside a volume, in voxels. A point is a sum of two
-    /// products: a few units in the last place (2^-24) of its largest term.
+    /// How far single precision can move a point of a ray from `eye` inside a volume, in voxels. A point is a sum of two
+    /// products, so it is moved by a few units in the last place (2^-24) of its largest term.
     pub fn rounding_voxels(&self, eye: DVec3, extent: Extent) -> f64 {
         let far = extent.to_array().into_iter().max().unwrap_or(0) as f64;
         8e-7 * (self.voxel_from_world(eye).abs().max_element() + far)

@@ -1,5 +1,5 @@
-//! Stored gradients: beside a brick's voxels one gradient for every eight of them, made once when the brick is put together, instead
-//! of several voxels read for every sample that is lit.
+//! Stored gradients: one gradient for every eight voxels of a brick, made once when the brick is put together. A lit sample reads these
+//! instead of several voxels.
 //!
 //! *Nodes* lie in the middle of each 2 x 2 x 2 voxels, counted from the level's first, as the voxels of the next coarser level do.
 //! A node has the gradient of the trilinear field there, which is exact: along each axis the mean of the four differences
@@ -12,59 +12,60 @@
 //! brick    nodes^3 texels, x fastest, from node -layers on;  nodes = edge / 2 + 2 * layers
 //! ```
 //!
-//! Costs a byte per voxel (`8 / 2^3`), and about half a millisecond for a brick of 64^3.
+//! Stored gradients cost a byte per voxel (`8 / 2^3`), and about half a millisecond for a brick of 64^3.
 
 use crate::slot_encoding::SlotFormat;
 use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
 use std::ops::Range;
 
-/// Bytes of a node: three half floats, and one that makes a texel of them.
+/// Bytes of a gradient node: three half floats, and a fourth that fills up the texel.
 pub const NODE_BYTES: usize = 8;
 
-/// What a difference of codes over the whole range is stored as, so that that of one code of 65,536 is no subnormal number.
+/// What a difference of the whole code range is stored as. With it a difference of one code of 65,536 is no subnormal half float.
 pub const SCALE: f32 = 256.0;
 
-/// The nodes of a brick.
+/// The layout of a brick's gradient nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GradientNodes {
-    /// Voxels along the brick's core; even.
+    /// Voxels along the edge of the brick's core; even.
     pub edge: u32,
-    /// Nodes on each side outside of the core; 0 is no gradients at all.
+    /// Layers of nodes on each side outside of the core; 0 means that there are no gradients at all.
     pub layers: u32,
 }
 
 impl GradientNodes {
-    /// Layers that it takes to read gradients so far, in voxels, outside of the core.
+    /// Layers of nodes that it takes outside of the core to read gradients up to `reach` voxels outside of it.
     pub const fn layers(reach: f64) -> u32 {
         // The outermost node lies a voxel inside of its layer.
         ((reach + 1.0) / 2.0).ceil() as u32
     }
 
-    /// How far outside of the core a brick needs voxels for them.
+    /// Width of the apron, in voxels, that a brick needs for its gradients to be made.
     pub const fn apron(self) -> u32 {
         2 * self.layers
     }
 
-    /// Nodes along an edge; 0 if there are no gradients.
+    /// Nodes along a brick's edge; 0 if there are no gradients.
     pub const fn along(self) -> u32 {
         if self.layers == 0 { 0 } else { self.edge / 2 + 2 * self.layers }
     }
 
-    /// Bytes of a brick's.
+    /// Bytes of all nodes of a brick.
     pub const fn bytes(self) -> usize {
         (self.along() as usize).pow(3) * NODE_BYTES
     }
 
-    /// Where the first node lies, in voxels from the corner of the core.
+    /// Position of the first node along each axis, in voxels from the corner of the core.
     pub const fn first(self) -> f32 {
         1.0 - 2.0 * self.layers as f32
     }
 
-    /// Fills `nodes` from a padded brick. `inside` are, from the corner of the core, the level's voxels along each axis.
+    /// Fills `nodes` with the gradients of a padded brick. `inside` is, along each axis, the range of the level's voxels, counted from
+    /// the corner of the core.
     ///
     /// # Panics
-    /// If the apron is narrower than [`GradientNodes::apron`], or lengths do not fit.
+    /// If the brick's apron is narrower than [`GradientNodes::apron`], or the lengths of codes or nodes do not fit.
     pub fn fill(&self, brick: PaddedCodes<'_>, inside: &[Range<i64>; 3], nodes: &mut [u8]) {
         assert!(brick.apron >= self.apron(), "no voxels to take gradients of");
         let padded = (self.edge + 2 * brick.apron) as usize;
@@ -91,16 +92,16 @@ impl GradientNodes {
     }
 }
 
-/// A padded brick's voxels.
+/// The codes of a padded brick's voxels.
 #[derive(Clone, Copy, Debug)]
 pub struct PaddedCodes<'a> {
     /// `(edge + 2 * apron)^3` little-endian codes, x fastest.
     pub codes: &'a [u8],
-    /// Their width.
+    /// Width of the codes.
     pub format: SlotFormat,
-    /// Whether code 0 is no value.
+    /// Whether code 0 means that a voxel has no value.
     pub has_invalid: bool,
-    /// Voxels around the core.
+    /// Width of the apron around the core, in voxels.
     pub apron: u32,
 }
 
@@ -153,8 +154,8 @@ fn valid_differences(block: &[f32; 8]) -> Vec3 {
     }))
 }
 
-/// The differences of codes across two voxels along each axis, as shares of the greatest code, that nodes hold; and a fourth number, to
-/// be done in vectors.
+/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the greatest code. The fourth number of each
+/// node has no meaning; it is there so that the work is done in vectors.
 #[inline(always)]
 pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
     let mut numbers = [[0.0; 4]; N];

@@ -1,6 +1,6 @@
-//! Jitter: each ray's lattice moved towards the eye by a share of its first segment that is the pixel's own. What is a pattern
-//! of rings without it, for all rays are sampled at the same distances, becomes noise; and from the spread of pictures with
-//! different noise the error of sampling is known without knowing the exact picture.
+//! Jitter: each ray's lattice is moved towards the eye by a share of its first segment, and each pixel has a share of its own.
+//! Without it all rays are sampled at the same distances, which shows as a pattern of rings; with it the rings become noise. The
+//! spread of pictures with different noise tells the error of sampling without knowing the exact picture.
 //!
 //! The ticks of a ray are then at `(k - share * 2^z) * step`, where `z` is the zone of the first tick without jitter: still a
 //! partition of the ray. Renderers do the same by moving the ray's origin back by that much and counting distances from there.
@@ -13,26 +13,27 @@ use std::sync::LazyLock;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Jitter {
-    /// Not at all.
+    /// No jitter.
     #[default]
     None,
-    /// Every pixel by a random number, others with another seed.
+    /// Each pixel has a pseudo-random share. The number is the seed: another one gives other shares.
     White(u32),
-    /// By a mask in which neighbours differ, so that the eye averages them: the best for a single picture.
+    /// Shares come from a mask in which neighbours differ (blue noise), so that the eye averages them: the best for a single
+    /// picture.
     Blue,
 }
 
-/// Pixels along an edge of the mask of [`Jitter::Blue`]; it repeats.
+/// Pixels along an edge of the mask of [`Jitter::Blue`], which repeats over the picture.
 pub const BLUE_EDGE: usize = 32;
 
-/// Steps of a share.
+/// How many shares a jitter chooses from: they are multiples of `1 / STEPS`.
 pub const STEPS: u32 = 256;
 
-/// A mask's steps, row by row.
+/// A jitter mask: the pixels' shares in units of `1 / STEPS`, row by row.
 pub type Mask = [u8; BLUE_EDGE * BLUE_EDGE];
 
 impl Jitter {
-    /// How far the lattice of a pixel's ray is moved, in segments; less than 1.
+    /// How far the lattice of the ray of pixel `(x, y)` is moved towards the eye, in segments; at least 0 and less than 1.
     #[inline]
     pub fn share(self, x: u32, y: u32) -> f64 {
         let steps = match self {

@@ -10,7 +10,7 @@
 
 use crate::camera::ViewRays;
 
-/// Zones at most: levels 0 to 15.
+/// The most zones that a lattice has: one for each of the levels 0 to 15.
 pub const MAX_ZONES: usize = 16;
 
 /// A lattice: the finest step and where each zone starts.
@@ -25,34 +25,35 @@ pub struct Lattice {
 /// One sample's stretch of a ray, in world distance from the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// Where it starts.
+    /// World distance from the eye at which the segment starts.
     pub start: f64,
-    /// Where it ends; more than `start`.
+    /// World distance from the eye at which the segment ends; more than `start`.
     pub end: f64,
 }
 
 impl Segment {
-    /// Where it is sampled.
+    /// World distance from the eye at which the segment is sampled: its middle.
     pub fn middle(&self) -> f64 {
         0.5 * (self.start + self.end)
     }
 
-    /// What it weighs.
+    /// World length of the segment, which is the weight of its sample.
     pub fn length(&self) -> f64 {
         self.end - self.start
     }
 }
 
 impl Lattice {
-    /// A zone start that no ray reaches.
+    /// The first tick of a zone that no ray reaches.
     pub const NEVER: u32 = 1 << 30;
 
-    /// A lattice of one zone everywhere: a level lock.
+    /// A lattice that is in one zone everywhere, as for a locked level. `step` is the world length of the finest step.
     pub fn uniform(step: f64, zone: usize) -> Self {
         Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }) }
     }
 
-    /// Zones that follow the pixel size: at most `levels` of them, with level 0's voxels of `voxel_size` (world).
+    /// A lattice whose zones follow the size of a pixel: at most `levels` zones, where level 0 has voxels of `voxel_size` world units
+    /// and a voxel may cover `pixel_error` pixels. `step` is the world length of the finest step.
     pub fn for_view(step: f64, voxel_size: f64, rays: &ViewRays, pixel_error: f64, levels: usize) -> Self {
         let zone_starts = std::array::from_fn(|z| {
             let level_voxel = voxel_size * (1u64 << z) as f64;
@@ -71,7 +72,7 @@ impl Lattice {
         Self { step, zone_starts }
     }
 
-    /// Steps `times` as long (1 or more), in zones that start where they did, or up to a step of theirs later.
+    /// This lattice with steps `times` as long (1 or more). Zones start where they did, or up to one of their own steps later.
     pub fn with_longer_steps(&self, times: f64) -> Self {
         let zone_starts = std::array::from_fn(|z| {
             let start = self.zone_starts[z];
@@ -81,12 +82,13 @@ impl Lattice {
         Self { step: self.step * times, zone_starts }
     }
 
-    /// The zone of a tick.
+    /// The zone that a tick is in; ticks count finest steps from the eye.
     pub fn zone(&self, tick: u32) -> usize {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
     }
 
-    /// How far the lattice of a ray that enters at `t_in` is moved towards the eye by a [share](crate::Jitter::share) of a segment.
+    /// World distance by which a [share](crate::Jitter::share) of a segment moves a ray's lattice towards the eye, if the ray enters
+    /// the volume at distance `t_in`.
     pub fn shift(&self, share: f64, t_in: f64) -> f64 {
         if share == 0.0 {
             return 0.0;

@@ -1,5 +1,5 @@
-//! A layer of a scene: which volume it shows, where, how, and how it joins the others. Its style comes to a transfer function for the
-//! volume that it shows; that is a pure function of both, and costs a copy of the points.
+//! A layer of a scene: which volume it shows, where, how, and how it joins the others. Its style and the volume that it shows give a transfer
+//! function, at the cost of a copy of the points.
 
 use crate::compositing::Blend;
 use crate::placement::Placement;
@@ -9,36 +9,36 @@ use crate::transfer::{Subject, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A layer of a scene. Distances are of the volume's own world, which is what its store says.
+/// A layer of a scene: one volume, and how it looks. Distances are of the volume's own world, which is what its store says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneLayer {
-    /// Which of the stores it shows; `None` is the one at the layer's own place in the list.
+    /// Index of the store that the layer shows; `None` is the store with the layer's own index.
     pub source: Option<usize>,
-    /// The store's channel.
+    /// Channel of the store that the layer shows, from 0.
     pub channel: u32,
-    /// Where the volume stands: from its own world to the scene's.
+    /// Placement of the volume: the map from its own world to the scene's.
     pub world_from_volume: Placement,
     /// The transfer function; `None` is a gray ramp over the window.
     pub transfer: Option<TransferChoice>,
-    /// The least and the greatest value that a preset spans, or that the points of a function with values of its own are moved to; `None` is
-    /// the default window of the store's channel, to which nothing is moved.
+    /// The least and the greatest value of the window. A preset spans the window; the points of a function with values of its own are moved to
+    /// it. `None` is the default window of the store's channel, to which nothing is moved.
     pub window: Option<[f64; 2]>,
-    /// What takes the place of the transfer function's colours: from black to this colour over the window.
+    /// A colour in the place of the transfer function's: colours go from black to this one over the window. `None` leaves the function's.
     pub color: Option<[f64; 3]>,
     /// The power by which colours and opacities are bent over the window; less than 1 shows more of the lesser values.
     pub gamma: f64,
-    /// What the transfer function's opacities are multiplied by, in 0..=1; in projections the opacity of the whole layer.
+    /// Factor of the transfer function's opacities, in 0..=1. In projections it is the opacity of the whole layer.
     pub opacity: f64,
-    /// What it does to others in the same place.
+    /// How the layer joins others in the same place.
     pub blend: Blend,
-    /// Its surfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES): what [`Mode::Isosurface`](crate::Mode::Isosurface) shows of it, or
-    /// what stands in the fog of [`Mode::Dvr`](crate::Mode::Dvr), among the surfaces of all layers.
+    /// The layer's isosurfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES). [`Mode::Isosurface`](crate::Mode::Isosurface) shows
+    /// nothing else of it; in [`Mode::Dvr`](crate::Mode::Dvr) they stand in the fog, among the surfaces of all layers.
     pub isosurfaces: Vec<Isosurface>,
     /// Two corners of a box in voxels, the lesser first, where voxel `i` is from `i` to `i + 1` along each axis: nothing of the volume outside of it is
     /// shown, or read.
     pub crop: Option<[DVec3; 2]>,
-    /// Whether it is shown.
+    /// Whether the layer is shown.
     pub visible: bool,
 }
 
@@ -68,10 +68,11 @@ impl From<TransferFunction> for SceneLayer {
 }
 
 impl SceneLayer {
-    /// The transfer function that its style comes to for what it shows, before `opacity`.
+    /// The transfer function that the layer's style gives for a subject; the layer's `opacity` is not applied to it.
     ///
     /// # Errors
-    /// If the function cannot be had, or has no width to be moved to a window.
+    /// If there is no such preset, the transfer function's file has not been read, the function is not valid, or it has no width to be moved to
+    /// a window.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, LayerError> {
         let window = self.window.map_or(subject.window, Into::into);
         let subject = Subject { window, ..*subject };
@@ -92,7 +93,7 @@ impl SceneLayer {
         Ok(function.bent(window, self.gamma))
     }
 
-    /// This layer with its transfer function written out in place of what says how to make it.
+    /// This layer with its transfer function written out, in the place of choice, window, colour and gamma.
     pub fn written_out(&self, function: TransferFunction) -> Self {
         Self { transfer: Some(function.into()), window: None, color: None, gamma: 1.0, ..self.clone() }
     }

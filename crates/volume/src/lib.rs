@@ -1,8 +1,8 @@
-//! The words that every other crate speaks: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
+//! The vocabulary of every other crate: voxel types, shapes, levels, brick ids, spaces, value codes, aprons, occupancy,
 //! transfer functions, macro-cells, the camera, stereo, clipping, slices, sampling, lighting, gradients, surfaces, meshes,
 //! expressions, layers and the scene. Plain values and arithmetic: no I/O, no threads, no GPU.
 //!
-//! Spaces, coarse to fine:
+//! Spaces, from the world to bricks:
 //! - *world*: physical units; voxel `(i, j, k)` of level 0 has its **centre** at `origin + (i, j, k) * spacing`.
 //! - *voxel*: continuous level-0 voxels; voxel `i` spans `[i, i + 1)`, so the volume is the box `[0, extent)`.
 //! - *level voxel*: voxel space divided by the level's factor (1 or a power of two per axis).
@@ -84,5 +84,5 @@ pub use transfer::{
 };
 pub use voxel_type::{Voxel, VoxelType};
 
-/// Voxels along a brick's core edge unless a store says otherwise.
+/// Voxels along the edge of a brick's core, unless a store says otherwise.
 pub const DEFAULT_BRICK_EDGE: u32 = 64;

@@ -1,4 +1,4 @@
-//! Lighting: what a place of the field shows of its colour under its gradient as a normal.
+//! Lighting: how a place of the field shows its colour, with the field's gradient as the normal.
 //!
 //! Both sides of a surface are lit: a normal is turned to the eye. Colours are as they are written, without gamma.
 
@@ -6,19 +6,19 @@ use crate::enum_all::every;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// How colours become lit ones.
+/// How colours are lit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightingModel {
-    /// Colours as they are.
+    /// No lighting: colours are shown as they are.
     #[default]
     None,
-    /// Phong's: the reflection falls with the angle between the mirrored light and the eye.
+    /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
     Phong,
-    /// Blinn's: with the angle between the normal and the half-way vector of light and eye.
+    /// Blinn's model: the reflection falls with the angle between the normal and the half-way vector of light and eye.
     BlinnPhong,
-    /// From warm where a place faces the light to cool where it is turned away (Gooch et al., A Non-Photorealistic Lighting Model
-    /// for Automatic Technical Illustration, 1998).
+    /// Tone shading: from warm where a place faces the light to cool where it is turned away (Gooch et al., A Non-Photorealistic
+    /// Lighting Model for Automatic Technical Illustration, 1998).
     Tone,
 }
 
@@ -28,19 +28,20 @@ every!(LightingModel: None Phong BlinnPhong Tone);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Gradient {
-    /// Differences of the filtered field a voxel to each side: 6 samples.
+    /// Central differences of the filtered field, a voxel to each side: 6 samples.
     #[default]
     Central,
-    /// The 3D Sobel operator on the filtered field's 26 neighbours: such differences, smoothed across.
+    /// The 3D Sobel operator on the filtered field's 26 neighbours: central differences, smoothed across.
     Sobel,
-    /// One kept for every eight voxels and interpolated, whatever the filter: see [`gradients`](crate::gradients).
+    /// Stored gradients, one for every eight voxels, interpolated whatever the filter: see [`gradients`](crate::gradients).
     Stored,
 }
 
 every!(Gradient: Central Sobel Stored);
 
 impl Gradient {
-    /// How far outside of a place the field is read for one, in voxels; `None` if it is not.
+    /// How far from a place the field is read for its gradient, in voxels; `None` if the gradient is stored, and the field not
+    /// read.
     pub const fn reach(self) -> Option<f64> {
         match self {
             Self::Central | Self::Sobel => Some(1.0),
@@ -49,47 +50,48 @@ impl Gradient {
     }
 }
 
-/// Weights of the Sobel operator across the axis of its difference; they add up to 1.
+/// Weights with which the Sobel operator smooths differences across their axis; they add up to 1.
 pub const SMOOTH: [f64; 3] = [0.25, 0.5, 0.25];
 
-/// Light that comes from everywhere: what is shown of a colour however a place is turned. This and the rest are VTK's defaults.
+/// Ambient light: the share of its colour that a place shows however it is turned. It is VTK's default.
 pub const AMBIENT: f64 = 0.1;
 
-/// What is shown besides by what faces a light.
+/// Diffuse reflection: the share of its colour that a place shows where it faces a light. It is VTK's default.
 pub const DIFFUSE: f64 = 0.7;
 
-/// What it reflects of the white light.
+/// Specular reflection: the share of white that a place shows where it mirrors a light to the eye. It is VTK's default.
 pub const SPECULAR: f64 = 0.2;
 
-/// How fast the reflection fades as it turns away: the power of the cosine.
+/// The power of the cosine in specular reflection: how fast it fades as the mirrored light turns away from the eye. It is VTK's
+/// default.
 pub const SPECULAR_POWER: i32 = 10;
 
-/// Lights at most.
+/// The most lights that a scene may have.
 pub const MAX_LIGHTS: usize = 4;
 
-/// What is added to a colour where it is coolest and warmest, and how much of it is kept.
+/// Tone shading: what is added to a colour where it is coolest.
 pub const COOL: [f64; 3] = [0.0, 0.0, 0.4];
-/// See [`COOL`].
+/// Tone shading: what is added to a colour where it is warmest.
 pub const WARM: [f64; 3] = [0.3, 0.3, 0.0];
-/// See [`COOL`].
+/// Tone shading: the shares of a colour that are kept where it is coolest and where it is warmest.
 pub const TONE_KEPT: [f64; 2] = [0.3, 0.7];
 
 /// The lighting of a picture.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lighting {
-    /// How colours become lit ones.
+    /// How colours are lit.
     pub model: LightingModel,
-    /// How the gradient is found.
+    /// How the field's gradient is found.
     pub gradient: Gradient,
-    /// Where the lights are, in the world; none is one at the eye.
+    /// World positions of the lights; an empty list is one light at the eye.
     pub lights: Vec<DVec3>,
 }
 
 impl Lighting {
-    /// A colour lit at a place: `normal` is a unit vector along the gradient, either way, or `None` where the field is flat:
-    /// what is flat shows its colour as if it faced a light at the eye, and reflects nothing. `view` is the ray's unit
-    /// direction there.
+    /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` where the
+    /// field is flat: a flat place shows its colour as if it faced a light at the eye, and reflects nothing. `view` is the ray's
+    /// unit direction there.
     pub fn shade(&self, color: DVec3, normal: Option<DVec3>, view: DVec3, place: DVec3) -> DVec3 {
         let Some(normal) = normal else {
             return match self.model {

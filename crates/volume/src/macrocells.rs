@@ -21,25 +21,26 @@ pub struct MacroCells {
     whole: [u16; 2],
 }
 
-/// The range of no code.
+/// The range of a cell without a valid voxel: its least code is past its greatest.
 pub const NONE: [u16; 2] = [u16::MAX, 0];
 
 fn join([a, b]: [u16; 2], [c, d]: [u16; 2]) -> [u16; 2] {
     [a.min(c), b.max(d)]
 }
 
-/// Macro-cells along a brick's edge.
+/// Macro-cells along the edge of a brick's core of `edge` voxels.
 pub const fn per_axis(edge: usize) -> usize {
     edge.div_ceil(CELL_EDGE)
 }
 
-/// Bytes that a brick's macro-cells take.
+/// Bytes that the macro-cells of a brick's core of `edge` voxels take.
 pub const fn bytes(edge: usize) -> usize {
     per_axis(edge).pow(3) * size_of::<[u16; 2]>()
 }
 
 impl MacroCells {
-    /// The macro-cells of a padded brick: `(edge + 2 * apron)^3` codes; code 0 is no value if `has_invalid`.
+    /// The macro-cells of a padded brick: `(edge + 2 * apron)^3` codes, where `needs` says the apron, which must not be narrower than
+    /// its filter's [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
             SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
@@ -83,18 +84,18 @@ impl MacroCells {
         Self { ranges: vec![whole; per_axis(edge).pow(3)].into(), whole }
     }
 
-    /// The ranges of all cells, x fastest; [`NONE`] where no voxel is valid.
+    /// The `[least, greatest]` code of each cell, x fastest; [`NONE`] where no voxel is valid.
     pub fn ranges(&self) -> &[[u16; 2]] {
         &self.ranges
     }
 
-    /// The range of a cell.
+    /// The `[least, greatest]` code of a cell, by its position in [`MacroCells::ranges`]; [`NONE`] where no voxel is valid.
     #[inline(always)]
     pub fn range(&self, cell: usize) -> [u16; 2] {
         self.ranges[cell]
     }
 
-    /// The range of the whole brick.
+    /// The `[least, greatest]` code of the whole brick; [`NONE`] where no voxel is valid.
     #[inline(always)]
     pub fn whole(&self) -> [u16; 2] {
         self.whole
@@ -172,14 +173,14 @@ impl<C: Code> RowRanges<C> {
     }
 }
 
-/// How many table entries before each code have opacity: what a range of codes can show is two look-ups.
+/// How many table entries before each code have opacity. Two look-ups tell what a range of codes can show.
 #[derive(Clone, Debug)]
 pub struct OpaqueCodes {
     before: Vec<u32>,
 }
 
 impl OpaqueCodes {
-    /// Counts a table's entries.
+    /// Counts the entries of a transfer table that have opacity.
     pub fn new(table: &TransferTable) -> Self {
         let count = |before: &mut u32, entry: Option<&[f32; 4]>| {
             let at = *before;
@@ -189,19 +190,19 @@ impl OpaqueCodes {
         Self { before: table.entries.iter().map(Some).chain([None]).scan(0, count).collect() }
     }
 
-    /// Whether a sample with a code in the range may have opacity.
+    /// Whether a sample with a code from `low` to `high` may have opacity; false for an empty range.
     #[inline]
     pub fn any(&self, [low, high]: [u16; 2]) -> bool {
         low <= high && self.count([low, high]) > 0
     }
 
-    /// Whether every entry of the range has opacity.
+    /// Whether the table entries of all codes from `low` to `high` have opacity; false for an empty range.
     #[inline]
     pub fn all(&self, [low, high]: [u16; 2]) -> bool {
         low <= high && self.count([low, high]) == high as u32 - low as u32 + 1
     }
 
-    /// The counts: one more than there are entries.
+    /// For each code the number of entries before it that have opacity, and at the end the number of all.
     pub fn before(&self) -> &[u32] {
         &self.before
     }

@@ -14,10 +14,11 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// What a mesh is coloured like that neither says itself nor is told: a light gray.
+/// The colour of a mesh that has none in its file and none in the scene: a light gray.
 pub const PLAIN_COLOR: [f64; 3] = [0.8; 3];
 
-/// Vertices and the triangles between them, in the world. All numbers are finite, and every triangle has its vertices.
+/// A triangle mesh: vertices and the triangles between them, in the world. All numbers are finite, and the vertices of every
+/// triangle exist.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     positions: Vec<[f32; 3]>,
@@ -26,52 +27,53 @@ pub struct Mesh {
     colors: Vec<[u8; 3]>,
 }
 
-/// Why there is no mesh.
+/// Why vertices and triangles make no mesh.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// Nothing to show.
+    /// There is no triangle.
     #[error("there is no triangle in it: expected at least one")]
     Empty,
-    /// A triangle between vertices that are not there.
+    /// A triangle names a vertex that does not exist.
     #[error("triangle {triangle} names vertex {index}, but there are {vertices}, numbered from 0")]
     Index {
-        /// The first such triangle.
+        /// Index of the first such triangle.
         triangle: usize,
-        /// What it names.
+        /// Index of the vertex that it names.
         index: u32,
-        /// How many there are.
+        /// Number of vertices that exist.
         vertices: usize,
     },
-    /// NaN or infinity.
+    /// A position or a normal has a number that is NaN or infinite.
     #[error("the {what} of vertex {vertex} is {found:?}: expected finite numbers")]
     NotFinite {
-        /// `position` or `normal`.
+        /// What has the number: `position` or `normal`.
         what: &'static str,
-        /// The first such vertex.
+        /// Index of the first such vertex.
         vertex: usize,
-        /// What it has.
+        /// The position or normal of that vertex, as given.
         found: [f32; 3],
     },
-    /// Normals or colours of other vertices.
+    /// There are normals or colours, but not one for each vertex.
     #[error("there are {found} {what} for {vertices} vertices: expected one each, or none")]
     Count {
-        /// `normals` or `colours`.
+        /// What there is a wrong number of: `normals` or `colours`.
         what: &'static str,
-        /// How many there are.
+        /// Number of normals or colours.
         found: usize,
-        /// The number of vertices.
+        /// Number of vertices.
         vertices: usize,
     },
-    /// More than numbers of 32 bits can name.
+    /// There are too many vertices and triangles for numbers of 32 bits; the number is how many there are in all.
     #[error("{0} vertices and triangles: expected fewer than 2^31 in all")]
     TooLarge(usize),
 }
 
 impl Mesh {
-    /// A mesh of vertices and triangles between them; with normals and colours of the vertices, or none.
+    /// A mesh of vertices and triangles between them. Normals and colours are one for each vertex, or empty.
     ///
     /// # Errors
-    /// If it is empty, a triangle's vertex does not exist, a number is not finite, or there are too many or too few.
+    /// If there is no triangle, a triangle's vertex does not exist, a number is not finite, there are too many vertices and
+    /// triangles, or normals or colours are not one for each vertex.
     pub fn new(
         positions: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,
@@ -103,12 +105,12 @@ impl Mesh {
         Ok(Self { positions, triangles, normals, colors })
     }
 
-    /// Where the vertices are.
+    /// World positions of the vertices.
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
     }
 
-    /// The vertices of each triangle.
+    /// Indices of the three vertices of each triangle.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
@@ -123,34 +125,37 @@ impl Mesh {
         &self.colors
     }
 
-    /// The corners of a triangle.
+    /// World positions of a triangle's corners.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].map(|i| DVec3::from_array(self.positions[i as usize].map(f64::from)))
     }
 
-    /// What it takes in memory.
+    /// Bytes that the mesh takes in memory.
     pub fn bytes(&self) -> u64 {
         let vertex = |bytes: usize, len: usize| (bytes * len) as u64;
         vertex(12, self.positions.len() + self.triangles.len() + self.normals.len()) + vertex(3, self.colors.len())
     }
 }
 
-/// A mesh of a scene.
+/// A mesh of a scene, and how it looks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshLook {
-    /// The file that it is in.
+    /// The file that holds the mesh.
     pub path: PathBuf,
-    /// Its colour, display-referred; `None` is what the file says, or [`PLAIN_COLOR`].
+    /// Colour of the mesh, display-referred, in 0..=1; `None` is what the file says, or [`PLAIN_COLOR`].
     #[serde(default)]
     pub color: Option<[f64; 3]>,
-    /// From 0, not there, to 1, opaque.
+    /// Opacity of the mesh, from 0 (not there) to 1 (opaque).
     #[serde(default = "opaque")]
     pub opacity: f64,
-    /// Whether it is lit from the eye; else it shows its colour as it is.
+    /// Whether the mesh is lit from the eye; if not, it shows its colour as it is.
     #[serde(default = "lit")]
     pub lit: bool,
-    /// What is in the file, once somebody has read it: scenes know files by their names alone.
+    /// The mesh in the file; `None` until somebody has read it. In JSON a scene has the file's name alone.
     #[serde(skip)]
     pub mesh: Option<Arc<Mesh>>,
 }
@@ -164,7 +169,7 @@ fn lit() -> bool {
 }
 
 impl MeshLook {
-    /// A file's mesh, opaque and lit, not read yet.
+    /// The mesh of a file, opaque and lit, which has not been read yet.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into(), color: None, opacity: opaque(), lit: lit(), mesh: None }
     }
@@ -172,7 +177,7 @@ impl MeshLook {
     /// The mesh as renderers take it.
     ///
     /// # Errors
-    /// If colour or opacity are impossible, or the file has not been read.
+    /// If the colour or the opacity is not in 0..=1, or the file has not been read.
     pub fn shown(&self) -> Result<ShownMesh, MeshLookError> {
         let path = || self.path.clone();
         if let Some(color) = self.color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
@@ -189,26 +194,26 @@ impl MeshLook {
 /// Why a mesh cannot be shown as the scene says.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshLookError {
-    /// No colour.
+    /// The mesh's colour is not in 0..=1.
     #[error("the mesh {}: its colour is {color:?}: expected red, green and blue in 0..1", path.display())]
     Color {
         /// The mesh's file.
         path: PathBuf,
-        /// What was given.
+        /// The colour that was given.
         color: [f64; 3],
     },
-    /// No opacity.
+    /// The mesh's opacity is not in 0..=1.
     #[error("the mesh {}: its opacity is {opacity}: expected a number from 0 to 1", path.display())]
     Opacity {
         /// The mesh's file.
         path: PathBuf,
-        /// What was given.
+        /// The opacity that was given.
         opacity: f64,
     },
-    /// A scene is being shown of which nobody has read the meshes.
+    /// The mesh's file has not been read; the path is the file's.
     #[error("the mesh {} has not been read: put what is in the file into MeshLook::mesh", .0.display())]
     NotRead(PathBuf),
-    /// Projections have no order in which something translucent could be anywhere.
+    /// The mesh is translucent in a projection, which shows one value of the whole ray and not what is in front of what.
     #[error(
         "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, not what is in front of what: \
          make the mesh opaque, or choose the mode dvr or isosurface", path.display()
@@ -216,29 +221,30 @@ pub enum MeshLookError {
     Projection {
         /// The mesh's file.
         path: PathBuf,
-        /// Its opacity.
+        /// The mesh's opacity.
         opacity: f64,
     },
-    /// More than numbers of 32 bits can name.
+    /// The meshes of a scene have too many vertices and triangles for numbers of 32 bits; the number is how many they have in all.
     #[error("the meshes have {0} vertices and triangles in all: expected fewer than 2^31")]
     TooLarge(u64),
 }
 
-/// A mesh of a picture, and how it looks.
+/// A mesh as renderers take it, and how it looks.
 #[derive(Clone, Debug)]
 pub struct ShownMesh {
-    /// Its triangles.
+    /// Vertices and triangles of the mesh.
     pub mesh: Arc<Mesh>,
-    /// Its colour, if not its own.
+    /// Colour of the mesh, display-referred, in 0..=1; `None` is the mesh's own, or [`PLAIN_COLOR`].
     pub color: Option<[f64; 3]>,
-    /// Its opacity.
+    /// Opacity of the mesh, 0 to 1.
     pub opacity: f64,
-    /// Whether it is lit from the eye.
+    /// Whether the mesh is lit from the eye; if not, it shows its colour as it is.
     pub lit: bool,
 }
 
 impl ShownMesh {
-    /// What a ray in this direction sees of a triangle at the place of these weights.
+    /// The straight colour that a ray of this unit direction sees of a triangle. `weights` are those of the triangle's corners at
+    /// the place that is seen.
     pub fn color_at(&self, triangle: usize, weights: [f64; 3], direction: DVec3) -> DVec3 {
         let mesh = &self.mesh;
         let corners = mesh.triangles[triangle];
@@ -264,21 +270,21 @@ impl ShownMesh {
     }
 }
 
-/// Where a ray meets a mesh.
+/// A place where a ray meets a mesh, and what it sees there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
-    /// The distance.
+    /// World distance from the origin of the ray.
     pub t: f64,
-    /// Which triangle, counted over all meshes: of two at one distance the first is in front.
+    /// Number of the triangle, counted over all meshes. Of two triangles at one distance the one with the lower number is in front.
     pub number: u32,
-    /// Colour, straight.
+    /// Straight colour that the ray sees of the mesh.
     pub color: DVec3,
-    /// 1 where nothing behind is seen.
+    /// Opacity of the mesh: 1 where nothing behind it is seen.
     pub opacity: f64,
 }
 
-/// Where a ray meets the triangle: the distance, and how much each corner weighs there. A ray through the edge of two triangles
-/// meets just one of them, if they lie on two sides of it.
+/// Where a ray meets a triangle: the distance, and how much each corner weighs there. `None` if it does not meet it in front of its
+/// origin. A ray through the edge of two triangles meets just one of them, if they lie on two sides of that edge.
 pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     let [a, b, c] = corners.map(|corner| corner - ray.origin);
     let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
@@ -307,14 +313,14 @@ fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
     Side { height: if is_turned { -height } else { height }, is_positive: (height >= 0.0) != is_turned }
 }
 
-/// How large meshes are in all: what a renderer makes room for.
+/// The size of meshes in all, which a renderer makes room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCapacity {
-    /// Meshes.
+    /// Number of meshes.
     pub meshes: u32,
-    /// Vertices.
+    /// Number of vertices of all meshes.
     pub vertices: u32,
-    /// Triangles.
+    /// Number of triangles of all meshes.
     pub triangles: u32,
 }
 
@@ -322,7 +328,7 @@ impl MeshCapacity {
     /// The capacity for no mesh.
     pub const NONE: Self = Self { meshes: 0, vertices: 0, triangles: 0 };
 
-    /// The capacity for these meshes.
+    /// The capacity that these meshes take.
     pub fn of<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         meshes.into_iter().fold(Self::NONE, |room, mesh| Self {
             meshes: room.meshes + 1,
@@ -331,12 +337,12 @@ impl MeshCapacity {
         })
     }
 
-    /// Whether it is none.
+    /// Whether there is no room for any triangle.
     pub fn is_none(&self) -> bool {
         self.triangles == 0
     }
 
-    /// Room for the meshes of either of two pictures.
+    /// The capacity that suffices for the meshes of either of two pictures.
     pub fn union(self, other: Self) -> Self {
         Self {
             meshes: self.meshes.max(other.meshes),
@@ -345,12 +351,12 @@ impl MeshCapacity {
         }
     }
 
-    /// Whether meshes that take the other fit in this.
+    /// Whether this capacity suffices for meshes that take `other`.
     pub fn holds(&self, other: &Self) -> bool {
         self.meshes >= other.meshes && self.vertices >= other.vertices && self.triangles >= other.triangles
     }
 
-    /// What the meshes themselves take in memory, at most.
+    /// Bytes that meshes of this capacity take in memory, at most.
     pub fn bytes(&self) -> u64 {
         self.vertices as u64 * (12 + 12 + 3) + self.triangles as u64 * 12
     }

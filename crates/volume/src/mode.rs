@@ -10,11 +10,11 @@ pub enum Mode {
     /// Emission and absorption through the transfer function (direct volume rendering).
     #[default]
     Dvr,
-    /// The greatest sample, through the transfer function's colours, opaque.
+    /// Maximum intensity projection: the greatest sample, opaque, in the transfer function's colour.
     Mip,
-    /// The least sample, likewise.
+    /// Minimum intensity projection: the least sample, opaque, in the transfer function's colour.
     MinIp,
-    /// The length-weighted mean of the samples, likewise.
+    /// Average projection: the length-weighted mean of the samples, opaque, in the transfer function's colour.
     Average,
     /// Nothing but the scene's isosurfaces (see [`surface`](crate::surface)).
     Isosurface,
@@ -23,7 +23,7 @@ pub enum Mode {
 every!(Mode: Dvr Mip MinIp Average Isosurface);
 
 impl Mode {
-    /// Whether a picture shows one value of each ray.
+    /// Whether the mode is a projection: a picture then shows one value of each ray.
     pub const fn is_projection(self) -> bool {
         match self {
             Self::Mip | Self::MinIp | Self::Average => true,

@@ -8,28 +8,28 @@
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// The set of value bins that a brick can show.
+/// The set of value bins that a brick can show: one bit for each of 64 bins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Occupancy(pub u64);
 
 impl Occupancy {
-    /// No valid voxel at all.
+    /// No bin: there is no valid voxel at all.
     pub const NONE: Self = Self(0);
-    /// Anything may be inside: what stands for "not known".
+    /// All bins: anything may be inside. It stands for "not known".
     pub const ALL: Self = Self(u64::MAX);
 
-    /// The bins of either.
+    /// The bins that are in either of two sets.
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// All bins from `first` to `last` inclusive.
+    /// All bins from `first` to `last` inclusive, where `first <= last < 64`.
     pub const fn span(first: u32, last: u32) -> Self {
         Self((u64::MAX >> (63 - (last - first))) << first)
     }
 
-    /// Whether some bin is in both.
+    /// Whether two sets have a bin in common.
     pub const fn meets(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
@@ -38,7 +38,7 @@ impl Occupancy {
 /// How values map to the 64 bins: `bin(v) = clamp(floor((v - low) / width), 0, 63)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OccupancyBins {
-    /// Lower edge of bin 1 minus one width.
+    /// Value at the lower edge of bin 0, in data units; lesser values are in bin 0, too.
     pub low: f64,
     /// Width of a bin in data units; positive.
     pub width: f64,
@@ -48,13 +48,13 @@ impl OccupancyBins {
     /// The number of bins.
     pub const COUNT: u32 = 64;
 
-    /// Bins whose inner edges cover `[low, high]`; a degenerate range still gets a positive width.
+    /// Bins of equal width that together cover `[low, high]`. The width is 1 where the range is empty or not finite.
     pub fn over(low: f64, high: f64) -> Self {
         let width = (high - low) / Self::COUNT as f64;
         Self { low, width: if width > 0.0 && width.is_finite() { width } else { 1.0 } }
     }
 
-    /// The bin of a value (not NaN).
+    /// The bin of a value, 0 to 63; the value must not be NaN.
     pub fn bin(&self, value: f64) -> u32 {
         ((value - self.low) / self.width).floor().clamp(0.0, 63.0) as u32
     }
@@ -64,8 +64,8 @@ impl OccupancyBins {
         Occupancy::span(self.bin(low), self.bin(high))
     }
 
-    /// The bins in which the transfer function is opaque somewhere. `slack` (data units) widens every bin on both sides by
-    /// what quantisation and table lookup may move a value.
+    /// The bins in which the transfer function has opacity somewhere. `slack` (data units) widens every bin on both sides
+    /// by what quantisation and table lookup may move a value.
     pub fn opaque(&self, transfer: &TransferFunction, slack: f64) -> Occupancy {
         let mut mask = 0;
         for bin in 0..Self::COUNT {

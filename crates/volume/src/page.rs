@@ -7,23 +7,23 @@ use crate::pyramid::Pyramid;
 use crate::space::{BrickId, BrickIndex, Extent, Level, VoxelBox};
 use serde::{Deserialize, Serialize};
 
-/// Most bricks along a page's edge.
+/// The most bricks along a page's edge.
 pub const PAGE_EDGE_BRICKS: u32 = 16;
 
 /// The key of one page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct PageId {
-    /// Time step.
+    /// Time step of the page's bricks, from 0.
     pub time: u32,
-    /// Channel.
+    /// Channel of the page's bricks, from 0.
     pub channel: u32,
-    /// Level.
+    /// Level of the page's bricks.
     pub level: Level,
     /// Place in the level's grid of pages along z.
     pub z: u32,
-    /// Along y.
+    /// Place in the level's grid of pages along y.
     pub y: u32,
-    /// Along x.
+    /// Place in the level's grid of pages along x.
     pub x: u32,
 }
 
@@ -42,7 +42,7 @@ pub struct Paging {
 }
 
 impl Paging {
-    /// Divides a grid.
+    /// Divides a grid of cells into pages.
     pub fn new(grid: Extent) -> Self {
         Self { grid, page: Extent::from_array(grid.to_array().map(|n| n.min(PAGE_EDGE_BRICKS))) }
     }
@@ -52,7 +52,7 @@ impl Paging {
         self.page
     }
 
-    /// Pages along each axis.
+    /// Number of pages along each axis.
     pub fn page_grid(self) -> Extent {
         let (grid, page) = (self.grid.to_array(), self.page.to_array());
         Extent::from_array(std::array::from_fn(|a| grid[a].div_ceil(page[a])))
@@ -63,7 +63,7 @@ impl Paging {
         self.page.volume() as usize
     }
 
-    /// The page of a cell, `[x, y, z]`, and the cell's row-major place in it.
+    /// The page `[x, y, z]` that a cell is in, and the cell's row-major place in that page.
     pub fn locate(self, cell: [u32; 3]) -> ([u32; 3], usize) {
         let page = self.page.to_array();
         let place = self.page.linear(std::array::from_fn(|a| cell[a] % page[a]));
@@ -105,7 +105,7 @@ impl Pyramid {
         })
     }
 
-    /// Pages of all levels of one time step and channel.
+    /// Number of pages of all levels of one time step and channel.
     pub fn page_count(&self) -> u64 {
         self.levels().iter().map(|level| Paging::new(level.bricks).page_grid().volume()).sum()
     }

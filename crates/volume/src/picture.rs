@@ -23,9 +23,9 @@ pub struct FrameSettings {
     pub rays: ViewRays,
     /// Where rays are sampled.
     pub lattice: Lattice,
-    /// Where the volume stands in its own world.
+    /// Spacing, origin and unit of the volume in its own world.
     pub geometry: Geometry,
-    /// Where that is in the world of the rays.
+    /// Where the volume's own world is in the world of the rays.
     pub placement: Placement,
     /// How slot codes stand for values.
     pub encoding: SlotEncoding,
@@ -33,43 +33,45 @@ pub struct FrameSettings {
     pub table: Arc<TransferTable>,
     /// How samples become a pixel.
     pub mode: Mode,
-    /// The surfaces of [`Mode::Isosurface`], at least one, and of [`Mode::Dvr`]: at most
+    /// The volume's isosurfaces, for [`Mode::Isosurface`] and [`Mode::Dvr`]: at most
     /// [`MAX_SURFACES`](crate::surface::MAX_SURFACES), in the order of their values.
     pub surfaces: Vec<Surface>,
-    /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
+    /// How the field is filtered, and how segments of [`Mode::Dvr`] are sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit.
+    /// How the fog of [`Mode::Dvr`] and surfaces are lit.
     pub lighting: Lighting,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
-    /// What is shown, in the volume's own world; `None` is everything.
+    /// What is shown of the volume, in the volume's own world; `None` is everything.
     pub clip: Option<Clip>,
-    /// Meshes that stand in it, in the world; none is invisible.
+    /// Meshes that stand in the picture, in the world of the rays; none of them has opacity 0.
     pub meshes: Vec<ShownMesh>,
 }
 
 impl FrameSettings {
-    /// What the picture needs bricks, and what is beside them, to have.
+    /// What the picture requires of bricks and of the tables beside them.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));
         let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
     }
 
-    /// What fog is classified by, if that is value and gradient.
+    /// The table of value and gradient magnitude that fog is classified by. `None` if it is classified by value alone, or the
+    /// mode is not [`Mode::Dvr`].
     pub fn grid(&self) -> Option<&TransferGrid> {
         self.table.grid.as_deref().filter(|_| self.mode == Mode::Dvr)
     }
 
-    /// Whether all there is to see is one surface that hides what is behind it, lit from the eye: what has shaders of its own.
+    /// Whether the volume shows nothing but one opaque surface, with the default lighting, which is from the eye. Such frames
+    /// have shaders of their own.
     pub fn is_one_opaque_surface(&self) -> bool {
         let is_lit_from_the_eye = self.lighting == Lighting::default();
         let is_opaque = matches!(&self.surfaces[..], [surface] if surface.opacity >= 1.0);
         self.mode == Mode::Isosurface && is_opaque && is_lit_from_the_eye
     }
 
-    /// The box that is shown of a volume of this extent, in level-0 voxels; low is not below high where nothing is. Clip planes
-    /// may take more away.
+    /// The box that is shown of a volume of this extent: its lower and upper corner in level-0 voxels. Low is not below high
+    /// where nothing is shown. Clip planes may take more away.
     pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
         let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));
         let Some(clip) = &self.clip else { return (low, high) };
@@ -78,19 +80,19 @@ impl FrameSettings {
     }
 }
 
-/// 8-bit RGB, row 0 on top.
+/// A picture: 8-bit RGB, row 0 on top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     /// Pixels in a row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// `width * height` pixels, row-major.
     pub rgb: Vec<[u8; 3]>,
 }
 
 impl Picture {
-    /// The display-referred colour as 8-bit codes: nearest, clamped.
+    /// Rounds a display-referred colour to 8-bit codes; what is outside of 0..=1 is clamped.
     pub fn quantise(color: [f32; 3]) -> [u8; 3] {
         color.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
     }
@@ -121,12 +123,12 @@ impl Picture {
     }
 }
 
-/// The distance of two pictures.
+/// How far apart two pictures are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// Greatest difference of any channel of any pixel, in 1/255.
     pub max: u8,
-    /// Peak signal-to-noise ratio over all channels; infinite for equal pictures.
+    /// Peak signal-to-noise ratio over all channels, in decibels; infinite for equal pictures.
     pub psnr_db: f64,
 }
 

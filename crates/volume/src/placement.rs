@@ -11,7 +11,8 @@ use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// How much more a map may stretch one direction than another: what is more cannot be told from a volume without thickness.
+/// The greatest ratio by which a map may stretch one direction more than another. Beyond it a volume cannot be told from one without
+/// thickness.
 pub const MAX_CONDITION: f64 = 1e6;
 
 /// An invertible affine map from a volume's own world to the scene's; in JSON its rows, three or four of four numbers.
@@ -24,41 +25,42 @@ pub struct Placement {
     greatest_stretch: f64,
 }
 
-/// Why a volume cannot be placed so.
+/// Why a matrix cannot place a volume.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlacementError {
-    /// Not a matrix of this kind.
+    /// The matrix does not have three or four rows of four numbers.
     #[error("a matrix of {found}: expected three or four rows of four numbers")]
     Shape {
-        /// What there is, in words.
+        /// What was found, in words.
         found: String,
     },
-    /// A number that is none.
+    /// The matrix has a number that is NaN or infinite.
     #[error("the matrix has {0} in it: expected finite numbers")]
     NotFinite(f64),
-    /// A last row that makes the map a projective one.
+    /// The matrix's last row makes the map a projective one.
     #[error("the matrix's last row is {0:?}: expected 0, 0, 0, 1")]
     LastRow([f64; 4]),
-    /// Volumes become planes, lines or points.
+    /// The matrix is singular: volumes would become planes, lines or points.
     #[error(
         "the matrix is singular (its determinant is {determinant}): a volume would be flat, expected one that can be inverted"
     )]
     Singular {
-        /// Its determinant.
+        /// The matrix's determinant.
         determinant: f64,
     },
-    /// Volumes become all but planes or lines.
+    /// The matrix is nearly singular: volumes would become nearly planes or lines. The number is how many times as much it stretches one
+    /// direction as another.
     #[error(
         "the matrix stretches one direction {0:.1e} times as much as another: expected at most {MAX_CONDITION:.0e}"
     )]
     Condition(f64),
-    /// Not a list of numbers.
+    /// The text has a word that is not a number.
     #[error("'{0}' is not a number: expected the 12 or 16 numbers of a matrix, row by row")]
     Word(String),
 }
 
 impl Default for Placement {
-    /// Where the store says.
+    /// The identity: the volume stands where its store says.
     fn default() -> Self {
         let map = DAffine3::IDENTITY;
         Self { world_from_volume: map, volume_from_world: map, least_stretch: 1.0, greatest_stretch: 1.0 }
@@ -66,10 +68,10 @@ impl Default for Placement {
 }
 
 impl Placement {
-    /// The map with these columns.
+    /// The placement of a volume by this affine map from its own world to the scene's.
     ///
     /// # Errors
-    /// If it is not finite, singular, or so nearly.
+    /// If the map is not finite, singular, or nearly singular.
     pub fn new(world_from_volume: DAffine3) -> Result<Self, PlacementError> {
         if let Some(bad) = world_from_volume.to_cols_array().into_iter().find(|v| !v.is_finite()) {
             return Err(PlacementError::NotFinite(bad));
@@ -91,10 +93,10 @@ impl Placement {
         Ok(Self { world_from_volume, volume_from_world, least_stretch: least, greatest_stretch: greatest })
     }
 
-    /// The map with these rows: three, or a fourth of 0, 0, 0, 1.
+    /// The placement of a volume by a matrix with these rows: three, or four with a last one of 0, 0, 0, 1.
     ///
     /// # Errors
-    /// If there are other rows, or the map cannot be used.
+    /// If there are other rows, or the map is not finite, singular, or nearly singular.
     pub fn from_rows(rows: &[[f64; 4]]) -> Result<Self, PlacementError> {
         let ([x, y, z], last) = match *rows {
             [x, y, z] => ([x, y, z], None),
@@ -108,11 +110,11 @@ impl Placement {
         Self::new(DAffine3::from_cols(column(0), column(1), column(2), column(3)))
     }
 
-    /// The 12 or 16 numbers of a matrix, row by row, with blanks, line ends or commas between them: what registration programs
-    /// write.
+    /// The placement of a volume by a matrix that is given as text, as registration programs write it: 12 or 16 numbers, row by row,
+    /// with blanks, line ends or commas between them.
     ///
     /// # Errors
-    /// If there are words among them, or the map cannot be used.
+    /// If a word is not a number, there are not 12 or 16 numbers, or the map cannot be used.
     pub fn from_text(text: &str) -> Result<Self, PlacementError> {
         let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
         let number = |word: &str| word.parse::<f64>().map_err(|_| PlacementError::Word(word.to_string()));
@@ -124,7 +126,7 @@ impl Placement {
         Self::from_rows(rows)
     }
 
-    /// Its three rows.
+    /// The three rows of the matrix that maps the volume's own world to the scene's.
     pub fn rows(&self) -> [[f64; 4]; 3] {
         let DAffine3 { matrix3, translation } = self.world_from_volume;
         std::array::from_fn(|a| matrix3.row(a).extend(translation[a]).to_array())
@@ -148,47 +150,49 @@ impl Placement {
         self.world_from_volume == DAffine3::IDENTITY
     }
 
-    /// A point of the volume's own world, in the scene's.
+    /// Maps a point of the volume's own world to the scene's.
     pub fn world_from_volume(&self, point: DVec3) -> DVec3 {
         self.world_from_volume.transform_point3(point)
     }
 
-    /// A point of the scene's world, in the volume's own.
+    /// Maps a point of the scene's world to the volume's own.
     pub fn volume_from_world(&self, point: DVec3) -> DVec3 {
         self.volume_from_world.transform_point3(point)
     }
 
-    /// A direction of the scene's world, in the volume's own: as long as the map makes it.
+    /// Maps a vector of the scene's world to the volume's own; the map may change its length.
     pub fn volume_vector(&self, vector: DVec3) -> DVec3 {
         self.volume_from_world.transform_vector3(vector)
     }
 
-    /// A direction of the volume's own world, in the scene's.
+    /// Maps a vector of the volume's own world to the scene's; the map may change its length.
     pub fn world_vector(&self, vector: DVec3) -> DVec3 {
         self.world_from_volume.transform_vector3(vector)
     }
 
-    /// A ray of the scene's world, in the volume's own: the same points at the same `t`.
+    /// Maps a ray of the scene's world to the volume's own: the same points are at the same `t`, so its direction may no longer have
+    /// length 1.
     pub fn volume_ray(&self, ray: &Ray) -> Ray {
         Ray { origin: self.volume_from_world(ray.origin), direction: self.volume_vector(ray.direction) }
     }
 
-    /// What is across a plane of the scene's world, across that plane in the volume's own: a point there is as high above it.
+    /// Maps a plane's normal of the scene's world to the volume's own: each point keeps its [height](crate::ClipPlane::height) above the
+    /// plane.
     pub fn volume_normal(&self, normal: DVec3) -> DVec3 {
         self.world_from_volume.matrix3.transpose() * normal
     }
 
-    /// A gradient in the volume's own world, in the scene's.
+    /// Maps a gradient in the volume's own world to the scene's.
     pub fn world_gradient(&self, gradient: DVec3) -> DVec3 {
         self.volume_from_world.matrix3.transpose() * gradient
     }
 
-    /// How much longer the map makes what it makes longest; what it makes shortest.
+    /// The greatest and the least factor by which the map changes a length.
     pub fn stretches(&self) -> (f64, f64) {
         (self.greatest_stretch, self.least_stretch)
     }
 
-    /// The box in the scene's world around a box of the volume's own.
+    /// The bounding box in the scene's world of a box of the volume's own world.
     pub fn world_box(&self, (low, high): (DVec3, DVec3)) -> (DVec3, DVec3) {
         let corner =
             |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
@@ -197,7 +201,7 @@ impl Placement {
         corners.fold(outside, |(low, high), corner| (low.min(corner), high.max(corner)))
     }
 
-    /// [`Geometry::voxel_size`] in the scene's world.
+    /// The [`Geometry::voxel_size`] of the placed volume, in the scene's world.
     pub fn voxel_size(&self, geometry: &Geometry, extent: Extent) -> f64 {
         let DMat3 { x_axis, y_axis, z_axis } = self.world_from_volume.matrix3;
         let stretches = DVec3::new(x_axis.length(), y_axis.length(), z_axis.length());

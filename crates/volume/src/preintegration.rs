@@ -7,13 +7,14 @@
 //! infinitely many plain samples. Colour is the mean weighted by extinction: what absorption within one part of one segment does to
 //! the order of colours is left out, which for a colour that does not change is exact, too.
 
-/// Greatest extinction, in halvings of the light over a unit distance: an opacity of 1 has no number.
+/// The greatest extinction, in halvings of the light over a unit distance. It stands for an opacity of 1, whose extinction would be
+/// infinite.
 pub const MAX_DEPTH: f64 = 4096.0;
 
-/// Where ends are closer than this, in codes, the function is taken in the middle.
+/// Between two codes that are closer than this, the transfer function is not integrated, but taken in their middle.
 pub const CLOSE_CODES: f64 = 1.0 / 64.0;
 
-/// How often light is halved over a unit distance of a medium of this opacity.
+/// The extinction of a medium of opacity `alpha`: how often it halves the light over a unit distance, at most [`MAX_DEPTH`].
 pub fn depth(alpha: f64) -> f64 {
     (-(1.0 - alpha).log2()).min(MAX_DEPTH)
 }
@@ -21,9 +22,9 @@ pub fn depth(alpha: f64) -> f64 {
 /// Colour and extinction of a medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Medium {
-    /// Straight.
+    /// Straight colour.
     pub rgb: [f64; 3],
-    /// Halvings of the light over a unit distance.
+    /// Extinction: halvings of the light over a unit distance.
     pub depth: f64,
 }
 
@@ -37,7 +38,7 @@ pub struct Integrals {
 }
 
 impl Integrals {
-    /// Sums up a [table](crate::TransferTable)'s entries.
+    /// Integrates the entries of a [table](crate::TransferTable) over their codes. There must be at least two.
     pub fn new(entries: &[[f32; 4]]) -> Self {
         let entries: Vec<[f64; 4]> = entries.iter().map(|entry| entry.map(f64::from)).collect();
         let mut sums = vec![[0.0; 4]; entries.len()];
@@ -48,7 +49,7 @@ impl Integrals {
         Self { entries, sums }
     }
 
-    /// The integrals from code 0 to each code of `[r, g, b, 1] * extinction`.
+    /// The running integrals of `[r, g, b, 1] * extinction`, from code 0 to each code.
     pub fn sums(&self) -> &[[f64; 4]] {
         &self.sums
     }
@@ -61,7 +62,7 @@ impl Integrals {
         Medium { rgb: [r, g, b], depth: depth(alpha) }
     }
 
-    /// The mean medium between two codes.
+    /// The mean medium between two codes, which need not be whole, nor in order.
     pub fn between(&self, from: f64, to: f64) -> Medium {
         let length = (to - from).abs();
         if length < CLOSE_CODES {

@@ -6,14 +6,14 @@
 
 use crate::space::{BrickIndex, Extent, Level, VoxelBox};
 
-/// One level's grid.
+/// The grid of one level of a pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LevelGrid {
-    /// Voxels of this level.
+    /// Voxels of this level along each axis.
     pub extent: Extent,
     /// Level-0 voxels per voxel of this level, `[x, y, z]`; powers of two.
     pub factor: [u32; 3],
-    /// Bricks of this level.
+    /// Bricks of this level along each axis.
     pub bricks: Extent,
 }
 
@@ -72,7 +72,7 @@ impl Pyramid {
         &self.levels
     }
 
-    /// One level's grid.
+    /// The grid of one level.
     ///
     /// # Panics
     /// If there is no such level.
@@ -85,13 +85,14 @@ impl Pyramid {
         Level((self.levels.len() - 1) as u8)
     }
 
-    /// Levels of the octree over its bricks: its own, and, where the coarsest has several bricks, those above that hold them all.
+    /// Levels of the octree over the pyramid's bricks: the pyramid's own levels, and, where the coarsest has several bricks,
+    /// those above it up to one cell that holds them all.
     pub fn octree_levels(&self) -> u32 {
         let widest = self.level(self.coarsest()).bricks.to_array().into_iter().fold(1, u32::max);
         self.levels.len() as u32 + widest.next_power_of_two().trailing_zeros()
     }
 
-    /// Bricks of all levels together.
+    /// Number of bricks of all levels together.
     pub fn brick_count(&self) -> u64 {
         self.levels.iter().map(|l| l.bricks.volume()).sum()
     }
@@ -104,7 +105,7 @@ impl Pyramid {
         }
     }
 
-    /// The brick of the next coarser level whose box holds this one's; `None` at the coarsest level.
+    /// The brick of the next coarser level whose box holds brick `index` of `level`; `None` at the coarsest level.
     pub fn parent(&self, level: Level, index: BrickIndex) -> Option<BrickIndex> {
         if level >= self.coarsest() {
             return None;
@@ -124,8 +125,8 @@ impl Pyramid {
         BrickIndex::from_array(std::array::from_fn(|a| i[a] / (coarse[a] / fine[a])))
     }
 
-    /// The bricks of the next finer level inside this one's box, in memory order: 8, or fewer where the level halves only
-    /// some axes or the volume ends; none at level 0.
+    /// The bricks of the next finer level inside the box of brick `index` of `level`, in memory order: 8, or fewer where the
+    /// level halves only some axes or the volume ends; none at level 0.
     pub fn children(&self, level: Level, index: BrickIndex) -> impl Iterator<Item = BrickIndex> + use<> {
         let finer = level.0.checked_sub(1).map(Level);
         let (halved, bricks) = match finer {

@@ -17,59 +17,60 @@ use crate::mesh::MeshCapacity;
 use crate::mode::Mode;
 use serde::{Deserialize, Serialize};
 
-/// The widest apron that any picture needs.
+/// The widest apron that any picture needs, in voxels.
 pub const MAX_REACH: u32 = 4;
 
-/// Virtual samples of a segment unless a scene says otherwise: the paper's optimum.
+/// Default number of virtual samples of a segment: the paper's optimum.
 pub const VIRTUAL_SAMPLES: u8 = 3;
 
-/// The most that it can say.
+/// The most virtual samples that a segment may have.
 pub const MOST_VIRTUAL_SAMPLES: u8 = 16;
 
-/// Parts of a segment that [`Method::Asm`] takes, at most.
+/// The most parts that [`Method::Asm`] cuts a segment into.
 pub const MOST_PARTS: usize = 8;
 
 /// Adaptive sampling ([`Method::Asm`]): the largest difference between a part's ends, as a share of the codes over which a transfer function changes.
 pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
 
-/// How a segment becomes a medium.
+/// A sampling method: how a segment becomes a medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// One sample in the middle.
+    /// One sample in the segment's middle.
     #[default]
     Udvr,
-    /// The transfer function's mean between the ends.
+    /// Pre-integration: the transfer function's mean between the values at the segment's ends.
     Pdvr,
-    /// Virtual samples on a straight line between the ends.
+    /// Virtual samples on a straight line between the values at the segment's ends.
     Lvs,
-    /// Virtual samples on a cubic curve through the ends and those of the neighbours, which stays between the ends.
+    /// Virtual samples on a cubic curve through the values at the ends of the segment and of its neighbours. The curve stays between the values at
+    /// the segment's own ends.
     Cvs,
-    /// Adaptive sampling: as many samples as the ends' difference asks for.
+    /// Adaptive sampling: as many samples as the difference of the values at the segment's ends asks for.
     Asm,
-    /// [`Method::Lvs`], parts pre-integrated.
+    /// [`Method::Lvs`] with pre-integrated parts.
     Plvs,
-    /// [`Method::Cvs`], parts pre-integrated.
+    /// [`Method::Cvs`] with pre-integrated parts.
     Pcvs,
 }
 
 /// What a method takes for the field along a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Curve {
-    /// The value in the middle, everywhere.
+    /// The value in the segment's middle, everywhere.
     Middle,
-    /// A line between the ends.
+    /// A straight line between the values at the segment's ends.
     Line,
-    /// A cubic curve.
+    /// A cubic curve through the values at the ends of the segment and of its neighbours.
     Cubic,
-    /// The field itself.
+    /// The field itself, read in the middle of each part.
     Field,
 }
 
 every!(Method: Udvr Pdvr Lvs Cvs Asm Plvs Pcvs);
 
 impl Method {
-    /// What it takes for the field.
+    /// What the method takes for the field along a segment.
     pub const fn curve(self) -> Curve {
         match self {
             Self::Udvr => Curve::Middle,
@@ -79,12 +80,12 @@ impl Method {
         }
     }
 
-    /// Whether its parts are pre-integrated.
+    /// Whether the method pre-integrates the parts of a segment.
     pub const fn is_pre_integrated(self) -> bool {
         matches!(self, Self::Pdvr | Self::Plvs | Self::Pcvs)
     }
 
-    /// Whether its segments have virtual samples.
+    /// Whether the method takes virtual samples of a segment.
     pub const fn has_virtual_samples(self) -> bool {
         matches!(self, Self::Lvs | Self::Cvs | Self::Plvs | Self::Pcvs)
     }
@@ -99,21 +100,21 @@ impl Method {
     }
 }
 
-/// How the field is made of voxels.
+/// A filter: how the field is made of voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
     /// Linear between the eight voxels around a place.
     #[default]
     Trilinear,
-    /// The cubic B-spline over the 64 voxels around it: smooth, and blurs.
+    /// The cubic B-spline over the 64 voxels around a place: smooth, but it blurs.
     Tricubic,
 }
 
 every!(Filter: Trilinear Tricubic);
 
 impl Filter {
-    /// Voxels on each side of a place that it takes.
+    /// Voxels that the filter takes on each side of a place, along each axis.
     pub const fn taps(self) -> u32 {
         match self {
             Self::Trilinear => 1,
@@ -134,29 +135,29 @@ pub fn b_spline(t: f64) -> [f64; 4] {
     [s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t].map(|w| w / 6.0)
 }
 
-/// The cubic curve of Catmull and Rom through four values, at `t` from the second to the third, kept between those two: so that it
+/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third. It is kept between those two, so that it
 /// has no value that was not between samples, and what is known to be clear stays clear.
 pub fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     let value = catmull_rom([a, b, c, d], t);
     value.clamp(b.min(c), b.max(c))
 }
 
-/// The curve of Catmull and Rom, as it is.
+/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third. It may leave the range of those two.
 pub fn catmull_rom([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
 }
 
-/// Method, filter and jitter.
+/// How rays are sampled: method, filter and jitter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sampling {
     /// How segments become media.
     pub method: Method,
-    /// Virtual samples of a segment, of methods that have some: 1 to [`MOST_VIRTUAL_SAMPLES`].
+    /// Virtual samples of a segment, 1 to [`MOST_VIRTUAL_SAMPLES`]; methods without virtual samples do not use it.
     pub virtual_samples: u8,
     /// How the field is made of voxels.
     pub filter: Filter,
-    /// How the segments of rays side by side differ.
+    /// How the lattice of each pixel's ray is moved, so that rays side by side are sampled at different distances.
     pub jitter: Jitter,
 }
 
@@ -168,7 +169,8 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// Parts of a segment whose ends differ by so many of the transfer function's [steps](crate::TransferTable::adaptive_step).
+    /// Number of parts that a segment is cut into. `steps` is the difference of the values at its ends, in the transfer function's [adaptive
+    /// steps](crate::TransferTable::adaptive_step); only [`Method::Asm`] depends on it.
     pub fn parts(&self, steps: f64) -> usize {
         match self.method {
             Method::Udvr | Method::Pdvr => 1,
@@ -178,25 +180,25 @@ impl Sampling {
     }
 }
 
-/// What a picture needs bricks, and the tables beside them, to have.
+/// What a picture requires of bricks and of the tables beside them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
-    /// Voxels of its neighbours around a brick.
+    /// Width of the apron around a brick's core, in voxels.
     pub apron: u32,
-    /// Layers of stored gradients outside of it: see [`GradientNodes`]; 0 if there are none at all.
+    /// Layers of stored gradients outside of a brick's core (see [`GradientNodes`]); 0 if there are no gradients at all.
     pub gradient_layers: u32,
-    /// How the field is made of voxels: decides what values a part of a brick can have.
+    /// How the field is made of voxels, which decides what values a part of a brick can have.
     pub filter: Filter,
     /// Whether running integrals of the transfer function are among the tables.
     pub is_pre_integrated: bool,
     /// Whether the [grid](crate::TransferGrid) of a transfer function of value and gradient is among the tables.
     pub has_grid: bool,
-    /// Room for meshes.
+    /// Size of all meshes that there must be room for.
     pub meshes: MeshCapacity,
 }
 
 impl Needs {
-    /// The needs of plain samples, and nothing else.
+    /// The needs of a picture of plain samples: trilinear, unlit, not pre-integrated, without meshes.
     pub const PLAIN: Self = Self {
         apron: 1,
         gradient_layers: 0,
@@ -206,8 +208,8 @@ impl Needs {
         meshes: MeshCapacity::NONE,
     };
 
-    /// Of a picture without meshes, with isosurfaces in it or not, through a transfer function of value and gradient or of value
-    /// alone.
+    /// The needs of a picture without meshes. `has_surfaces` says whether it has isosurfaces, `has_grid` whether a transfer function is one of
+    /// value and gradient.
     pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool, has_grid: bool) -> Self {
         let filter = sampling.filter;
         let along = match mode {
@@ -235,12 +237,12 @@ impl Needs {
         }
     }
 
-    /// The gradients stored with a brick of so many voxels along its edge.
+    /// The layout of the gradients that are stored with a brick's core of `edge` voxels.
     pub const fn gradients(&self, edge: u32) -> GradientNodes {
         GradientNodes { edge, layers: self.gradient_layers }
     }
 
-    /// What suffices for the pictures of both.
+    /// Needs that suffice for the pictures of both `self` and `other`.
     pub fn union(self, other: Self) -> Self {
         Self {
             apron: self.apron.max(other.apron),

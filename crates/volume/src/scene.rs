@@ -24,49 +24,52 @@ use serde_json::Value;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LevelPolicy {
-    /// The coarsest whose voxels are no larger than the pixel error allows, brick by brick.
+    /// Brick by brick the coarsest level whose voxels are no larger than the pixel error allows.
     #[default]
     Auto,
-    /// One level everywhere (as far as the budget goes).
+    /// This level everywhere, as far as the budget goes.
     Locked(u8),
 }
 
-/// A picture's description. Distances are world units unless said otherwise.
+/// A scene: the description of a picture. Distances are world units unless said otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// The camera; `None` looks at the whole volume, or straight at the slice.
+    /// The camera; `None` is one that looks at all of the volumes, or straight at the slice.
     pub camera: Option<Camera>,
-    /// Two eyes in the place of the camera's one; `None` is one eye.
+    /// Stereo: two eyes in the place of the camera's one. `None` is one eye.
     pub stereo: Option<Stereo>,
-    /// The mode.
+    /// How samples along a ray become a pixel.
     pub mode: Mode,
-    /// How the field is filtered, and segments of [`Mode::Dvr`] sampled.
+    /// How the field is filtered, and how segments of [`Mode::Dvr`] are sampled.
     pub sampling: Sampling,
-    /// How [`Mode::Dvr`] is lit, its fog and its surfaces; surfaces always are, as they say nothing otherwise. Each layer is lit by
-    /// its own gradients, but for the fog of those that [add](crate::Blend::Add).
+    /// How the fog of [`Mode::Dvr`] and surfaces are lit. Surfaces are lit even without a lighting model, as they say nothing
+    /// otherwise. Each layer is lit by its own gradients, but for the fog of layers that [add](crate::Blend::Add), which is not
+    /// lit.
     pub lighting: Lighting,
-    /// Sampling step in units of the finest layer's voxel size.
+    /// Sampling step in units of the voxel size of the finest layer that is shown; positive.
     pub step: f64,
     /// Colour behind the volumes, display-referred.
     pub background: [f64; 3],
-    /// Level choice.
+    /// Which level the view wants.
     pub level: LevelPolicy,
-    /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
+    /// How many pixels a voxel may cover under [`LevelPolicy::Auto`]; positive.
     pub pixel_error: f64,
-    /// Time step.
+    /// Time step of all layers, from 0.
     pub time: u32,
-    /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read.
+    /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read. `None` is no box.
     pub clip: Option<[DVec3; 2]>,
-    /// Planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any is shown, or read.
+    /// Clip planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any of them is shown, or
+    /// read.
     pub clip_planes: Vec<ClipPlane>,
-    /// Show only a plane, or a slab about it. The mode says what is shown of what lies across: its mean, greatest or least value.
+    /// Restricts what is shown of the volumes to a plane, or to a slab about it. The mode says what is shown of the values across
+    /// it: their mean, greatest or least. `None` shows the whole volumes.
     pub slice: Option<Slice>,
-    /// Triangle meshes, in the same world.
+    /// Triangle meshes, in the scene's world.
     pub meshes: Vec<MeshLook>,
-    /// What is shown: at least one layer, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES).
+    /// The layers: at least one, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES).
     pub layers: Vec<SceneLayer>,
-    /// Layers shown as one: an expression over their values, in the place of what they show by themselves.
+    /// An expression over the layers' values, which is shown in the place of the layers themselves; `None` shows the layers.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "expression")]
     pub expression: Option<SceneExpression>,
 }
@@ -86,7 +89,7 @@ pub struct VolumePlace {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneExpression {
-    /// The text: `a` is the value of the first layer.
+    /// The expression's text, in which `a` is the value of the first layer.
     pub text: String,
     /// How the expression's values look; `None` is a gray ramp over all that they can be.
     #[serde(default)]
@@ -100,10 +103,10 @@ impl From<String> for SceneExpression {
 }
 
 impl SceneExpression {
-    /// How its values look, whose window the subject has.
+    /// The transfer function of the expression's values, whose window the subject has.
     ///
     /// # Errors
-    /// If the function cannot be had.
+    /// If there is no such preset, the function's file has not been read, or the function is not valid.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, TransferError> {
         self.transfer.as_ref().map_or_else(|| Ok(subject.default_function()), |choice| choice.function(subject))
     }
@@ -141,12 +144,12 @@ impl Default for Scene {
 }
 
 impl Scene {
-    /// The default scene of one layer.
+    /// A scene of one layer, with defaults for everything else.
     pub fn of(layer: impl Into<SceneLayer>) -> Self {
         Self { layers: vec![layer.into()], ..Self::default() }
     }
 
-    /// The place, among the stores, of the one that a layer shows.
+    /// Index, in the list of stores, of the store that a layer shows.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -201,10 +204,10 @@ impl Scene {
         })
     }
 
-    /// What is shown of a volume by these rays; `None` is everything.
+    /// What clip box, clip planes and slice show of a volume by these rays, in the scene's world; `None` is everything.
     ///
     /// # Errors
-    /// If box or planes are impossible.
+    /// If the box is empty, a plane cannot be normalised, or there are too many planes.
     pub fn clip_for(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> Result<Option<Clip>, ClipError> {
         let mut planes = self.clip_planes.clone();
         if let Some(slice) = &self.slice {
@@ -216,27 +219,28 @@ impl Scene {
 }
 
 impl Scene {
-    /// What the picture needs bricks, and what is beside them, to have: of meshes, those that have been read.
+    /// What the picture requires of bricks and of the tables beside them. Meshes that have not been read do not count.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
         let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, self.is_by_gradient()) }
     }
 
-    /// Whether what is shown of any layer depends on the gradient.
+    /// Whether any layer's transfer function depends on the gradient magnitude.
     pub fn is_by_gradient(&self) -> bool {
         self.layers.iter().filter_map(|layer| layer.transfer.as_ref()).any(TransferChoice::is_by_gradient)
     }
 
-    /// Whether a method can show its transfer functions: what is pre-integrated is so over values alone.
+    /// Whether a sampling method can show the scene's transfer functions: methods that pre-integrate do so over values alone.
     pub fn takes(&self, method: Method) -> bool {
         !(method.is_pre_integrated() && self.is_by_gradient())
     }
 
-    /// The meshes as renderers take them; those that are not to be seen are left out.
+    /// The scene's meshes as renderers take them; those of opacity 0 are left out.
     ///
     /// # Errors
-    /// If one has not been read, looks impossible, or is translucent in a mode that has no place for it.
+    /// If a mesh has not been read, has a colour or an opacity that is not in 0..=1, or is translucent in a projection, or if there
+    /// are too many vertices and triangles in all.
     pub fn shown_meshes(&self) -> Result<Vec<ShownMesh>, MeshLookError> {
         let mut shown = Vec::new();
         for look in &self.meshes {

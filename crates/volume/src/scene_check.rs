@@ -1,5 +1,5 @@
-//! The check of scenes: the one place where a scene is refused. It looks at the scene and at how much of what stores have, never at data, so
-//! it costs microseconds and is done before anything is read.
+//! The check of scenes: the one place where a scene is refused. It looks at the scene and at what stores have, never at data, so it costs
+//! microseconds and is done before anything is read.
 //!
 //! What a type cannot hold is refused by the type, when a scene is read: unknown fields, and places that are singular
 //! ([`Placement`](crate::Placement)). Cameras and stereo have errors of their own, for they depend on the picture's size.
@@ -16,22 +16,22 @@ use crate::surface::{Isosurface, MAX_SURFACES};
 use crate::transfer::GAMMAS;
 use crate::transfer::{Subject, TransferChoice};
 
-/// How much of what a scene can ask for a store has.
+/// How many levels, time steps and channels a store has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StoreCounts {
-    /// Levels.
+    /// Number of levels.
     pub levels: usize,
-    /// Time steps.
+    /// Number of time steps.
     pub times: u32,
-    /// Channels.
+    /// Number of channels.
     pub channels: u32,
 }
 
 impl Scene {
-    /// Whether the scene can be shown of stores that have these.
+    /// Checks that the scene can be shown from these stores.
     ///
     /// # Errors
-    /// The first thing that cannot.
+    /// The first problem that is found.
     pub fn check(&self, stores: &[StoreCounts]) -> Result<(), SceneError> {
         if !(1..=MAX_VOLUMES).contains(&self.layers.len()) {
             return Err(SceneError::Layers(self.layers.len()));
@@ -52,10 +52,10 @@ impl Scene {
         Ok(())
     }
 
-    /// The layers that are shown: all that are visible, or those that the expression reads.
+    /// Indices of the layers that are shown: all that are visible, or those that the expression reads.
     ///
     /// # Errors
-    /// If there is none, or the expression cannot be shown.
+    /// If no layer is visible, or the expression cannot be shown.
     pub fn shown_layers(&self) -> Result<Vec<usize>, SceneError> {
         if let Some(expression) = self.parsed_expression()? {
             return Ok(expression.volumes());
@@ -64,10 +64,11 @@ impl Scene {
         if shown.is_empty() { Err(SceneError::NothingVisible) } else { Ok(shown) }
     }
 
-    /// The expression over all layers, if there is one.
+    /// The scene's expression over all layers; `None` if it has none.
     ///
     /// # Errors
-    /// If it cannot be read, or not be shown: its value is one number in each place.
+    /// If the text is no expression, or the scene's layers, mode, method or transfer function do not go with one: its value is one number in
+    /// each place.
     pub fn parsed_expression(&self) -> Result<Option<Expression>, SceneError> {
         let Some(look @ SceneExpression { text, transfer }) = &self.expression else { return Ok(None) };
         let expression = Expression::parse(text, self.layers.len())?;

@@ -12,40 +12,40 @@ use crate::surface::MAX_SURFACES;
 use crate::transfer::{GAMMAS, TransferError};
 use glam::DVec3;
 
-/// Why a scene is impossible.
+/// Why a scene cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// No layer, or too many.
+    /// The scene has no layer, or too many; the number is how many it has.
     #[error("{0} layers: expected 1 to {MAX_VOLUMES}")]
     Layers(usize),
-    /// Something of one layer.
+    /// One of the scene's layers cannot be shown.
     #[error("layer {layer}: {error}")]
     Layer {
-        /// The layer's place, from 0.
+        /// Index of the layer, from 0.
         layer: usize,
-        /// What it is.
+        /// Why the layer cannot be shown.
         error: LayerError,
     },
-    /// Nothing to show.
+    /// No layer is visible, so there is nothing to show.
     #[error("no layer is visible: there is nothing to show")]
     NothingVisible,
-    /// A level that no store has.
+    /// The scene asks for a level that no store has.
     #[error("level {level} does not exist: the stores have up to {levels}, numbered from 0")]
     Level {
-        /// The level.
+        /// The level that the scene asks for.
         level: u8,
-        /// Levels of the store that has most.
+        /// Number of levels of the store that has most.
         levels: usize,
     },
-    /// A length that is none.
+    /// The step or the pixel error is not a positive, finite number.
     #[error("the {name} is {value}: expected a positive number")]
     NotPositive {
-        /// Whose.
+        /// Which number it is: `step` or `pixel error`.
         name: &'static str,
-        /// What it is.
+        /// The number as given.
         value: f64,
     },
-    /// A background without colour.
+    /// The background's colour is not in 0..=1.
     #[error("the background is {0:?}: expected red, green and blue in 0..1")]
     Background([f64; 3]),
     /// A clip box, planes or a slice that cannot be shown.
@@ -54,146 +54,146 @@ pub enum SceneError {
     /// A mesh that cannot be shown.
     #[error(transparent)]
     Mesh(#[from] MeshLookError),
-    /// A projection has no segments to sample.
+    /// The sampling method is for [`Mode::Dvr`] alone, and the scene has another mode.
     #[error("the sampling method {0:?} is for direct volume rendering: leave it out, or use mode dvr")]
     Method(Method),
-    /// A projection has nothing to be lit.
+    /// The lighting model is for [`Mode::Dvr`] and [`Mode::Isosurface`], and the scene's mode is a projection.
     #[error("the lighting {0:?} is for direct volume rendering and isosurfaces: leave it out, or use mode dvr")]
     Lighting(LightingModel),
-    /// A number of samples in a segment.
+    /// The number of virtual samples of a segment is out of range.
     #[error("{0} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}")]
     VirtualSamples(u8),
-    /// Too many lights.
+    /// There are too many lights; the number is how many there are.
     #[error("{0} lights: expected at most {MAX_LIGHTS}")]
     Lights(usize),
-    /// A light nowhere.
+    /// A light's position is not finite.
     #[error("a light stands at {0}: expected finite numbers")]
     Light(DVec3),
-    /// Lights that light nothing.
+    /// There are lights, but neither a lighting model nor a surface for them to light.
     #[error("a light without lighting: leave it out, or add lighting, as in blinn-phong")]
     Unlit,
-    /// Isosurfaces of no value.
+    /// The mode is [`Mode::Isosurface`], and no layer that is shown has an isosurface.
     #[error(
         "mode isosurface needs the value whose surface it shows: give a visible layer an isovalue, in stored units"
     )]
     NoSurface,
-    /// A text that is no expression.
+    /// The expression's text is no expression over the scene's layers.
     #[error("expression: {0}")]
     Expression(#[from] ExpressionError),
-    /// An expression that reads nothing.
+    /// The expression, whose text this is, reads no layer.
     #[error("expression: '{0}' reads no layer: there is nothing to show")]
     ExpressionOfNothing(String),
-    /// An expression over a layer that is not shown.
+    /// The expression reads a layer that is hidden; the number is the layer's index.
     #[error("expression: it reads layer {0}, which is hidden: remove it from the expression, or make it visible")]
     ExpressionOfHidden(usize),
-    /// A layer with a style that an expression does not show.
+    /// A layer has a style of its own, which an expression does not show; the number is the layer's index.
     #[error(
         "expression: layer {0} has a style of its own, and the expression's value has the expression's: leave the layer's transfer, window, \
          color, gamma, opacity, blend and isosurfaces out"
     )]
     ExpressionStyle(usize),
-    /// An expression in another mode.
+    /// There is an expression, and the mode is not [`Mode::Dvr`].
     #[error("expression: its value is shown in mode dvr, not {0:?}: leave one of both out")]
     ExpressionMode(Mode),
-    /// An expression by another method.
+    /// There is an expression, and the sampling method is not [`Method::Udvr`].
     #[error("expression: its value is sampled by method udvr, not {0:?}: leave one of both out")]
     ExpressionMethod(Method),
-    /// An expression that is classified by its gradient.
+    /// The expression's transfer function is one of value and gradient.
     #[error(
         "expression: the transfer function is one of value and gradient, and an expression is classified by value alone: leave its \
          gradient_opacity and regions out"
     )]
     ExpressionByGradient,
-    /// An expression without a function that could be used.
+    /// The expression's transfer function cannot be used.
     #[error("expression: transfer function: {0}")]
     ExpressionTransfer(TransferError),
 }
 
-/// Why a layer is impossible.
+/// Why a layer of a scene cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum LayerError {
     /// The layer's map and its store's orientation come to a map that cannot be used.
     #[error(transparent)]
     Placement(#[from] PlacementError),
-    /// A store that nobody named.
+    /// The layer's store does not exist.
     #[error("store {store} does not exist: there are {stores}, numbered from 0")]
     Store {
-        /// The store's place.
+        /// Index of the store that the layer asks for.
         store: usize,
-        /// Stores that there are.
+        /// Number of stores that there are.
         stores: usize,
     },
-    /// A channel that the store does not have.
+    /// The layer's channel does not exist in its store.
     #[error("channel {channel} does not exist: the store has {channels}, numbered from 0")]
     Channel {
-        /// The channel.
+        /// The channel that the layer asks for.
         channel: u32,
-        /// Channels that there are.
+        /// Number of channels that the store has.
         channels: u32,
     },
-    /// A time step that the store does not have.
+    /// The scene's time step does not exist in the layer's store.
     #[error("time step {time} does not exist: the store has {times}, numbered from 0")]
     Time {
-        /// The time step.
+        /// The time step that the scene asks for.
         time: u32,
-        /// Time steps that there are.
+        /// Number of time steps that the store has.
         times: u32,
     },
-    /// No opacity.
+    /// The layer's opacity is not in 0..=1.
     #[error("the opacity is {0}: expected 0 to 1")]
     Opacity(f64),
-    /// No power.
+    /// The layer's gamma is not in [`GAMMAS`].
     #[error("the gamma is {0}: expected {low} to {high}", low = GAMMAS.start(), high = GAMMAS.end())]
     Gamma(f64),
-    /// No window.
+    /// The layer's window is not finite, or does not have the lesser number first.
     #[error("the window is {0:?}: expected two finite numbers, the lesser first")]
     Window([f64; 2]),
-    /// No colour.
+    /// The layer's colour is not in 0..=1.
     #[error("the color is {0:?}: expected red, green and blue in 0..1")]
     Color([f64; 3]),
-    /// A crop without inside.
+    /// The layer's crop box is empty or not finite.
     #[error("crop: {0}")]
     Crop(ClipError),
-    /// No function.
+    /// The layer's transfer function cannot be used.
     #[error("transfer function: {0}")]
     Transfer(#[from] TransferError),
-    /// A function that cannot be moved.
+    /// The layer's transfer function cannot be moved to its window: all points have this one value.
     #[error(
         "all points of the transfer function have the value {0}, and cannot be moved to a window: leave the window out"
     )]
     Flat(f64),
-    /// A function of value and gradient, integrated over values.
+    /// The sampling method pre-integrates over values, and the layer's transfer function is one of value and gradient.
     #[error(
         "the sampling method {0:?} integrates over values, and the transfer function is one of value and gradient: use method udvr, lvs, \
          cvs or asm"
     )]
     Integrated(Method),
-    /// Surfaces in a projection.
+    /// The layer has an isosurface, and the scene's mode is a projection; the number is the isovalue.
     #[error("the isovalue {0} is for mode isosurface, or dvr: leave it out, or use one of those")]
     SurfaceMode(f64),
-    /// Too many surfaces.
+    /// The layer has too many isosurfaces; the number is how many it has.
     #[error("{0} isosurfaces: expected at most {MAX_SURFACES}")]
     Surfaces(usize),
-    /// A surface of no value.
+    /// The isovalue of one of the layer's isosurfaces is not finite.
     #[error("the isovalue is {0}: expected a finite number")]
     SurfaceValue(f64),
-    /// A surface without opacity.
+    /// The opacity of one of the layer's isosurfaces is not in 0..=1.
     #[error("the isosurface at {value} has an opacity of {opacity}: expected a number from 0 to 1")]
     SurfaceOpacity {
-        /// Its value.
+        /// Isovalue of the surface.
         value: f64,
-        /// Its opacity.
+        /// Opacity of the surface, as given.
         opacity: f64,
     },
-    /// A surface without colour.
+    /// The colour of one of the layer's isosurfaces is not in 0..=1.
     #[error("the isosurface at {value} has the color {color:?}: expected red, green and blue in 0..1")]
     SurfaceColor {
-        /// Its value.
+        /// Isovalue of the surface.
         value: f64,
-        /// Its colour.
+        /// Colour of the surface, as given.
         color: [f64; 3],
     },
-    /// A surface twice.
+    /// Two of the layer's isosurfaces have this isovalue.
     #[error("two isosurfaces have the value {0}: leave one out")]
     SurfaceTwice(f64),
 }

@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slice {
-    /// A point that it passes through, world.
+    /// A world point that the plane passes through.
     pub point: DVec3,
-    /// Across it, towards the viewer; of any length.
+    /// Normal of the plane, towards the viewer; of any length but zero.
     pub normal: DVec3,
     /// World distance from one side of the slab to the other; 0 is as thin as can be.
     #[serde(default)]
@@ -28,6 +28,9 @@ pub struct Slice {
 impl Slice {
     /// The slice across an axis (0 is x) at a world coordinate, seen as images are: z slices have x to the right and y downwards, as
     /// they are stored; y slices x to the right and z upwards; x slices y to the right and z upwards.
+    ///
+    /// # Panics
+    /// If `axis` is more than 2.
     pub fn across(axis: usize, at: f64) -> Self {
         let normal = [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z][axis];
         Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
@@ -46,10 +49,10 @@ impl Slice {
         if is_level { DVec3::NEG_Y } else { DVec3::Z }
     }
 
-    /// Whether it can be shown.
+    /// Checks that the slice can be shown.
     ///
     /// # Errors
-    /// If it has no plane or no possible thickness.
+    /// If the thickness is negative or not finite, the normal is zero, or a number of the plane is not finite.
     pub fn check(&self) -> Result<(), ClipError> {
         if !(self.thickness >= 0.0 && self.thickness.is_finite()) {
             return Err(ClipError::Thickness(self.thickness));
@@ -57,7 +60,7 @@ impl Slice {
         ClipPlane { point: self.point, normal: self.normal }.normalized().map(|_| ())
     }
 
-    /// The sides of the slab, for a picture of this volume with these rays.
+    /// The two planes that bound the slab, with normals that point into it, for a picture of this volume with these rays.
     pub fn sides(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> [ClipPlane; 2] {
         let normal = self.normal.normalize_or_zero();
         // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to

@@ -27,20 +27,20 @@ macro_rules! xyz {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         pub struct $name {
-            /// Along z, the slowest axis in memory (first, so that the derived order is memory order).
+            /// Component along z, the slowest axis in memory (first, so that the derived order is memory order).
             pub z: u32,
-            /// Along y.
+            /// Component along y.
             pub y: u32,
-            /// Along x, the fastest axis in memory.
+            /// Component along x, the fastest axis in memory.
             pub x: u32,
         }
 
         impl $name {
-            /// From x, y, z.
+            /// The value with these components along x, y and z.
             pub const fn new(x: u32, y: u32, z: u32) -> Self {
                 Self { x, y, z }
             }
-            /// From `[x, y, z]`.
+            /// The value with the components `[x, y, z]`.
             pub const fn from_array([x, y, z]: [u32; 3]) -> Self {
                 Self { x, y, z }
             }
@@ -64,22 +64,22 @@ xyz!(
     Extent
 );
 xyz!(
-    /// A voxel of some level.
+    /// The position of a voxel in some level.
     VoxelIndex
 );
 xyz!(
-    /// A brick of some level's brick grid.
+    /// The position of a brick in some level's brick grid.
     BrickIndex
 );
 
 impl Extent {
-    /// The number of voxels (or bricks). Callers keep extents whose product overflows out of the system with
-    /// [`Extent::checked_volume`].
+    /// The number of voxels (or bricks). The product must not overflow: callers keep such extents out of the system
+    /// with [`Extent::checked_volume`].
     pub const fn volume(self) -> u64 {
         self.x as u64 * self.y as u64 * self.z as u64
     }
 
-    /// The product, or `None` past 2^63 - 1 (so that it is also a valid file offset).
+    /// The number of voxels (or bricks), or `None` past 2^63 - 1 (so that it is also a valid file offset).
     pub fn checked_volume(self) -> Option<u64> {
         let product = self.x as u128 * self.y as u128 * self.z as u128;
         (product <= i64::MAX as u128).then_some(product as u64)
@@ -91,12 +91,12 @@ impl Extent {
         (z as u64 * self.y as u64 + y as u64) * self.x as u64 + x as u64
     }
 
-    /// Whether the cell lies inside.
+    /// Whether the cell `[x, y, z]` lies inside of this extent.
     pub const fn contains(self, [x, y, z]: [u32; 3]) -> bool {
         x < self.x && y < self.y && z < self.z
     }
 
-    /// The box of all cells.
+    /// The box of all cells of this extent.
     pub const fn full_box(self) -> VoxelBox {
         VoxelBox { min: VoxelIndex::new(0, 0, 0), max: VoxelIndex::new(self.x, self.y, self.z) }
     }
@@ -112,7 +112,7 @@ pub struct VoxelBox {
 }
 
 impl VoxelBox {
-    /// From two corners as `[x, y, z]`, the second exclusive.
+    /// The box between two corners `[x, y, z]`, the second exclusive.
     pub const fn new(min: [u32; 3], max: [u32; 3]) -> Self {
         Self { min: VoxelIndex::from_array(min), max: VoxelIndex::from_array(max) }
     }
@@ -142,13 +142,13 @@ impl VoxelBox {
 /// The key of one brick. The derived order (time, channel, level, z, y, x) breaks every tie in the pager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct BrickId {
-    /// Time step.
+    /// Time step of the brick, from 0.
     pub time: u32,
-    /// Channel.
+    /// Channel of the brick, from 0.
     pub channel: u32,
-    /// Level.
+    /// Level of the brick.
     pub level: Level,
-    /// Place in the level's brick grid.
+    /// Place of the brick in its level's brick grid.
     pub index: BrickIndex,
 }
 

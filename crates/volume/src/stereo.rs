@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 /// and what photographers of stereo pairs go by.
 const DEFAULT_SEPARATION: f64 = 1.0 / 30.0;
 
-/// How the pictures of two eyes share one.
+/// How the pictures of two eyes become one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StereoLayout {
@@ -30,7 +30,7 @@ pub enum StereoLayout {
     SideBySide,
     /// The left eye's picture in the top half, the right eye's below.
     TopBottom,
-    /// For red-cyan glasses, the red before the left eye.
+    /// One picture for red-cyan glasses, with the red glass before the left eye.
     Anaglyph,
     /// Rows 0, 2, 4... from the top are the left eye's, the others the right eye's.
     Interlaced,
@@ -38,16 +38,16 @@ pub enum StereoLayout {
 
 every!(StereoLayout: SideBySide TopBottom Anaglyph Interlaced);
 
-/// Two eyes instead of one.
+/// Stereo: two eyes instead of one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stereo {
-    /// How the two pictures share one.
+    /// How the pictures of the two eyes become one.
     pub layout: StereoLayout,
     /// World distance between the eyes; `None` is a thirtieth of the convergence distance.
     #[serde(default)]
     pub eye_separation: Option<f64>,
-    /// World distance, along the view, of what seems to be at the screen; `None` is that of the camera's target.
+    /// World distance, along the view, at which things seem to be at the screen; `None` is the distance of the camera's target.
     #[serde(default)]
     pub convergence: Option<f64>,
 }
@@ -55,33 +55,33 @@ pub struct Stereo {
 /// Why there is no stereo picture.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StereoError {
-    /// A length that is none.
+    /// The eye separation or the convergence distance is not a positive, finite number.
     #[error("--{name} is {value}: expected a positive length, in world units")]
     Length {
-        /// Which.
+        /// Which length it is: `eye-separation` or `convergence`.
         name: &'static str,
         /// The length as given.
         value: f64,
     },
-    /// A size that cannot be halved.
+    /// The layout halves a side of the picture that has an odd number of pixels.
     #[error("a {layout} picture is two {side}s in one, so its {side} must be even: {width}x{height} pixels are not")]
     OddSize {
-        /// Which layout.
+        /// Name of the layout: `side-by-side` or `top-bottom`.
         layout: &'static str,
-        /// Which side.
+        /// The side that is odd: `width` or `height`.
         side: &'static str,
-        /// Pixels across.
+        /// Width of the whole picture in pixels.
         width: u32,
-        /// Pixels down.
+        /// Height of the whole picture in pixels.
         height: u32,
     },
-    /// The camera makes no picture.
+    /// The camera cannot be used.
     #[error(transparent)]
     Camera(#[from] CameraError),
 }
 
 impl Stereo {
-    /// Stereo with default distances.
+    /// Stereo in this layout, with default distances.
     pub const fn new(layout: StereoLayout) -> Self {
         Self { layout, eye_separation: None, convergence: None }
     }
@@ -118,7 +118,7 @@ impl StereoLayout {
         }
     }
 
-    /// One picture of two of the same size, the left eye's and the right eye's.
+    /// Puts the pictures of the left and of the right eye, which have the same size, together into one.
     ///
     /// # Panics
     /// If the sizes differ.

@@ -1,4 +1,4 @@
-//! Surfaces of one value: where a ray meets them, and how they are lit. What all renderers have in common.
+//! Isosurfaces: where a ray meets them, and how they are lit. All renderers have these rules in common.
 //!
 //! A picture has one opaque surface ([`Mode::Isosurface`](crate::Mode::Isosurface)), or several translucent ones, alone or in the
 //! fog of [`Mode::Dvr`](crate::Mode::Dvr).
@@ -13,28 +13,28 @@
 //! on two sides, the same once more within it, then a straight line between its ends. A 64th of a segment holds the crossing
 //! before that last step, and the line is far better.
 //!
-//! Of several surfaces, a place is past so many as its value is at or above: its *rank*. From one rank to another a ray crosses all
-//! surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its segment: the fog in front of it
-//! and that behind it are segments of their own, with the surface between them.
+//! Where there are several surfaces, the *rank* of a place is the number of them whose isovalue its value is at or above. From one rank
+//! to another a ray crosses all surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its
+//! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
 
 use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
 use crate::slot_encoding::SlotEncoding;
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// Surfaces of a picture, at most.
+/// The most isosurfaces that one layer of a scene may have.
 pub const MAX_SURFACES: usize = 8;
 
-/// A surface as a scene asks for it.
+/// An isosurface of a layer, as a scene asks for it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Isosurface {
-    /// The value that it has, in stored units.
+    /// The isovalue: the value of the field on the surface, in stored units.
     pub value: f64,
-    /// Its colour; `None` is the transfer function's there.
+    /// Colour of the surface, in 0..=1; `None` is the transfer function's colour at the isovalue.
     #[serde(default)]
     pub color: Option<[f64; 3]>,
-    /// What it takes of the light that passes it, 0 to 1.
+    /// Opacity of the surface: the share of the light that it takes, 0 to 1.
     #[serde(default = "opaque")]
     pub opacity: f64,
 }
@@ -44,25 +44,25 @@ fn opaque() -> f64 {
 }
 
 impl Isosurface {
-    /// An opaque surface in the transfer function's colour.
+    /// An opaque isosurface of this value, in the transfer function's colour.
     pub fn at(value: f64) -> Self {
         Self { value, color: None, opacity: opaque() }
     }
 }
 
-/// A surface as renderers have it.
+/// An isosurface as renderers have it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// The value at or above which a place is inside; see [`threshold`].
     pub threshold: f64,
-    /// Its colour before it is lit.
+    /// Colour of the surface before it is lit.
     pub color: [f32; 3],
-    /// What it takes of the light that passes it.
+    /// Opacity of the surface: the share of the light that it takes, 0 to 1.
     pub opacity: f32,
 }
 
 impl Surface {
-    /// Surfaces in the order of their values.
+    /// A layer's isosurfaces as renderers have them, in the order of their values.
     pub fn all(surfaces: &[Isosurface], transfer: &TransferFunction, encoding: &SlotEncoding) -> Vec<Self> {
         let surface = |surface: &Isosurface| {
             let threshold = threshold(surface.value, encoding);
@@ -75,12 +75,12 @@ impl Surface {
     }
 }
 
-/// How many surfaces a value is past.
+/// The rank of a value: how many of the surfaces have a threshold that is not above it. `surfaces` must be in the order of their values.
 pub fn rank(surfaces: &[Surface], value: f64) -> usize {
     surfaces.iter().take_while(|surface| surface.threshold <= value).count()
 }
 
-/// How surfaces are lit in a scene with this lighting: as the fog, or if that is not, from the eye.
+/// How surfaces are lit in a scene with this lighting: as the fog is, or where that is not lit, by the Blinn-Phong model.
 pub fn lighting(lighting: &Lighting) -> Lighting {
     let model = match lighting.model {
         LightingModel::None => LightingModel::BlinnPhong,
@@ -89,33 +89,34 @@ pub fn lighting(lighting: &Lighting) -> Lighting {
     Lighting { model, ..lighting.clone() }
 }
 
-/// Parts that a stretch is searched in, each of [`ROUNDS`] times.
+/// Number of equal parts that the search for a crossing cuts a stretch into, in each of [`ROUNDS`] rounds.
 pub const PARTS: usize = 8;
 
-/// How often the part with the crossing is searched again.
+/// Number of rounds of the search for a crossing: the second one searches the part in which the first has found it.
 pub const ROUNDS: usize = 2;
 
-/// Differences of codes across two voxels, along all axes together, below which a field has no gradient: what rounding leaves
-/// of a flat one.
+/// A field has no gradient where the vector of its differences of codes across two voxels is shorter than this: it is what rounding
+/// leaves of a flat field.
 pub const FLAT_CODES: f64 = 1.0 / 64.0;
 
 /// A share of a code, by which surfaces lie below their isovalue: where many voxels have just that value, rounding does not
 /// decide on which side they are.
 const BELOW: f64 = 1.0 / 64.0;
 
-/// The value that the field is compared with for a surface at `isovalue`: at or above it is inside.
+/// The value that the field is compared with for an isosurface at `isovalue`: a place whose value is at or above it is inside.
 pub fn threshold(isovalue: f64, encoding: &SlotEncoding) -> f64 {
     isovalue - BELOW * encoding.code_width()
 }
 
-/// Whether samples with codes in the range can be on both sides of a threshold, in codes.
+/// Whether samples with codes from `low` to `high` can be on both sides of a threshold, which is in codes, too.
 #[inline(always)]
 pub fn straddles([low, high]: [u16; 2], threshold: f32) -> bool {
     (low as f32) < threshold && threshold <= high as f32
 }
 
-/// What a surface shows whose normal has this cosine with the ray, lit from the eye, whichever side it shows: as a share of
-/// its own colour, and of white. `None` is a field so flat that there is no normal: it shows its colour as if it faced the eye.
+/// What a surface shows if it is lit from the eye: the share of its own colour, and the share of white. `cosine` is that of the angle
+/// between its normal and the ray, of either sign. `None` is a field so flat that there is no normal: the surface shows its colour as if
+/// it faced the eye.
 pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
     match cosine.map(f64::abs) {
         // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.

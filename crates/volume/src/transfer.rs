@@ -33,7 +33,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Powers that a style may bend a transfer function by: beyond them a picture has two colours.
+/// Gammas that a layer's style may bend a transfer function by: beyond them a picture has two colours.
 pub const GAMMAS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
@@ -49,10 +49,11 @@ pub struct TransferFunction {
     #[serde(default = "unit")]
     pub unit_distance: f64,
     /// `[magnitude, factor]`, sorted by magnitude: what [`opacity`](Self::opacity) is multiplied by where the field's gradient has that
-    /// magnitude, in data units per world unit; factors in 0..=1. Empty, which a file says by leaving it out, is 1 everywhere.
+    /// magnitude, in data units per world unit. Factors are in 0..=1. An empty list, which a file leaves out, is a factor of 1
+    /// everywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "some_points")]
     pub gradient_opacity: Vec<[f64; 2]>,
-    /// What is to be seen besides, by value and gradient magnitude.
+    /// Further media, each in a region of the plane of values and gradient magnitudes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<Region>,
 }
@@ -78,76 +79,76 @@ fn some_points<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<[f64; 2]>, D::E
 /// Why a transfer function cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TransferError {
-    /// Not the JSON this type expects.
+    /// The text is not JSON, or not that of a [`TransferFunction`].
     #[error("not a transfer function: {0}")]
     Json(#[from] serde_json::Error),
-    /// A word that some programs write in place of a number; JSON has none for it.
+    /// The file has a word, such as `NaN`, in place of a number; JSON has none for it.
     #[error("line {line}, column {column}: found {word}, expected a finite number")]
     NotFinite {
-        /// Line, from 1.
+        /// Line of the word, from 1.
         line: usize,
         /// Column of the word's first letter, from 1.
         column: usize,
         /// The word as the file has it.
         word: String,
     },
-    /// None of the forms there are.
+    /// The file has none of the known forms.
     #[error(
         "not a transfer function: expected JSON (brickyard's own, ParaView's colour maps, or 3D Slicer's .vp.json), or the \
          text of a 3D Slicer volume property (.vp)"
     )]
     UnknownForm,
-    /// Another program's file, but not as that program writes it.
+    /// The file seems to be another program's, but is not as that program writes it.
     #[error("not {form}: {problem}")]
     Foreign {
-        /// Whose it seems to be, in words.
+        /// What the file seems to be, in words.
         form: &'static str,
         /// The place, what was expected, and what was found.
         problem: String,
     },
-    /// A list without points.
+    /// A list has no points; the text is the list's name.
     #[error("'{0}' has no points")]
     Empty(&'static str),
-    /// A number out of its range, not finite, or out of order.
+    /// A point of a list has a number that is out of its range, not finite, or out of order.
     #[error("'{list}' point {index}: {problem}")]
     Point {
         /// The list's name in the file.
         list: &'static str,
-        /// Position in the list, from 0.
+        /// Index of the point in the list, from 0.
         index: usize,
-        /// What is wrong, in words.
+        /// What is wrong with the point, in words.
         problem: String,
     },
-    /// A file that nobody has read.
+    /// The transfer function's file has not been read; the path is the file's.
     #[error("the transfer function {} has not been read: put what is in the file into TransferFile::function", .0.display())]
     NotRead(PathBuf),
     /// `unit_distance` is not a positive number.
     #[error("'unit_distance' is {0}: expected a positive number of world units")]
     UnitDistance(f64),
-    /// No preset of this name.
+    /// There is no preset of this name.
     #[error("unknown transfer function '{name}'{hint}: not a file, and not one of {known}")]
     UnknownPreset {
-        /// What was asked for.
+        /// The name that was asked for.
         name: String,
-        /// `, did you mean '...'?`, or nothing.
+        /// A hint to follow the name, `, did you mean '...'?`, or nothing.
         hint: String,
-        /// The names there are.
+        /// The names of all presets.
         known: String,
     },
     /// The file has no function of this name.
     #[error("no transfer function '{name}'{hint}: {known}")]
     UnknownName {
-        /// What was asked for.
+        /// The name that was asked for.
         name: String,
-        /// `, did you mean '...'?`, or nothing.
+        /// A hint to follow the name, `, did you mean '...'?`, or nothing.
         hint: String,
-        /// What there is instead, in words.
+        /// What the file has instead, in words.
         known: String,
     },
 }
 
 impl TransferFunction {
-    /// Checks that lists are sorted, finite, in range, and those of colour and opacity not empty.
+    /// Checks that lists are sorted, finite, in range, and those of colour and opacity not empty, and that `unit_distance` is positive.
     ///
     /// # Errors
     /// Names the first offending point.
@@ -178,37 +179,37 @@ impl TransferFunction {
         self.regions.iter().enumerate().try_for_each(|(index, region)| region.check(index))
     }
 
-    /// Whether what is shown depends on the gradient.
+    /// Whether what is shown depends on the gradient magnitude.
     pub fn is_by_gradient(&self) -> bool {
         !(self.gradient_opacity.is_empty() && self.regions.is_empty())
     }
 
-    /// Straight colour at a value.
+    /// Straight colour `[r, g, b]` at a value; regions are left out.
     pub fn rgb(&self, value: f64) -> [f64; 3] {
         let [_, r, g, b] = interpolate(&self.color, value);
         [r, g, b]
     }
 
-    /// What opacity is multiplied by at a gradient magnitude.
+    /// What opacity is multiplied by at a gradient magnitude, in data units per world unit.
     pub fn factor(&self, gradient: f64) -> f64 {
         if self.gradient_opacity.is_empty() { 1.0 } else { interpolate(&self.gradient_opacity, gradient)[1] }
     }
 
-    /// Straight colour, and opacity over `unit_distance`, at a value and a gradient magnitude: those of the media of the value and of
-    /// all regions in the same place. Extinctions add, and colours mix by extinction.
+    /// Straight colour, and opacity over `unit_distance`, at a value and a gradient magnitude: `[r, g, b, alpha]`. The media of the
+    /// value and of all regions are in the same place: their extinctions add, and their colours mix by extinction.
     pub fn at(&self, value: f64, gradient: f64) -> [f64; 4] {
         let [r, g, b] = self.rgb(value);
         let alpha = self.alpha(value) * self.factor(gradient);
         mix([r, g, b, alpha], self.regions.iter().map(|region| (region.color, region.alpha(value, gradient))))
     }
 
-    /// Opacity over `unit_distance` at a value, where nothing depends on the gradient.
+    /// Opacity over `unit_distance` at a value; gradient factor and regions are left out.
     pub fn alpha(&self, value: f64) -> f64 {
         interpolate(&self.opacity, value)[1]
     }
 
-    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient; of regions that
-    /// meet it, what all of them come to.
+    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions that meet
+    /// the interval count with all of their opacity, as if they were in one place, so that with regions it is an upper bound.
     pub fn max_alpha(&self, low: f64, high: f64) -> f64 {
         let inside = self.opacity.iter().filter(|p| low <= p[0] && p[0] <= high).map(|p| p[1]);
         let alpha = inside.fold(self.alpha(low).max(self.alpha(high)), f64::max);

@@ -119,9 +119,9 @@ impl std::fmt::Display for VoxelType {
 
 /// A Rust type that is one of the [`VoxelType`]s.
 pub trait Voxel: bytemuck::Pod + PartialOrd + Send + Sync + 'static {
-    /// The matching tag.
+    /// The [`VoxelType`] of this Rust type.
     const TYPE: VoxelType;
-    /// The value, exactly.
+    /// The voxel's value, exactly.
     fn to_f64(self) -> f64;
     /// The nearest representable value (ties to even), saturating at the type's limits; a float NaN stays NaN, an
     /// integer one becomes 0.

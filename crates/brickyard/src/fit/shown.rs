@@ -9,17 +9,18 @@ use brickyard_render::Answer;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-/// What is known of pictures shown.
+/// What is known of the pictures that a fit has shown.
 #[derive(Default)]
 pub(crate) struct Shown {
     /// How many there were.
     pictures: u64,
     /// Pictures whose answers the pagers are to be told, the oldest first.
     asked: VecDeque<Asked>,
-    /// Milliseconds that the last picture answered about took on the GPU, where that is known.
+    /// Milliseconds that a picture took on the GPU, by the last answer that says so; `None` before there is one.
     pub(crate) gpu_ms: Option<f64>,
-    /// Answers held back, the oldest first, and for how many steps they are: for tests.
+    /// Answers held back, the oldest first: for tests.
     held_back: VecDeque<Vec<Answer>>,
+    /// Number of steps for which answers are held back: for tests.
     pub(crate) late_steps: usize,
 }
 
@@ -32,8 +33,8 @@ struct Asked {
 }
 
 impl Fit {
-    /// Draws a scene with what is in the slots into the GPU renderer's own texture, and waits for nothing; a scene of two eyes twice. Where
-    /// `tells`, pagers are told later what was seen.
+    /// Draws a scene from the bricks in the slots into the GPU renderer's own texture, without waiting. A scene of two
+    /// eyes is drawn twice. If `tells`, the pagers are told later what was seen.
     pub(crate) fn show(&mut self, scene: &ResolvedScene, tells: bool) -> Result<(), BackendError> {
         let Self { layers: own, pools, backend, shown, .. } = self;
         let Some(gpu) = backend.as_gpu() else { return Ok(()) };
@@ -58,12 +59,12 @@ impl Fit {
         Ok(())
     }
 
-    /// Whether the picture shown last lacks layers of meshes; `None` while that is asked.
+    /// Whether the picture shown last lacks layers of translucent meshes; `None` while that is not known.
     pub(crate) fn lacks_layers(&mut self) -> Option<bool> {
         self.backend.as_gpu().map_or(Some(false), |gpu| gpu.lacks_layers())
     }
 
-    /// Takes in what the GPU has said of pictures shown before, and tells the pagers.
+    /// Takes the GPU's answers about pictures shown before, and tells the pagers what was seen.
     pub(crate) fn hear(&mut self) -> Result<(), BackendError> {
         let Self { backend, shown, .. } = self;
         let Some(gpu) = backend.as_gpu() else { return Ok(()) };

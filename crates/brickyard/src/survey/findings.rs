@@ -11,18 +11,18 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// From which of a row's figures.
+/// The figure of a row by which methods are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Estimator {
-    /// The variance in RGB: the paper's.
+    /// The signal-to-noise ratio by the variance of RGB, as in the paper.
     Variance,
-    /// The distance from the truth.
+    /// The signal-to-noise ratio against the picture that is taken for the truth.
     Truth,
 }
 
 impl Estimator {
-    /// A row's ratio.
+    /// Returns this figure of a row, dB.
     pub fn db(self, row: &Row) -> f64 {
         match self {
             Self::Variance => row.rgb_db,
@@ -31,14 +31,14 @@ impl Estimator {
     }
 }
 
-/// One of the paper's findings.
+/// One of the paper's findings, and what was measured about it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// What the paper says.
     pub claim: &'static str,
     /// The figure that the methods are compared by.
     pub by: Estimator,
-    /// Whether the measurement agrees; `None` if it does not tell.
+    /// Whether the measurement agrees; `None` if nothing was measured that tells.
     pub agrees: Option<bool>,
     /// What was measured.
     pub measured: String,
@@ -63,7 +63,8 @@ struct Ranking {
 }
 
 impl Ranking {
-    /// Of one filter and lighting; `None` if fewer than two methods were measured, or none is good enough.
+    /// Ranks the methods for one filter and lighting. `None` if fewer than two methods were measured, or none is good
+    /// enough.
     fn new(rows: &[Row], by: Estimator, filter: Filter, lighting: LightingModel) -> Option<Self> {
         let is_asked = |row: &&Row| row.filter == filter && row.lighting == lighting && row.is_usual();
         let rows: Vec<&Row> = rows.iter().filter(is_asked).collect();
@@ -105,7 +106,7 @@ fn reached_at(curve: &[(f64, f64)], target_db: f64) -> Option<f64> {
     Some(x0 * (x1 / x0).powf(share))
 }
 
-/// A method as on the command line.
+/// Returns a method's name on the command line.
 pub fn name(method: Method) -> &'static str {
     match method {
         Method::Udvr => "udvr",
@@ -118,7 +119,8 @@ pub fn name(method: Method) -> &'static str {
     }
 }
 
-/// All findings, by one figure. `rows` of a method must be of rising rates.
+/// Holds rows against all of the paper's findings, by one figure. The rows of each method must be in the order of
+/// rising rates.
 pub fn findings(rows: &[Row], by: Estimator) -> Vec<Finding> {
     let finding = |claim, (agrees, measured): (Option<bool>, String)| Finding { claim, by, agrees, measured };
     let mut lit: Vec<LightingModel> = Vec::new();

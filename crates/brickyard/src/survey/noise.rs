@@ -8,10 +8,10 @@
 use brickyard_volume::Picture;
 use brickyard_volume::transfer::lab;
 
-/// The components in which a colour's error is counted, each from 0 to 255 or thereabouts.
+/// The colour space in whose components an error is counted, on the scale of 8-bit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorSpace {
-    /// Red, green and blue as displayed.
+    /// Red, green and blue as displayed, 0 to 255.
     Rgb,
     /// Luma and two differences of colour (ITU-R BT.601, full range).
     YCbCr,
@@ -21,7 +21,7 @@ pub enum ColorSpace {
 }
 
 impl ColorSpace {
-    /// A colour's components.
+    /// Returns a colour's components in this space.
     pub fn of(self, rgb: [u8; 3]) -> [f64; 3] {
         let [r, g, b] = rgb.map(f64::from);
         match self {
@@ -50,25 +50,25 @@ impl ColorSpace {
 /// uniform color spaces developed after the adoption of CIELAB and CIELUV", 1994).
 pub const NOTICED: f64 = 2.3;
 
-/// The ratio of the greatest signal to an error, decibels: infinite without error.
+/// Returns the ratio of the greatest signal (255) to a mean square error, dB; infinite without error.
 pub fn psnr_db(mean_square: f64) -> f64 {
     10.0 * (255.0 * 255.0 / mean_square).log10()
 }
 
-/// Pictures of one view, and the colour behind the volume.
+/// A series of pictures of one view that differ in their jitter alone, and the colour behind the volume.
 pub struct Series {
     pictures: Vec<Picture>,
     background: [u8; 3],
 }
 
-/// A picture without rounding: the mean of a series.
+/// A picture that is taken for the truth: the mean of a series, not rounded.
 pub struct Truth {
     rgb: Vec<[f64; 3]>,
     is_shown: Vec<bool>,
 }
 
 impl Series {
-    /// A series.
+    /// Makes a series of pictures. `background` is the colour behind the volume.
     ///
     /// # Panics
     /// If there are fewer than two pictures, or their sizes differ.
@@ -87,12 +87,13 @@ impl Series {
         self.pictures.iter().any(|picture| picture.rgb[pixel] != self.background)
     }
 
-    /// How many pixels show the volume.
+    /// Returns the number of pixels that show the volume in any of the pictures.
     pub fn shown(&self) -> usize {
         (0..self.pixels()).filter(|&pixel| self.is_shown(pixel)).count()
     }
 
-    /// Each pixel's error: the variance of its components, their mean. None where there is only background.
+    /// Returns each pixel's error: the variance of its colour over the pictures, averaged over components. `None` for a
+    /// pixel that shows only background.
     pub fn variances(&self, space: ColorSpace) -> Vec<Option<f64>> {
         let variance = |pixel| {
             let colors = || self.pictures.iter().map(|picture| space.of(picture.rgb[pixel]));
@@ -106,15 +107,16 @@ impl Series {
         (0..self.pixels()).map(|pixel| self.is_shown(pixel).then(|| variance(pixel))).collect()
     }
 
-    /// The signal-to-noise ratio of the mean of all pixels' errors.
+    /// Returns the signal-to-noise ratio for the mean of all pixels' errors, dB.
     pub fn psnr_db(&self, space: ColorSpace) -> f64 {
         psnr_db(mean(self.variances(space).into_iter().flatten()))
     }
 
-    /// The signal-to-noise ratio of the mean square of what separates the pictures from the truth, wherever either shows the volume.
+    /// Returns the signal-to-noise ratio for the mean square difference between the pictures and the truth, dB, over
+    /// the pixels in which either shows the volume.
     ///
     /// # Panics
-    /// If the truth is of another size.
+    /// If the truth has another number of pixels.
     pub fn psnr_against_db(&self, truth: &Truth) -> f64 {
         assert_eq!(truth.rgb.len(), self.pixels(), "sizes differ");
         let square = |pixel: usize| {
@@ -128,10 +130,11 @@ impl Series {
         psnr_db(mean(shown.map(square)))
     }
 
-    /// The share of pixels whose colour is noticeably another than the truth's, wherever either shows the volume.
+    /// Returns the share of pixels whose colour differs from the truth's by more than [`NOTICED`], over the pixels in
+    /// which either shows the volume.
     ///
     /// # Panics
-    /// If the truth is of another size.
+    /// If the truth has another number of pixels.
     pub fn noticed(&self, truth: &Truth) -> f64 {
         assert_eq!(truth.rgb.len(), self.pixels(), "sizes differ");
         let color = |rgb: [f64; 3]| lab(rgb.map(|v| v / 255.0));
@@ -158,8 +161,8 @@ impl Series {
         }
     }
 
-    /// The pixels' signal-to-noise ratios as a picture, each in the colour that is given for it; black where there is only
-    /// background.
+    /// Makes a picture of the pixels' signal-to-noise ratios. `color` gives the colour of a ratio in dB; pixels that
+    /// show only background are black.
     pub fn map(&self, color: impl Fn(f64) -> [f64; 3]) -> Picture {
         let pixel = |variance: Option<f64>| match variance {
             Some(variance) => Picture::quantise(color(psnr_db(variance)).map(|c| c as f32)),

@@ -24,7 +24,7 @@ const COLORS: [RGBColor; 7] = [
 /// What is not told apart any more, because pictures have 8 bits; lines end there.
 const MOST_DB: f64 = 60.0;
 
-/// Draws the curves of all rows; `rows` of a method must be of rising rates.
+/// Draws the curves of all rows into an SVG file. The rows of each method must be in the order of rising rates.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -6,7 +6,8 @@ use crate::element::Endian;
 use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
 use jpeg_decoder::{CodingProcess, PixelFormat as JpegFormat};
 
-/// Run-length encoding: a plane for each byte of a number, the highest first, after a table of where they begin.
+/// Decodes a run-length encoded frame: a table of offsets, then one plane for each byte of a number, the highest byte
+/// first.
 pub(super) fn rle(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
     let (words, _) = bytes.as_chunks::<4>();
     let word = |i: usize| words.get(i).map_or(0, |w| u32::from_le_bytes(*w) as usize);
@@ -48,7 +49,7 @@ fn unpack_runs<'a>(mut runs: &[u8], mut out: impl Iterator<Item = &'a mut u8>) -
     count
 }
 
-/// JPEG, baseline or lossless.
+/// Decodes a JPEG frame, baseline or lossless.
 pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
     let mut decoder = jpeg_decoder::Decoder::new(bytes);
     decoder.set_max_decoding_buffer_size(format.pixels() as usize * 4);
@@ -72,7 +73,8 @@ pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String
     Ok(Samples { bytes, width, endian: Endian::native() })
 }
 
-/// JPEG 2000, lossless or not. A stream that is cut short is refused: the decoder would make up the rest.
+/// Decodes a JPEG 2000 frame, lossless or lossy. A stream that is cut short is an error, because the decoder would make
+/// up the rest.
 pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
     let settings = DecodeSettings { strict: true, ..DecodeSettings::default() };
     let image = Image::new(bytes, &settings).map_err(|e| e.to_string())?;

@@ -41,17 +41,17 @@ enum Codec {
     Jpeg2000,
 }
 
-/// The frames of one file.
+/// The frames of one DICOM file: how their pixels are stored, and where they lie.
 #[derive(Debug)]
 pub(super) struct Frames {
     pub(super) format: PixelFormat,
     packing: Packing,
-    /// Ranges of the file (or of what it inflates to) that together are a frame, first and length.
+    /// For each frame its ranges in the file (or in what the file inflates to): first byte and length in bytes.
     places: Vec<Vec<(u64, u64)>>,
 }
 
 impl Frames {
-    /// Checks what a header says of its pixels, and that they are there.
+    /// Finds the frames of a file by its header, and checks that the file holds them all.
     pub(super) fn find(header: &Header) -> Result<Self, ImportError> {
         let path = header.path.as_path();
         let format = PixelFormat::of(header)?;
@@ -103,7 +103,7 @@ impl Frames {
         self.places.len()
     }
 
-    /// Memory that reading a frame takes: its bytes as they are packed, and what a decoder makes of them.
+    /// Most memory that reading one frame takes, in bytes: the packed frame and what its decoder needs.
     pub(super) fn reader_bytes(&self) -> u64 {
         let packed = |ranges: &Vec<(u64, u64)>| ranges.iter().map(|range| range.1).sum();
         let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);

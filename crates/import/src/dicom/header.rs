@@ -24,7 +24,8 @@ use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Of a deflated data set so much is inflated to find its header, then ever more, until there is no more sense in it.
+/// Bytes of a deflated data set that are inflated first to find its header. If they are too few, four times as many are
+/// inflated, up to [`MOST_INFLATED_HEADER`].
 const FIRST_INFLATED: u64 = 1 << 20;
 const MOST_INFLATED_HEADER: u64 = 64 << 20;
 
@@ -34,7 +35,7 @@ const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
 /// The length of what ends where its end is marked.
 const UNDEFINED: u32 = u32::MAX;
-/// Retired, and met all the same.
+/// UID of the transfer syntax *Explicit VR Big Endian*, which is retired but still found in files.
 pub(super) const EXPLICIT_BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
 
 /// Sequences deeper than this are not met in images.
@@ -74,7 +75,7 @@ const MACROS: &[Tag] = &[
 
 type Values = BTreeMap<Tag, PrimitiveValue>;
 
-/// One file before its pixels are looked at.
+/// The header of one DICOM file: the elements that a volume needs, and where the pixels are.
 pub(super) struct Header {
     pub(super) path: PathBuf,
     /// The file's stamp when the header was read.
@@ -87,9 +88,10 @@ pub(super) struct Header {
     top: Values,
     shared: Values,
     frames: Vec<Values>,
-    /// Whether there is a table that maps stored values otherwise than by slope and intercept.
+    /// Whether the file has a table (Modality LUT) that maps stored values to real ones, in place of slope and
+    /// intercept.
     pub(super) has_value_table: bool,
-    /// `None` in files that hold no image.
+    /// The element that holds the pixels; `None` in a file without an image.
     pub(super) pixels: Option<PixelElement>,
 }
 
@@ -98,14 +100,14 @@ pub(super) struct Header {
 pub(super) struct PixelElement {
     pub(super) tag: Tag,
     pub(super) vr: VR,
-    /// Bytes of the value; `None` where it is encapsulated.
+    /// Length of the value in bytes; `None` if the pixel data are encapsulated.
     pub(super) length: Option<u64>,
-    /// Where the value begins, in the file or, for a deflated one, in what it inflates to.
+    /// Byte at which the value begins: in the file, or in the inflated data set if the file is deflated.
     pub(super) offset: u64,
 }
 
 impl Header {
-    /// Reads the header; the pixels stay where they are.
+    /// Reads the header of a file, up to its pixel data.
     pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
         let file = MappedFile::open(path)?;
         let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp(), ..header });
@@ -169,17 +171,19 @@ impl Header {
         Ok(())
     }
 
-    /// Whether what was read of the file since can be believed: it is the one whose header this is.
+    /// Checks that the file has not changed since its header was read. Call it after reading from the file, before
+    /// trusting what was read.
     pub(super) fn confirm(&self) -> Result<(), ImportError> {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
-    /// Bytes of a deflated data set once it is inflated.
+    /// Size of a deflated data set once it is inflated, in bytes; 0 if the file is not deflated.
     pub(super) fn inflated_bytes(&self) -> u64 {
         self.inflated_bytes
     }
 
-    /// Some bytes of what a deflated data set inflates to; what is before them is not held.
+    /// Inflates a deflated data set and returns `length` bytes from byte `first` on. The bytes before them are not kept
+    /// in memory.
     pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>, ImportError> {
         let mut file = File::open(&self.path).map_err(ImportError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.body)).map_err(ImportError::io(&self.path))?;
@@ -195,7 +199,7 @@ impl Header {
         self.syntax == uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN
     }
 
-    /// What the standard calls the transfer syntax.
+    /// Name and UID of the transfer syntax, for messages.
     pub(super) fn syntax_name(&self) -> String {
         let name = TransferSyntaxRegistry.get(&self.syntax).map_or("an unknown transfer syntax", |s| s.name());
         format!("{name} ({})", self.syntax)
@@ -205,19 +209,20 @@ impl Header {
         self.text(tags::SERIES_INSTANCE_UID).unwrap_or(Cow::Borrowed("(none)"))
     }
 
-    /// Number of frames as far as functional groups place them.
+    /// Number of frames that have a functional group of their own, which gives their position.
     pub(super) fn placed_frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// The numbers of an element, as a frame (counted from 0) or else all frames or the whole file have it. Those that
-    /// are not numbers are none.
+    /// Returns the numbers of an element: the value for a frame (counted from 0), else the value shared by all frames,
+    /// else that of the whole file. `None` if it is missing or not a list of finite numbers.
     pub(super) fn numbers(&self, frame: usize, tag: Tag) -> Option<Vec<f64>> {
         let numbers = self.value(frame, tag)?.to_multi_float64().ok()?;
         (!numbers.is_empty() && numbers.iter().all(|n| n.is_finite())).then_some(numbers)
     }
 
-    /// Half a unit in the last decimal place of each number of an element that is written as text; 0 where no decimals are.
+    /// Returns half a unit in the last decimal place of each number of an element, or 0 for a number without decimals.
+    /// Empty if the element is missing or not text.
     pub(super) fn roundings(&self, frame: usize, tag: Tag) -> Vec<f64> {
         match self.value(frame, tag) {
             Some(value @ (PrimitiveValue::Strs(_) | PrimitiveValue::Str(_))) => {
@@ -227,7 +232,8 @@ impl Header {
         }
     }
 
-    /// What is written in an element, unless it is nothing.
+    /// Returns an element's value for a frame (counted from 0) as text without padding; `None` if it is missing or
+    /// empty.
     pub(super) fn written(&self, frame: usize, tag: Tag) -> Option<String> {
         let text = self.value(frame, tag)?.to_str();
         let text = text.trim_matches(['\0', ' ']);
@@ -240,7 +246,7 @@ impl Header {
         places.into_iter().flatten().find_map(|values| values.get(&tag))
     }
 
-    /// The first number of an element of the whole file.
+    /// Returns the first number of an element of the whole file; `None` if it is missing or not a finite number.
     pub(super) fn number(&self, tag: Tag) -> Option<f64> {
         self.top.get(&tag)?.to_float64().ok().filter(|n| n.is_finite())
     }

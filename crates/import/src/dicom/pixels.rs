@@ -7,7 +7,8 @@ use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::path::Path;
 
-/// The decoder computes in f32, which holds integers of 24 bits; coefficients have some bits more than pixels.
+/// Most bits of a JPEG 2000 pixel that are decoded exactly. The decoder computes in f32, which holds integers of 24
+/// bits, and coefficients have some bits more than pixels.
 pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 
 /// How the numbers of a pixel are stored.
@@ -24,7 +25,7 @@ pub(super) struct PixelFormat {
 }
 
 impl PixelFormat {
-    /// Checks what a header says.
+    /// Reads the pixel format from a header and checks it.
     pub(super) fn of(header: &Header) -> Result<Self, ImportError> {
         let path = header.path.as_path();
         let need = |tag, name: &str| {
@@ -68,7 +69,7 @@ impl PixelFormat {
         })
     }
 
-    /// Refuses what is not read right of pixels that are packed as pictures.
+    /// Refuses JPEG and JPEG 2000 pixels of formats that their decoders would not read correctly.
     pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<(), ImportError> {
         if self.shift > 0 {
             return Err(ImportError::unsupported(path, "JPEG pixels whose HighBit is not BitsStored - 1"));
@@ -80,12 +81,13 @@ impl PixelFormat {
         Ok(())
     }
 
-    /// Pixels of a frame.
+    /// Number of pixels of a frame.
     pub(super) fn pixels(&self) -> u64 {
         self.columns as u64 * self.rows as u64
     }
 
-    /// Refuses a decoded picture of another size, or of more bytes a pixel than there is place for.
+    /// Refuses a decoded frame whose size differs from the header's, or whose pixels have more bytes than the header
+    /// allocates.
     pub(super) fn check_decoded(&self, found: [u32; 2], width: usize) -> Result<(), String> {
         if found == [self.columns, self.rows] && (1..=self.width).contains(&width) {
             return Ok(());
@@ -101,14 +103,14 @@ impl PixelFormat {
         if self.signed { [-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1] } else { [0, (1 << self.bits) - 1] }
     }
 
-    /// A decoded number within what can be stored. Where the stream's numbers are unsigned and the header's signed, or the
-    /// other way round, only bits mean something: they are left as they are.
+    /// Clamps a decoded number to [`PixelFormat::limits`]. If only one of stream (`signed`) and header says that
+    /// numbers are signed, only the bits have a meaning, and the number is returned unchanged.
     pub(super) fn clamped(&self, n: i64, signed: bool) -> i64 {
         let [least, greatest] = self.limits();
         if signed == self.signed && self.shift == 0 { n.clamp(least, greatest) } else { n }
     }
 
-    /// A number that a header may have written as unsigned though the pixels are signed.
+    /// Returns a number of the header as a signed one, if the pixels are signed and the header wrote it as unsigned.
     pub(super) fn wrapped(&self, n: i64) -> i64 {
         let past = n > self.limits()[1] && self.signed;
         if past { n - (1 << (8 * self.width)) } else { n }
@@ -123,10 +125,10 @@ impl PixelFormat {
     }
 }
 
-/// A frame's stored numbers.
+/// The stored numbers of a decoded frame, one for each pixel.
 pub(super) struct Samples {
     pub(super) bytes: Vec<u8>,
-    /// Bytes of one.
+    /// Bytes of one number.
     pub(super) width: usize,
     pub(super) endian: Endian,
 }
@@ -136,12 +138,13 @@ pub(super) struct Samples {
 pub(super) struct Meaning {
     pub(super) slope: f64,
     pub(super) intercept: f64,
-    /// Least and greatest stored number that stands for no value; delivered as NaN where voxels are floats.
+    /// Least and greatest stored number that mean padding; `None` without padding. Padding becomes NaN if voxels are
+    /// floats, and is kept otherwise.
     pub(super) padding: Option<[i64; 2]>,
 }
 
 impl Samples {
-    /// Least and greatest of the numbers.
+    /// Least and greatest number of the frame.
     pub(super) fn range(&self, format: &PixelFormat) -> [i64; 2] {
         let mut row = vec![0; format.columns as usize * VoxelType::I32.bytes()];
         let plain = Meaning { slope: 1.0, intercept: 0.0, padding: None };

@@ -22,38 +22,39 @@ const LEAN_TOLERANCE_PX: f64 = 0.5;
 /// One slice and where it lies.
 #[derive(Clone, Debug)]
 pub(super) struct Slice {
-    /// Which file, in the order given.
+    /// Index of the slice's file, in the order in which files were given.
     pub(super) file: usize,
-    /// Which of its frames.
+    /// Index of the slice's frame in its file, from 0.
     pub(super) frame: usize,
-    /// Centre of the first pixel, mm.
+    /// Centre of the first pixel in the patient's coordinates, mm.
     pub(super) position: DVec3,
-    /// The error that a position may have because it is written with few decimals.
+    /// Largest error of the position along x, y and z that comes from rounding to the decimals that are written, mm.
     pub(super) rounding: DVec3,
-    /// Where the columns' index grows.
+    /// Direction along a row of pixels, in which the column index grows.
     pub(super) along_row: DVec3,
-    /// Where the rows' index grows.
+    /// Direction along a column of pixels, in which the row index grows.
     pub(super) along_column: DVec3,
-    /// From pixel to pixel along a row and along a column, mm.
+    /// Distance between pixel centres along a row and along a column, mm.
     pub(super) pixel_mm: [f64; 2],
-    /// Distance or thickness that the file names, and the element's name, for a slice that stands alone.
+    /// Distance or thickness of slices that the file gives, mm, with the element's name. It is the spacing along z if
+    /// there is only one slice.
     pub(super) step_mm: Option<(f64, &'static str)>,
 }
 
-/// A stack's place.
+/// Where a stack of slices lies in the world.
 #[derive(Debug)]
 pub(super) struct Placement {
     pub(super) spacing: DVec3,
-    /// World-from-voxel-centre, rows.
+    /// World-from-voxel-centre matrix, by rows.
     pub(super) matrix: [[f64; 4]; 3],
-    /// What was not evident.
+    /// A sentence for the user if the spacing along z was assumed or averaged.
     pub(super) note: Option<String>,
 }
 
-/// How messages name slices.
+/// Names slices in messages, by file and frame.
 pub(super) struct Names<'a> {
     pub(super) paths: &'a [PathBuf],
-    /// Whether frames are told apart by their number.
+    /// Whether messages give a frame's number beside the file's name.
     pub(super) by_frame: bool,
 }
 
@@ -69,8 +70,12 @@ impl Names<'_> {
     }
 }
 
-/// Sorts the slices by their position along the normal and places the stack. With `even` they are taken as evenly
+/// Sorts the slices by their position along the normal and places the stack. With `even` the slices are taken as evenly
 /// spaced whatever their positions say.
+///
+/// # Errors
+/// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing
+/// is uneven, or the stack leans.
 pub(super) fn arrange(slices: &mut [Slice], names: &Names, even: bool) -> Result<Placement, ImportError> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
@@ -159,7 +164,8 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
     Ok(())
 }
 
-/// Groups what is the same: the first of each kind and their number, most numerous first.
+/// Groups equal items. Returns for each group the index of its first item and the number of its items, the largest
+/// group first.
 pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize, usize)> {
     let mut kinds: Vec<(usize, usize)> = Vec::new();
     for (i, item) in items.iter().enumerate() {

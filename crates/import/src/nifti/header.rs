@@ -7,29 +7,29 @@ use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
 use std::path::Path;
 
-/// What both versions say, with lengths checked.
+/// The fields of a NIfTI-1 or NIfTI-2 header that a volume needs, checked.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
     pub(super) endian: Endian,
-    /// Whether voxels follow in the same file.
+    /// Whether the voxels are in the same file as the header.
     pub(super) single_file: bool,
     pub(super) extent: Extent,
     pub(super) times: u32,
     pub(super) channels: u32,
     pub(super) element: Element,
     pub(super) body_offset: u64,
-    /// Voxel sizes along x, y, z, and the handedness factor before them.
+    /// First the handedness factor (the sign of the third axis), then the voxel sizes along x, y, z.
     pub(super) pixdim: [f64; 4],
-    /// Slope and intercept where they change anything.
+    /// Slope and intercept of the values; `None` if they change nothing.
     pub(super) scale: Option<Scale>,
-    /// The spatial part of `xyzt_units`.
+    /// The code for the unit of length in `xyzt_units`: 1 metre, 2 millimetre, 3 micrometre.
     pub(super) space_unit: u8,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
-    /// Quaternion b, c, d.
+    /// Components b, c, d of the rotation quaternion of the qform.
     pub(super) quaternion: [f64; 3],
     pub(super) qoffset: [f64; 3],
-    /// Rows of the affine.
+    /// Rows of the affine matrix of the sform.
     pub(super) srow: [[f64; 4]; 3],
 }
 
@@ -69,7 +69,7 @@ impl Header {
         })
     }
 
-    /// The fifth dimension, used for channels, is the slowest.
+    /// The order of the array's axes. The fifth dimension, which is read as channels, is the slowest.
     pub(super) fn axes(&self) -> AxisOrder {
         AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X])
     }

@@ -8,7 +8,8 @@ use glam::DVec3;
 /// Spacings of `pixdim` and of the affine may differ by this part.
 const SPACING_TOLERANCE: f64 = 1e-3;
 
-/// Fills geometry and orientation.
+/// Fills the geometry and orientation of `info` from a header, and adds notes on what the header leaves open or
+/// contradicts.
 pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<String>) {
     let sizes = [1, 2, 3].map(|i| header.pixdim[i].abs());
     let sound = sizes.map(|s| s > 0.0 && s.is_finite());

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 const ML_FREQUENCY: f64 = 6.0;
 const ML_ALPHA: f64 = 0.25;
 
-/// The Marschner-Lobb signal at a position of the unit cube.
+/// Returns the Marschner-Lobb signal at a position in the unit cube, in units of 0 to 255.
 pub(super) fn marschner_lobb_at(p: DVec3) -> f64 {
     let [x, y, z] = (2.0 * p - 1.0).to_array();
     ml_ripple(x, y) + ml_depth(z)
@@ -25,7 +25,7 @@ fn ml_depth(z: f64) -> f64 {
     255.0 * (1.0 - (PI * z / 2.0).sin()) / (2.0 * (1.0 + ML_ALPHA))
 }
 
-/// Rows of the Marschner-Lobb signal: the same ripple in every plane, on a depth of its own.
+/// Computes rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value that depends on z alone.
 pub(super) struct MarschnerLobb {
     extent: Extent,
     min_x: u32,
@@ -55,12 +55,12 @@ impl RowField for MarschnerLobb {
     }
 }
 
-/// The ramp along the main diagonal at a position of the unit cube.
+/// Returns the ramp along the main diagonal at a position in the unit cube, in units of 0 to 255.
 pub(super) fn ramp_at(p: DVec3) -> f64 {
     255.0 * (p.x + p.y + p.z) / 3.0
 }
 
-/// Rows of the ramp.
+/// Computes rows of the kind `ramp`.
 pub(super) struct Ramp {
     extent: Extent,
     min_x: u32,
@@ -108,7 +108,7 @@ impl Ball {
     }
 }
 
-/// The balls that a box can meet, painted row by row; where several overlap the greatest counts.
+/// Paints the balls that a box meets, row by row. Where several overlap the greatest value counts.
 pub(super) struct BallRows {
     balls: Vec<Ball>,
     /// Ball space from voxel space.
@@ -149,7 +149,7 @@ fn corner(a: [u32; 3]) -> DVec3 {
     DVec3::from_array(a.map(f64::from))
 }
 
-/// The kind `spheres`, in the unit cube.
+/// The kind `spheres`: a dozen balls in the unit cube.
 pub(super) struct Spheres(Vec<Ball>);
 
 impl Spheres {
@@ -177,7 +177,8 @@ impl Spheres {
     }
 }
 
-/// The kind `sparse`: balls in voxel space, of voxel sizes whatever the extent.
+/// The kind `sparse`: a few balls with radii of 6 to 32 voxels whatever the extent, smaller only where an axis is
+/// short.
 pub(super) struct Sparse {
     balls: Vec<Ball>,
     extent: Extent,
@@ -217,7 +218,7 @@ impl Sparse {
     }
 }
 
-/// Rows of the kind `sparse`.
+/// Computes rows of the kind `sparse`.
 pub(super) struct SparseRows {
     balls: BallRows,
     last: [u32; 3],

@@ -53,8 +53,8 @@ impl Turbulence {
         Self { lattice, octaves }
     }
 
-    /// Prepares the rows of a box; `drift` moves the field, in unit cubes, coarse octaves slower than fine ones by the
-    /// given power of two per octave.
+    /// Prepares the rows of a box. `drift` moves the field, in lengths of the unit cube; each octave moves 0.35 times
+    /// `drift` farther than the next coarser one.
     pub(super) fn rows(&self, extent: Extent, region: VoxelBox, drift: [f64; 3]) -> TurbulenceRows<'_> {
         let octaves = self.octaves.iter().enumerate().map(|(i, octave)| {
             let hastened = drift.map(|d| d * (1.0 + 0.35 * i as f64));
@@ -64,7 +64,7 @@ impl Turbulence {
     }
 }
 
-/// The rows of one box.
+/// Computes the noise field along the rows of one box.
 pub(super) struct TurbulenceRows<'a> {
     lattice: &'a [f32],
     octaves: Vec<OctaveRows>,
@@ -73,7 +73,7 @@ pub(super) struct TurbulenceRows<'a> {
 }
 
 impl TurbulenceRows<'_> {
-    /// Fills `out[voxels]` with the field along a row of the box.
+    /// Fills `out[voxels]` with the field along the row `y`, `z` of the volume.
     pub(super) fn row(&mut self, y: u32, z: u32, voxels: Range<usize>, out: &mut [f32]) {
         if self.z != Some(z) {
             self.octaves.iter_mut().for_each(|o| o.blend_plane(self.lattice, z));

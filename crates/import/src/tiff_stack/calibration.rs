@@ -28,19 +28,20 @@ const OPTICAL_DENSITY: usize = 21;
 /// What ImageJ adds to signed numbers of 16 bits before it calibrates them.
 const SIGNED_OFFSET: f64 = 32768.0;
 
-/// A value calibration.
+/// ImageJ's calibration of values: what stored numbers stand for.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Calibration {
     Line {
         c0: f64,
         c1: f64,
     },
-    /// What is not applied, in words.
+    /// A calibration that is not applied, described in words.
     Curve(String),
 }
 
 impl Calibration {
-    /// From ImageJ's description; nothing where stored numbers are the values.
+    /// Parses the calibration from ImageJ's description, in which `value` looks up a key. `None` if stored numbers are
+    /// the values.
     pub(super) fn parse<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<Self> {
         let number = |key: &str| value(key).and_then(|v| v.parse::<f64>().ok());
         // ImageJ's own default is the line.
@@ -61,7 +62,8 @@ impl Calibration {
         ((c0, c1) != (0.0, 1.0)).then_some(Self::Line { c0, c1 })
     }
 
-    /// How stored numbers are scaled, and a note on it.
+    /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
+    /// something to say.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
         let kept = |why: &str| (None, Some(format!("ImageJ's calibration of values, {why}: they are kept as stored.")));
         let (c0, c1) = match self {

@@ -10,29 +10,29 @@ use crate::source::SourceInfo;
 use brickyard_volume::Extent;
 use glam::DVec3;
 
-/// Everything taken from a description.
+/// Everything that is taken from a TIFF file's image description.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Description {
     pub(super) declared: Option<Declared>,
-    /// Images that OME-XML tells of, where there are several, each with its name or number.
+    /// Names or numbers of the images that OME-XML describes; empty unless there are several.
     pub(super) images: Vec<String>,
     spacing: Option<[f64; 3]>,
     /// UDUNITS name.
     unit: Option<&'static str>,
-    /// What stored numbers stand for.
+    /// How stored numbers become values; `None` if they are the values.
     pub(super) calibration: Option<Calibration>,
     notes: Vec<String>,
 }
 
-/// A declared arrangement of pages.
+/// The arrangement of pages that a description declares.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Declared {
-    /// Slowest first.
+    /// The axes along which pages follow one another (t, c, z), slowest first.
     pub(super) page_axes: Vec<Axis>,
     pub(super) z: u32,
     pub(super) channels: u32,
     pub(super) times: u32,
-    /// Whether all planes may follow a single directory.
+    /// Whether all planes may lie behind a single directory, as in ImageJ's stacks over 4 GiB.
     pub(super) in_one_directory: bool,
     /// Whether `channels` counts the samples within a page.
     counts_samples: bool,
@@ -47,7 +47,8 @@ impl Declared {
         Sizes { extent: Extent::new(width, height, self.z), channels: self.channels, times: self.times }
     }
 
-    /// Sizes counted in pages; nothing if the samples of a page do not divide the channels.
+    /// Returns the sizes in pages: samples within a page do not count as channels. `None` if the samples of a page do
+    /// not divide the number of channels.
     pub(super) fn page_sizes(&self, samples: u16) -> Option<Sizes> {
         let mut sizes = self.sizes(1, 1);
         if self.counts_samples {
@@ -61,7 +62,8 @@ impl Declared {
 }
 
 impl Description {
-    /// Reads the text; `resolution` is pixels per unit along x and y, which ImageJ keeps in the page's tags.
+    /// Parses the text of an image description. `resolution` is pixels per unit along x and y, which ImageJ keeps in
+    /// the page's tags.
     pub(super) fn parse(text: &str, resolution: Option<(f64, f64)>) -> Self {
         if text.starts_with("ImageJ=") {
             return Self::parse_imagej(text, resolution);
@@ -142,12 +144,13 @@ impl Description {
         }
     }
 
-    /// How stored numbers become values, with a note.
+    /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
+    /// something to say.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
-    /// Adds spacing, unit and notes to a source.
+    /// Adds the spacing, unit and notes of the description to `info`.
     pub(super) fn place(&self, info: &mut SourceInfo) {
         if let Some(spacing) = self.spacing {
             info.geometry.spacing = DVec3::from_array(spacing);

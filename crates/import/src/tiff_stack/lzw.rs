@@ -7,16 +7,16 @@ use crate::element::Endian;
 use weezl::decode::{Configuration, Decoder};
 use weezl::{BitOrder, LzwStatus};
 
-/// No stream is longer than this many times what it is packed to: a code of 12 bits stands for less than 4096 bytes.
+/// Upper bound on the ratio of unpacked to packed bytes: a code of 9 to 12 bits stands for less than 4096 bytes.
 pub(super) const BEST_RATIO: u64 = 4096;
 
-/// What was done to the bytes of a row before they were packed.
+/// The predictor: what was done to the bytes of a row before they were packed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Predictor {
     None,
-    /// Each number is the difference to the one before it of the same sample.
+    /// Each number is the difference from the number of the same sample in the pixel before.
     Horizontal,
-    /// Floats' bytes, sorted by their weight, the highest first, each the difference to the one before it.
+    /// The bytes of a row of floats are sorted by significance, the highest first, and stored as differences.
     Floats,
 }
 
@@ -29,11 +29,11 @@ pub(super) struct Rows {
     pub(super) width: usize,
     /// Numbers of a pixel that lie side by side.
     pub(super) samples: usize,
-    /// Bytes of a row, as packed.
+    /// Bytes of a row once it is unpacked, with the part of a tile that lies past the image.
     pub(super) bytes: usize,
 }
 
-/// Unpacks `out.len()` bytes; an error names how many there are.
+/// Unpacks LZW data into `out` until it is full. The error says how many bytes there are if they are too few.
 pub(super) fn unpack(packed: &[u8], out: &mut [u8]) -> Result<(), String> {
     let mut decoder = decoder_of(packed);
     let (mut from, mut to) = (0, 0);
@@ -62,7 +62,8 @@ fn decoder_of(packed: &[u8]) -> Decoder {
     configuration.with_yield_on_full_buffer(true).build()
 }
 
-/// Turns unpacked rows, which lie one after another, to numbers in this machine's byte order.
+/// Undoes the predictor of unpacked rows, which lie one after another, and brings their numbers to this machine's byte
+/// order.
 pub(super) fn undo(bytes: &mut [u8], rows: Rows) {
     for row in bytes.chunks_exact_mut(rows.bytes) {
         if rows.predictor != Predictor::Floats && rows.endian != Endian::native() {

@@ -52,7 +52,7 @@ const CHUNK_PLACE_BYTES: u64 = 16;
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
 const TILE_DEPTH: Tag = Tag::Unknown(32998);
 
-/// What all pages of a stack must agree in.
+/// The format of a page, in which all pages of a stack must agree.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PageFormat {
     pub(super) width: u32,
@@ -79,11 +79,11 @@ impl std::fmt::Display for PageFormat {
     }
 }
 
-/// A file and the decoder at one of its pages.
+/// An open TIFF file with a decoder that stands at one of its pages.
 pub(super) struct OpenTiff {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
-    /// The file's stamp when it was opened.
+    /// The file's size and modification time when it was opened.
     pub(super) stamp: Stamp,
     /// How the samples are packed in the page at which the decoder stands.
     packing: Packing,
@@ -125,23 +125,24 @@ impl OpenTiff {
         self.decoder.more_images()
     }
 
-    /// Goes on to the page with this number, counted from 1.
+    /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.
     pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
         self.packing = Packing::Unknown;
         self.decoder.next_image().map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))
     }
 
-    /// Goes to a page counted from 0.
+    /// Moves the decoder to a page, counted from 0.
     pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
         self.packing = Packing::Unknown;
         let seek = self.decoder.seek_to_image(page as usize);
         seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
     }
 
-    /// What the image description and the resolution say: how values are calibrated, and how large pixels are.
+    /// Reads the image description and the resolution: how pages are ordered, how values are calibrated, and how large
+    /// pixels are.
     ///
     /// # Errors
-    /// If the disk does not give them.
+    /// If the disk cannot read them.
     pub(super) fn description(&mut self) -> Result<Description, ImportError> {
         let path = self.path.clone();
         let resolution = self.resolution()?;
@@ -214,7 +215,8 @@ impl OpenTiff {
         Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
     }
 
-    /// Memory that decoding a strip or tile of the page takes: what comes out, what the decompressor keeps, and the lists of places.
+    /// Memory in bytes that decoding a strip or tile of the page takes: the decoded pixels, what the decompressor
+    /// keeps, and the lists of offsets and lengths.
     pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, "unsupported page", e);
@@ -272,8 +274,8 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Checks that the strips or tiles of the page are there: inside the file, not empty, and with all their pixels where
-    /// those lie as they are.
+    /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels
+    /// if they are not compressed. `number` is the page's number, counted from 1, for messages.
     pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
         let page = |e| refusal(path, &format!("page {number}"), e);
         let plain = self.plain_chunk()?;
@@ -328,7 +330,10 @@ impl OpenTiff {
         Ok(Some(PlainChunk { row_bytes, rows: rows.max(1) as u64, height }))
     }
 
-    /// Where the data of a page start that lie uncompressed in one piece, and their byte order.
+    /// Returns the byte at which the data of the page start, and their byte order.
+    ///
+    /// # Errors
+    /// If the page is compressed, tiled, or has several samples a pixel.
     pub(super) fn contiguous_start(&mut self, path: &Path, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
         let refuse = |e| refusal(path, "cannot be read", e);
         let compression = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)?.unwrap_or(1);
@@ -340,8 +345,8 @@ impl OpenTiff {
         Ok((start, self.endian()))
     }
 
-    /// Fills `out` with one sample of the pixels in the x, y rectangle of `region`, from the page where the decoder
-    /// stands.
+    /// Fills `out` with the voxels in the x, y rectangle of `region`: one sample of each pixel of the page where the
+    /// decoder stands.
     pub(super) fn read_rectangle(
         &mut self,
         format: &PageFormat,
@@ -460,7 +465,8 @@ impl OpenTiff {
         }
     }
 
-    /// Shows `see` the samples of every strip or tile of the page where the decoder stands, in this machine's byte order.
+    /// Calls `see` with the decoded samples of every strip or tile of the page where the decoder stands, in this
+    /// machine's byte order.
     pub(super) fn each_chunk(
         &mut self,
         format: &PageFormat,

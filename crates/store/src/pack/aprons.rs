@@ -30,7 +30,7 @@ use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
 
-/// Everything about the pass that does not change while it runs.
+/// Everything about the pass over aprons that does not change while it runs.
 pub(crate) struct ApronPass<'a> {
     pub(crate) store: &'a Path,
     pub(crate) voxel_type: VoxelType,
@@ -50,8 +50,8 @@ struct Made {
 }
 
 impl ApronPass<'_> {
-    /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure what is finished stays, noted in
-    /// the journal.
+    /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure, finished shards stay
+    /// and are noted in the journal.
     pub(crate) fn run(&self, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
         let mut made = Made::default();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();

@@ -10,7 +10,8 @@ use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
 
-/// Bricks that are read together: rows of 1 KiB, at most 4 MiB of cores, which a last-level cache holds.
+/// Number of bricks that are read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which a last-level
+/// cache holds.
 pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     let by_row = 1024 / (edge * voxel_bytes);
     let by_cores = (4 << 20) / (edge.pow(3) * voxel_bytes);
@@ -18,23 +19,23 @@ pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     if run > 1 { run } else { 1 }
 }
 
-/// One thread's buffers for bricks of one edge.
+/// One thread's buffers for bricks of one edge length.
 pub(crate) struct Workspace<T> {
     edge: usize,
     /// A run of cores, `edge`^3 each.
     cores: Vec<T>,
-    /// The core's part of the next level, packed.
+    /// The part of the next level that was made last from a core, packed.
     pub(crate) coarse: Vec<T>,
-    /// Level-0 voxels by value.
+    /// Counts of level-0 voxels by value.
     pub(crate) counter: Counter,
 }
 
-/// What is known of a brick.
+/// What is measured of a brick's core.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Summary<T> {
-    /// Ranges of the core's valid voxels.
+    /// The ranges of the core's valid voxels, by part.
     pub(crate) parts: Parts<T>,
-    /// Counts of the core's values; only at level 0.
+    /// The core's sums and counts for the channel's statistics; empty except at level 0.
     pub(crate) tally: Tally,
     /// Whether every voxel of the core is the fill value, all bits zero.
     pub(crate) is_fill: bool,
@@ -51,7 +52,7 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Bytes that the buffers take.
+    /// Bytes that a workspace takes.
     pub(crate) const fn bytes(edge: usize, voxel_bytes: usize) -> usize {
         (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + Counter::bytes(voxel_bytes)
     }
@@ -61,12 +62,12 @@ impl<T: Measure> Workspace<T> {
         &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Core `i` of the run, to be filled.
+    /// Core `i` of the run, to be written.
     pub(crate) fn core_mut(&mut self, i: usize) -> &mut [T] {
         &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Copies the cores of a run, of `shape` voxels in all, from where they lie.
+    /// Copies a run of cores, `shape` voxels in all, from where they lie in memory.
     pub(crate) fn gather(&mut self, lent: Lent, shape: [usize; 3]) {
         let (row, slice, core) =
             (self.row_bytes(), self.edge * self.row_bytes(), self.edge * self.edge * self.row_bytes());
@@ -85,7 +86,7 @@ impl<T: Measure> Workspace<T> {
         self.edge * size_of::<T>()
     }
 
-    /// Spreads the voxels of `shape` that were read to the start of core `i`, packed, to their places in it.
+    /// Moves voxels of `shape`, which were read packed to the start of core `i`, to their places in that core.
     pub(crate) fn spread(&mut self, i: usize, [nx, ny, nz]: [usize; 3]) {
         let edge = self.edge;
         if nx < edge || ny < edge {
@@ -97,7 +98,7 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Measures core `i`, whose extent is `shape`; counts its voxels if `finest`.
+    /// Fills core `i` up past its extent, which is `shape`, and measures it. Counts its voxels if `finest`.
     pub(crate) fn digest(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -126,7 +127,7 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill }
     }
 
-    /// Digests a brick of which every voxel is `value`, which is finite, as [`Workspace::digest`] does at level 0.
+    /// Fills core `i` with `value`, which is finite, and measures it as [`Workspace::digest`] does at level 0.
     pub(crate) fn digest_constant(&mut self, i: usize, shape: [usize; 3], value: T) -> Summary<T> {
         let voxels = shape.iter().product::<usize>();
         self.core_mut(i).fill(value);
@@ -136,7 +137,7 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill: bytemuck::bytes_of(&value).iter().all(|&b| b == 0) }
     }
 
-    /// Makes the part of the next level of core `i`, which was digested, from `factor` voxels each.
+    /// Makes the part of the next level from core `i`, which was digested: each of its voxels from `factor` voxels.
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         // Odd extents include one of the voxels that fill the core up.
         let shape = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));

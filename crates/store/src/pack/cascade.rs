@@ -38,41 +38,42 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
 
-/// What a whole pass leaves besides the files.
+/// What a whole pass gives besides the files: each channel's statistics, and the bytes written to shards.
 pub(crate) struct Passed {
     pub(crate) channels: Vec<ChannelStatistics>,
     pub(crate) written_bytes: u64,
 }
 
-/// What stopped a pass.
+/// Why a pass stopped.
 pub(crate) enum Stop {
     Disk(DiskError),
     Source(ImportError),
-    /// What was written does not come back.
+    /// What the pass wrote cannot be read back.
     ReadBack(ReadError),
     Threads(String),
-    /// A thread has panicked, with these words.
+    /// A thread has panicked, with this message.
     Panic(String),
 }
 
 impl Stop {
-    /// From what a thread that panicked leaves.
+    /// Makes the reason from the payload of a thread that panicked.
     pub(crate) fn panic(payload: Box<dyn std::any::Any + Send>) -> Self {
         let words = payload.downcast_ref::<&str>().map(|words| words.to_string());
         Self::Panic(words.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default())
     }
 }
 
-/// How far a pack came: for messages when it stops.
+/// How far a pack came, for the message when it stops.
 pub(crate) struct Reached {
-    /// Shards finished.
+    /// Number of finished shards.
     pub(crate) shards: u64,
-    /// About how much more would be written.
+    /// Estimate of the bytes that are still to be written.
     pub(crate) needed_bytes: u64,
 }
 
 impl Reached {
-    /// Where `done_bytes` of voxels became `written_bytes`, and `left_bytes` of voxels are still to come.
+    /// The state of a pack in which `done_bytes` of voxels became `written_bytes`, and `left_bytes` of voxels are still
+    /// to come.
     pub(crate) fn new(shards: u64, written_bytes: u64, done_bytes: u64, left_bytes: u64) -> Self {
         // As the data compressed so far; by half as long as nothing is known.
         let rate = if written_bytes == 0 { 0.5 } else { written_bytes as f64 / done_bytes.max(1) as f64 };
@@ -150,7 +151,7 @@ impl<T> Shared<'_, T> {
 }
 
 impl Pass<'_> {
-    /// Packs all volumes. On failure what is finished stays, noted in the journal.
+    /// Packs all time steps and channels. On failure, finished shards stay and are noted in the journal.
     pub(crate) fn run<T: Measure>(&self, journal: &mut Journal) -> Result<Passed, (Stop, Reached)> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;

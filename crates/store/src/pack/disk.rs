@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// A failed change and its path.
+/// A change to the file system that failed, and its path.
 #[derive(Debug)]
 pub(crate) struct DiskError {
     pub(crate) path: PathBuf,
@@ -17,19 +17,19 @@ type Result<T> = std::result::Result<T, DiskError>;
 /// The file system as packing sees it.
 #[derive(Default)]
 pub(crate) struct Disk {
-    /// Changes until all further ones fail, as on a full disk or after a crash.
+    /// Number of changes after which all further ones fail, as on a full disk or after a crash.
     #[cfg(test)]
     pub(crate) fuse: Option<std::sync::atomic::AtomicI64>,
-    /// Whether such a change panics.
+    /// Whether a change panics where the fuse would make it fail.
     #[cfg(test)]
     pub(crate) panics: bool,
-    /// The changes that were made.
+    /// The changes that were made, in order, each with its path.
     #[cfg(test)]
     pub(crate) log: std::sync::Mutex<Vec<(&'static str, PathBuf)>>,
-    /// What others do, by the moment at which they do it.
+    /// What other packs do, each with the moment at which they do it.
     #[cfg(test)]
     pub(crate) meanwhile: std::sync::Mutex<Vec<(&'static str, Meanwhile)>>,
-    /// Names cannot be exchanged, as on NFS.
+    /// Whether names cannot be exchanged, as on NFS.
     #[cfg(test)]
     pub(crate) cannot_exchange: bool,
 }
@@ -38,7 +38,7 @@ pub(crate) struct Disk {
 pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
 
 impl Disk {
-    /// A moment at which others may come between: in tests they do, once.
+    /// Marks a moment at which another pack may come between. In tests, what is registered for that moment runs, once.
     #[cfg(test)]
     pub(crate) fn meanwhile(&self, moment: &'static str) {
         let mut waiting = self.meanwhile.lock().unwrap();
@@ -76,12 +76,12 @@ impl Disk {
         self.run("create_dir_all", path, || std::fs::create_dir_all(path))
     }
 
-    /// Opens for appending from nothing.
+    /// Creates an empty file, or empties the one that is there, and opens it for writing.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
         self.run("create", path, || File::create(path))
     }
 
-    /// Opens to append to what is there.
+    /// Opens a file to append to what is there.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
         self.run("reopen", path, || OpenOptions::new().append(true).open(path))
     }
@@ -102,7 +102,7 @@ impl Disk {
         self.run("sync", path, || if cfg!(test) { Ok(()) } else { file.sync_data() })
     }
 
-    /// Makes renames and new files in a directory last.
+    /// Syncs a directory, so that renames and new files in it survive a crash.
     pub(crate) fn sync_dir(&self, path: &Path) -> Result<()> {
         self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(path)?.sync_all() })
     }
@@ -111,14 +111,14 @@ impl Disk {
         self.run("rename", to, || std::fs::rename(from, to))
     }
 
-    /// Renames a directory to a name that is free, or an empty directory's: one that others have just made and will leave
-    /// is waited for.
+    /// Renames a directory to a free name, or over an empty directory. If others have just put something into that
+    /// directory, waits up to half a second for them to remove it.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
         self.run("rename_dir", to, || patiently(|| std::fs::rename(from, to)))
     }
 
-    /// Exchanges two directories in one step, or gives the first the second's name if that is free; false where the file
-    /// system cannot.
+    /// Exchanges the names of two directories in one step. Returns false where the file system cannot, or where one of
+    /// the names is free.
     pub(crate) fn exchange(&self, a: &Path, b: &Path) -> Result<bool> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         use rustix::io::Errno;
@@ -137,12 +137,14 @@ impl Disk {
         self.run("remove_file", path, || std::fs::remove_file(path))
     }
 
-    /// Removes an empty directory. What others have put there for a moment (a lock) is waited for.
+    /// Removes an empty directory. If others have put something there for a moment (a lock), waits up to half a second
+    /// for them to remove it.
     pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
         self.run("remove_dir", path, || patiently(|| std::fs::remove_dir(path)))
     }
 
-    /// Writes a whole small file: under its name there is the old content, the new, or none, never a part.
+    /// Writes a whole small file. Under its name there is the old content, the new content, or no file, but never a
+    /// part.
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let temporary = temporary(path);
         let mut file = self.create(&temporary)?;

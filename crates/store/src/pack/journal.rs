@@ -39,10 +39,11 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Reads the head of a directory's journal; empty if there is none, or the file is none.
+    /// Reads the head of the journal in a directory. It is empty if there is no journal, or if the journal's first line
+    /// is not a head.
     ///
     /// # Errors
-    /// If it is there and cannot be read.
+    /// If the journal is there and cannot be read.
     pub(crate) fn of(store: &Path) -> Result<Self, PackError> {
         let (path, mut line) = (store.join(JOURNAL_NAME), Vec::new());
         let file = File::open(&path);
@@ -59,7 +60,7 @@ impl Head {
 const MOST_HEAD_BYTES: u64 = 16 << 20;
 
 impl Journal {
-    /// Starts a journal in a store directory, in the place of the one that is there.
+    /// Starts a journal in a store directory, and replaces the journal that is there, if any.
     pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
         disk.write(&path, format!("{}\n", json!(head)).as_bytes())?;
@@ -67,21 +68,22 @@ impl Journal {
         Ok(Self { file: disk.reopen(&path)?, path, head, finished: HashMap::new() })
     }
 
-    /// Opens the journal of an unfinished pack.
+    /// Opens the journal of an unfinished pack, and reads its head.
     pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, PackError> {
         let path = store.join(JOURNAL_NAME);
         Ok(Self { file: disk.reopen(&path)?, path, head: Head::of(store)?, finished: HashMap::new() })
     }
 
-    /// The fingerprint of the store whose place the pack is to take.
+    /// The settings' fingerprint of the finished store that the pack is to replace; `None` if it replaces none.
     pub(crate) fn replaces(&self) -> Option<&str> {
         self.head.replaces.as_deref()
     }
 
-    /// Continues where the journal ends. Shards whose files are not as it says count as unfinished.
+    /// Reads which shards are finished, and goes on where the journal ends. A shard whose file is not as the journal
+    /// says counts as unfinished.
     ///
     /// # Errors
-    /// If the pack was one of other data or with other settings.
+    /// If the pack was one of other data or with other settings, or the journal cannot be read or written.
     pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
         let text = std::fs::read(&self.path).map_err(|error| PackError::Io { path: self.path.clone(), error })?;
         let text = String::from_utf8_lossy(&text);
@@ -98,7 +100,7 @@ impl Journal {
         Ok(())
     }
 
-    /// What an earlier run made of a shard, if it finished it.
+    /// The fingerprint of a shard that an earlier run finished; `None` if no run did.
     pub(crate) fn finished(&self, layout: &Layout, shard: ShardId) -> Option<Fingerprint> {
         self.finished.get(&layout.shard_path(Path::new(""), shard)).copied()
     }
@@ -108,7 +110,7 @@ impl Journal {
         self.finished.len() as u64
     }
 
-    /// Notes a finished shard.
+    /// Notes a finished shard, whose file is at `path` below the store.
     pub(crate) fn add(&mut self, disk: &Disk, path: &Path, fingerprint: Fingerprint) -> Result<(), DiskError> {
         let Fingerprint { file_bytes, index_crc } = fingerprint;
         let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());

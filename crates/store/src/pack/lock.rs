@@ -25,12 +25,12 @@ const PAUSE: Duration = Duration::from_millis(20);
 /// What stands in a lock file whose name is gone.
 const LEFT: &[u8] = b"left";
 
-/// Who packs.
+/// The process that packs into a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// Its process.
+    /// The id of the process.
     pub pid: u32,
-    /// The machine it runs on.
+    /// The name of the machine that the process runs on.
     pub host: String,
 }
 
@@ -63,7 +63,7 @@ fn host() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-/// A directory's lock, given back when dropped.
+/// A directory's lock, which is given back when it is dropped.
 pub(crate) struct DirLock {
     dir: PathBuf,
     file: File,
@@ -80,10 +80,10 @@ enum Attempt {
 }
 
 impl DirLock {
-    /// Takes the lock; makes the directory if it is not there.
+    /// Takes the lock of a directory, which is made if it is not there.
     ///
     /// # Errors
-    /// If another pack has it, or the file system does not lock.
+    /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made.
     pub(crate) fn take(disk: &Disk, dir: &Path) -> Result<Self, PackError> {
         let (started, mut seen) = (Instant::now(), None);
         loop {
@@ -129,7 +129,7 @@ impl DirLock {
         Ok(Attempt::Taken(Self { dir: dir.into(), file, made_dir }))
     }
 
-    /// Says who packs here, to those who ask for the lock meanwhile.
+    /// Writes this process's name into the lock file, for others that ask for the lock.
     pub(crate) fn declare(&self, disk: &Disk) -> Result<(), DiskError> {
         let Holder { pid, host } = Holder::myself();
         let path = self.dir.join(LOCK_NAME);
@@ -139,13 +139,13 @@ impl DirLock {
         }
     }
 
-    /// The directory has a name of ours: nobody but packs makes it. Of several packs that come together one makes it, and another one may be the
-    /// last to leave.
+    /// Makes the lock remove its directory, if it is empty, when it is dropped: for a directory that nobody but packs
+    /// makes. Of several packs that come together one makes it, and another one may be the last to leave.
     pub(crate) fn takes_dir_along(&mut self) {
         self.made_dir = true;
     }
 
-    /// The directory has another name now.
+    /// Tells the lock that its directory is called `dir` now, and is to stay when the lock is dropped.
     pub(crate) fn moved(&mut self, dir: &Path) {
         self.dir = dir.into();
         self.made_dir = false;
@@ -166,8 +166,8 @@ impl Drop for DirLock {
     }
 }
 
-/// Whether a directory may be on other machines too, which do not learn of its lock: on file systems that are neither local
-/// nor NFS or SMB, whose servers keep locks.
+/// Whether other machines may use a directory without learning of its lock: true on FUSE, 9P, AFS and Coda. The servers
+/// of NFS and SMB keep locks.
 pub(crate) fn may_be_local(dir: &Path) -> bool {
     // FUSE (sshfs and others), 9P, AFS, Coda.
     const KINDS: [u64; 4] = [0x6573_5546, 0x0102_1997, 0x5346_414f, 0x7375_7245];

@@ -72,7 +72,7 @@ fn classify(folder: Folder, entry: &DirEntry) -> io::Result<Entry> {
     })
 }
 
-/// Something in a store's directory that packing did not write, if there is such a thing.
+/// Finds something in a store's directory that packing did not write; `None` if there is nothing of the kind.
 pub(crate) fn find_foreign(store: &Path) -> io::Result<Option<PathBuf>> {
     find_foreign_in(Folder::Store, store)
 }
@@ -95,7 +95,7 @@ fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
 /// Deletes what packing wrote into a store's directory, but not its journal and lock.
 ///
 /// # Errors
-/// If something cannot be deleted: folders that hold something else stay.
+/// If something cannot be deleted, such as a folder that holds something else.
 pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
     // From its first moment on this is no store any more.
     for name in [store.join("zarr.json"), temporary(&store.join("zarr.json"))] {

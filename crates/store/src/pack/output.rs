@@ -27,9 +27,9 @@ use std::path::{Path, PathBuf};
 /// How often the directory may change while it is looked at.
 const MOST_CHANGES: u32 = 100;
 
-/// A directory that is being packed into.
+/// The directory of a pack that is under way, with its journal and its lock.
 pub(crate) struct Output {
-    /// Where the store is made.
+    /// The directory in which the store is made.
     pub(crate) dir: PathBuf,
     /// Where it is to stand.
     store: PathBuf,
@@ -68,7 +68,8 @@ enum Step {
 }
 
 impl Output {
-    /// Prepares the directory as `exists` says, and locks it; `None` if the very store is there.
+    /// Prepares the output directory as `exists` says, and locks it. Returns `None` if a finished store with the same
+    /// settings is there already, and is to be resumed.
     pub(crate) fn start(
         disk: &Disk,
         store: &Path,
@@ -102,7 +103,8 @@ impl Output {
         Err(PackError::Busy { store, holder: None })
     }
 
-    /// The store is written: puts it in its place, and takes the journal away.
+    /// Puts the store, which is written, in its final place, deletes the store that it replaces, and removes the
+    /// journal.
     pub(crate) fn finish(mut self, disk: &Disk) -> Result<(), PackError> {
         if self.dir != self.store {
             refuse_foreign(&self.store)?;
@@ -326,7 +328,7 @@ fn parent(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Makes the names of all files below a directory last.
+/// Syncs a directory and all directories below it, so that the names of all files there survive a crash.
 pub(crate) fn sync_tree(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
     for entry in std::fs::read_dir(dir).map_err(io)? {

@@ -10,22 +10,23 @@
 use crate::downsample::MAX_EDGE;
 use crate::stats::{Measure, Range};
 
-/// Ranges by direction; each axis -1, 0 (all along it) or 1.
+/// The ranges of a brick's parts, by direction. Along each axis a direction is -1 (the first voxels), 0 (all voxels) or
+/// 1 (the last voxels).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Parts<T>([Range<T>; 27]);
 
-/// All directions, the brick itself (0, 0, 0) among them.
+/// All 27 directions, (0, 0, 0) for the brick itself among them.
 pub(crate) fn directions() -> impl Iterator<Item = [i32; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
 }
 
 impl<T: Measure> Parts<T> {
-    /// Where every voxel has the same range.
+    /// The parts of a brick in which every part has the same range.
     pub(crate) fn uniform(range: Range<T>) -> Self {
         Self([range; 27])
     }
 
-    /// The range of all voxels.
+    /// The range of all voxels of the brick.
     pub(crate) fn whole(&self) -> Range<T> {
         self.toward([0; 3])
     }

@@ -47,77 +47,78 @@ const MOST_FACTOR: f64 = (1u64 << 33) as f64;
 /// A kept shell's place in the table of shells, and what the allocator adds.
 const SHELL_ENTRY_BYTES: u64 = 160;
 
-/// What a pack needs.
+/// What a pack needs: memory and disk space, and the arrangement of its store.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackPlan {
     /// The arrangement of the store's main pyramid.
     pub layout: Layout,
-    /// Greatest anonymous memory, at most what the options allow.
+    /// The most anonymous memory that the pack takes, in bytes; at most what the options allow.
     pub memory_bytes: u64,
-    /// Disk for scratch while packing, in the store's directory.
+    /// Bytes of scratch files that the pack keeps in the store's directory while it runs.
     pub scratch_bytes: u64,
-    /// The store's voxels in all levels, and in aprons, uncompressed: it can hardly come out larger.
+    /// Bytes of the voxels of all levels and of all aprons, uncompressed. The store can hardly become larger.
     pub output_bytes_at_most: u64,
-    /// Bytes of that in aprons.
+    /// Bytes of all aprons, uncompressed; 0 if none are stored.
     pub(crate) apron_bytes: u64,
-    /// Shells that the second pass keeps in memory.
+    /// Number of shells that the second pass keeps in memory.
     pub(crate) shells: usize,
-    /// Level 0, then levels 1 and up of the main pyramid, then those of the second: each after the one it follows from.
+    /// Level 0, then levels 1 and up of the main pyramid, then levels 1 and up of the second one: each stage after the
+    /// one that it is made from.
     pub(crate) stages: Vec<Stage>,
 }
 
 /// One level of one pyramid.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Stage {
-    /// The arrangement of its pyramid.
+    /// The arrangement of the stage's pyramid.
     pub(crate) layout: Layout,
     pub(crate) level: Level,
-    /// The finer stage that its voxels follow from, and how; none at level 0.
+    /// The index of the finer stage that this one is made from, and the method; `None` at level 0.
     pub(crate) from: Option<(usize, Downsample)>,
     pub(crate) window: WindowPlan,
 }
 
 impl Stage {
-    /// Its extent and brick grid.
+    /// The extent and brick grid of the stage's level.
     pub(crate) fn grid(&self) -> &LevelGrid {
         self.layout.pyramid.level(self.level)
     }
 }
 
-/// One stage's window.
+/// The size of one stage's window of slices, and whether it is kept in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WindowPlan {
-    /// Slices; 0 where there is no window.
+    /// Number of slices that the window holds; 0 where there is no window.
     pub(crate) capacity: u32,
     pub(crate) bytes: u64,
     pub(crate) in_memory: bool,
 }
 
 impl PackPlan {
-    /// The stages that follow from stage `s`, and how.
+    /// The indices of the stages that are made from stage `s`, each with its method.
     pub(crate) fn coarser(&self, s: usize) -> impl Iterator<Item = (usize, Downsample)> {
         let follows =
             move |(i, stage): (usize, &Stage)| stage.from.filter(|(from, _)| *from == s).map(|(_, how)| (i, how));
         self.stages.iter().enumerate().filter_map(follows)
     }
 
-    /// Shards of all stages, steps and channels, those of aprons included.
+    /// Number of shards of all stages, time steps and channels, those of aprons included.
     pub(crate) fn shard_count(&self) -> u64 {
         if self.apron_bytes > 0 { 2 * self.core_shard_count() } else { self.core_shard_count() }
     }
 
-    /// Shards of cores of all stages, steps and channels.
+    /// Number of shards of cores, over all stages, time steps and channels.
     pub(crate) fn core_shard_count(&self) -> u64 {
         let shards = |stage: &Stage| stage.layout.shard_grid(stage.level).volume();
         self.volumes() * self.stages.iter().map(shards).sum::<u64>()
     }
 
-    /// Bricks of all stages, steps and channels.
+    /// Number of bricks of all stages, time steps and channels.
     pub(crate) fn brick_count(&self) -> u64 {
         self.volumes() * self.stages.iter().map(|stage| stage.grid().bricks.volume()).sum::<u64>()
     }
 
-    /// Voxels of level 0, all steps and channels.
+    /// Number of voxels of level 0, over all time steps and channels.
     pub(crate) fn input_voxels(&self) -> u64 {
         self.volumes() * self.stages[0].grid().extent.volume()
     }
@@ -132,10 +133,11 @@ pub(crate) fn bricks_ahead(threads: usize) -> u64 {
     2 * threads as u64 + 4
 }
 
-/// What packing `source` with these options needs.
+/// Computes what packing `source` with these options needs.
 ///
 /// # Errors
-/// If the options contradict each other or allow too little memory, or no store can hold what the source is.
+/// If an option is out of its range or contradicts another one, if the options allow too little memory, or if no store
+/// can hold what the source is.
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
     check_input(source.info())?;
@@ -371,7 +373,7 @@ fn compressor_bytes(core_bytes: u64, codec: Codec) -> u64 {
     core_bytes + tables
 }
 
-/// The most bricks whose shells a layer of a shard needs at a time.
+/// How many shells one layer of a shard's bricks needs at a time at most: its own and its neighbours'.
 pub(crate) fn least_shells(stage: &Stage) -> u64 {
     let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
     let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;

@@ -32,7 +32,7 @@ impl<T> Sequence<T> {
         Self { state: Mutex::new(state), changed: Condvar::new(), ahead }
     }
 
-    /// Delivers an item; waits while it is too far ahead. False once aborted.
+    /// Delivers the item with this number; waits while it is too far ahead. Returns false once the sequence is aborted.
     pub(crate) fn put(&self, number: u64, item: T) -> bool {
         let state = self.lock();
         let too_far = |s: &mut State<T>| s.end != End::Aborted && number > s.next + self.ahead;
@@ -47,7 +47,7 @@ impl<T> Sequence<T> {
         true
     }
 
-    /// The item with the next number; `None` at the end or once aborted.
+    /// Waits for the item with the next number and takes it; `None` at the end, or once the sequence is aborted.
     pub(crate) fn take(&self) -> Option<T> {
         let state = self.lock();
         let missing = |s: &mut State<T>| match s.end {
@@ -65,17 +65,18 @@ impl<T> Sequence<T> {
         Some(item)
     }
 
-    /// Says that all items have been put.
+    /// Ends the sequence: no item will follow those that have been put.
     pub(crate) fn close(&self) {
         self.end(End::Closed);
     }
 
-    /// Stops everyone.
+    /// Aborts the sequence, which stops everyone who puts or takes an item, or waits to.
     pub(crate) fn abort(&self) {
         self.end(End::Aborted);
     }
 
-    /// Stops everyone if the thread that holds this unwinds: others would wait for ever for what it had to put or take.
+    /// Returns a guard that aborts the sequence if the thread that holds it unwinds. Others would wait for ever for
+    /// what that thread had to put or take.
     pub(crate) fn stop_on_panic(&self) -> impl Drop {
         StopOnPanic(self)
     }

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// A shard whose bricks have all been appended; what is left is to make it last.
+/// A shard whose bricks have all been appended, before [`settle`] makes it durable.
 pub(crate) struct Finished {
     pub(crate) id: ShardId,
     pub(crate) fingerprint: Fingerprint,
@@ -39,7 +39,7 @@ pub(crate) struct ShardWriter<'a> {
     open: HashMap<ShardId, OpenShard>,
     /// The file that the last brick went to.
     file: Option<(ShardId, PathBuf, File)>,
-    /// Encoded bytes appended.
+    /// Bytes that were appended to shard files, indexes included.
     pub(crate) written_bytes: u64,
 }
 
@@ -49,7 +49,7 @@ impl<'a> ShardWriter<'a> {
     }
 
     /// Adds the next brick: its encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
-    /// shard if this was its last brick.
+    /// shard if this was its last brick; `None` if not.
     pub(crate) fn add(
         &mut self,
         id: BrickId,
@@ -119,7 +119,8 @@ impl<'a> ShardWriter<'a> {
     }
 }
 
-/// Makes a finished shard last: sync, rename, journal. False if an earlier run did.
+/// Makes a finished shard durable: syncs it, renames it, and notes it in the journal. Returns false if an earlier run
+/// did that.
 pub(crate) fn settle(
     disk: &Disk,
     store: &Path,

@@ -7,7 +7,7 @@
 
 use brickyard_volume::{Apron, BrickIndex, Extent};
 
-/// How shells become aprons.
+/// Cuts shells out of cores, and makes aprons of shells.
 #[derive(Clone, Copy)]
 pub(crate) struct ApronMaker {
     pub(crate) apron: Apron,
@@ -58,7 +58,7 @@ impl ApronMaker {
         shape
     }
 
-    /// Copies a core's shell out of it.
+    /// Copies the shell of `core` to `shell`.
     pub(crate) fn cut(&self, core: &[u8], shell: &mut [u8]) {
         for axis in 0..3 {
             let shape = self.side_shape(axis);
@@ -77,8 +77,8 @@ impl ApronMaker {
         (2 * axis + is_high as usize) * self.side_bytes()
     }
 
-    /// Makes a brick's apron from the shells of its level's bricks; one that `shell_of` does not know is all zero. False if
-    /// the apron is all zero.
+    /// Makes a brick's apron from the shells of its level's bricks. A shell that `shell_of` does not know is all zero.
+    /// Returns false if the apron is all zero.
     pub(crate) fn make<'a>(
         &self,
         index: BrickIndex,

@@ -65,8 +65,8 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         Self { plan, stages: plan.stages.iter().map(stage).collect(), fill_hash: core_hash(&fill) }
     }
 
-    /// Takes in the next brick of stage `s`: its ranges by part, and its core's hash, if it is not all fill. Pages that
-    /// it completes go to `out`.
+    /// Takes in the next brick of stage `s`: its ranges by part, and the hash of its core, which is `None` if it is all
+    /// fill. Appends the pages that it completes to `out`.
     pub(crate) fn add(&mut self, s: usize, id: BrickId, parts: &Parts<T>, hash: Option<u128>, out: &mut Vec<PageFile>) {
         let (index, bricks) = (id.index.to_array(), self.stages[s].bricks.to_array());
         let at = (id.index.y * bricks[0] + id.index.x) as usize;
@@ -193,7 +193,7 @@ impl<T: Measure> StagePages<T> {
     }
 }
 
-/// The fingerprints of a stage's shards, or of those of its aprons, on their way to pages. They come layer by layer.
+/// The fingerprints of the shards of a stage, or of its aprons, on their way to pages. They come layer by layer.
 pub(crate) struct ShardPages {
     array: SideArray,
     grid: Extent,
@@ -209,7 +209,7 @@ impl ShardPages {
         Self { array, grid: layout.shard_grid(level), row: Vec::new(), known: 0 }
     }
 
-    /// Takes in a finished shard. Pages that it completes go to `out`.
+    /// Takes in the fingerprint of a finished shard. Appends the pages that it completes to `out`.
     pub(crate) fn add(&mut self, id: ShardId, fingerprint: Fingerprint, out: &mut Vec<PageFile>) {
         let paging = self.array.paging();
         let depth = paging.page_extent().z;

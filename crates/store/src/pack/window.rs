@@ -17,7 +17,7 @@ pub(crate) struct Window {
     extent: Extent,
     /// Slices held at a time.
     capacity: usize,
-    /// Slices written so far, from the first.
+    /// Number of slices written so far, from the first.
     pub(crate) filled: u32,
 }
 
@@ -46,7 +46,7 @@ impl DerefMut for Backing {
 }
 
 impl Window {
-    /// A ring of `capacity` slices in memory, or in an unnamed file in `scratch`.
+    /// Makes a ring of `capacity` slices in memory, or in an unnamed file in the directory `scratch`, if one is given.
     ///
     /// # Errors
     /// If the disk has no room for the scratch file.
@@ -71,15 +71,15 @@ impl Window {
         ((slice * self.extent.y as usize + y as usize) * self.extent.x as usize + x as usize) * self.voxel_bytes
     }
 
-    /// The voxels of a box. Its slices must be among the last `capacity` written, and the first of them at a multiple of
-    /// their number, so that the ring does not cut them in two.
+    /// The voxels of a box, where they lie. Its slices must be among the last `capacity` written, and must not pass the
+    /// end of the ring.
     pub(crate) fn lend(&self, region: VoxelBox) -> Lent<'_> {
         let slice_bytes = self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
         let start = self.row(region.min.x, region.min.y, region.min.z);
         Lent::new(&self.bytes[start..], self.extent.x as usize * self.voxel_bytes, slice_bytes)
     }
 
-    /// Copies a box in.
+    /// Copies the voxels of a box, which are packed, into the ring.
     pub(crate) fn write_box(&mut self, region: VoxelBox, voxels: &[u8]) {
         let row_bytes = region.extent().x as usize * self.voxel_bytes;
         let mut rows = voxels.chunks_exact(row_bytes);

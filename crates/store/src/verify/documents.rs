@@ -1,5 +1,5 @@
-//! Every `zarr.json` against the one that packing would write from the store's settings: what it wrote must stand there as it
-//! was; what others have added is theirs.
+//! Compares every `zarr.json` with the one that packing would write from the store's settings. What packing wrote must be
+//! there unchanged; what others have added is left alone.
 //!
 //! Settings, statistics and placement are themselves read from the root document. So that one byte in one of them is found
 //! as well, the document holds a checksum of what was written.
@@ -13,7 +13,8 @@ use brickyard_volume::Level;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// The problems of the documents of some levels, each of its pyramid, the main one first.
+/// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
+/// Returns the problems.
 pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
     let root = root_document(main.layout(), main.geometry(), main.info());
     let mut documents = vec![(main.path().join("zarr.json"), root)];
@@ -38,7 +39,7 @@ fn check_one(path: PathBuf, expected: &Value) -> Option<VerifyProblem> {
     Some(VerifyProblem { brick: None, path, what })
 }
 
-/// A message without the file, which a problem names by itself.
+/// A message without the path of its file, which a problem names by itself.
 pub(super) fn without_path(message: &str, path: &Path) -> String {
     message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
 }

@@ -3,17 +3,17 @@
 
 use super::{Binary, Expression, Operation, Unary};
 
-/// From the least to the greatest value; `None` where there is none.
+/// A range of values, from the least to the greatest; `None` where there is no value.
 pub type Range = Option<[f64; 2]>;
 
 const ALL: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 impl Expression {
-    /// A range that holds every value that the expression has where volumes have values in these, or none. `None` says that it
-    /// has no value there.
+    /// A range that holds every value that the expression can have where each volume has a value in its range, or none. `None`
+    /// means that the expression has no value there.
     ///
     /// # Panics
-    /// If there are fewer than it was read for.
+    /// If `volumes` lacks a volume that the expression reads.
     pub fn range(&self, volumes: &[Range]) -> Range {
         let mut results: Vec<Range> = Vec::with_capacity(self.operations.len());
         for operation in &self.operations {

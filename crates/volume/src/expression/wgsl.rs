@@ -10,14 +10,15 @@ use std::fmt::Write;
 const GREATEST: &str = "3.4e38";
 
 impl Expression {
-    /// `struct Result { value: f32, is_valid: bool }` and `fn expression(values: array<f32, N>, are_valid: array<bool, N>) -> Result`
-    /// over so many volumes.
+    /// WGSL source of the expression over `volumes` volumes (`N` in it): `struct Result { value: f32, is_valid: bool }` and
+    /// `fn expression(values: array<f32, N>, are_valid: array<bool, N>) -> Result`.
     pub fn wgsl(&self, volumes: usize) -> String {
         self.function(volumes, false)
     }
 
-    /// The same with gradients: `fn expression(values: array<f32, N>, are_valid: array<bool, N>, gradients: array<vec3f, N>) -> Result`,
-    /// whose result has a `gradient: vec3f`, too, which is zero where there is none.
+    /// WGSL source of the expression and its gradient over `volumes` volumes (`N` in it):
+    /// `fn expression(values: array<f32, N>, are_valid: array<bool, N>, gradients: array<vec3f, N>) -> Result`. `Result` has
+    /// `value: f32`, `is_valid: bool` and `gradient: vec3f`, which is zero where there is none.
     pub fn wgsl_with_gradient(&self, volumes: usize) -> String {
         self.function(volumes, true)
     }

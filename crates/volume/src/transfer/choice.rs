@@ -9,15 +9,15 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Which transfer function.
+/// Which transfer function a scene asks for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum TransferChoice {
-    /// This one.
+    /// A function that the scene writes out.
     Function(TransferFunction),
-    /// One of [`TransferFunction::PRESETS`].
+    /// A preset: one of [`TransferFunction::PRESETS`], by its name.
     Preset(TransferPreset),
-    /// A file's.
+    /// The function of a file.
     File(TransferFile),
 }
 
@@ -25,7 +25,7 @@ pub enum TransferChoice {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransferPreset {
-    /// The name.
+    /// Name of the preset.
     pub preset: String,
 }
 
@@ -33,24 +33,24 @@ pub struct TransferPreset {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransferFile {
-    /// Where it is.
+    /// Path of the file.
     #[serde(rename = "file")]
     pub path: PathBuf,
-    /// Which of the file's functions; `None` is the first.
+    /// Name of the function among the file's; `None` is the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The file's function, once somebody has read it: scenes know files by their names alone.
+    /// The file's function; `None` until somebody has read it. In JSON a scene has the file's name alone.
     #[serde(skip)]
     pub function: Option<Arc<TransferFunction>>,
 }
 
 impl TransferChoice {
-    /// The preset of this name.
+    /// Chooses the preset of this name; [`TransferChoice::function`] tells whether there is one.
     pub fn preset(name: impl Into<String>) -> Self {
         Self::Preset(TransferPreset { preset: name.into() })
     }
 
-    /// The function for a subject.
+    /// The chosen transfer function, for a subject.
     ///
     /// # Errors
     /// If there is no such preset, the file has not been read, or the function is not valid.
@@ -67,7 +67,7 @@ impl TransferChoice {
         function.validate().map(|()| function.clone())
     }
 
-    /// Whether what is shown depends on the gradient: of presets nothing does.
+    /// Whether the chosen function depends on the gradient magnitude. Presets do not; a file counts as not until it has been read.
     pub fn is_by_gradient(&self) -> bool {
         match self {
             Self::Function(function) => function.is_by_gradient(),
@@ -76,7 +76,7 @@ impl TransferChoice {
         }
     }
 
-    /// Whether the function spans whatever window it is for; others have values of their own.
+    /// Whether the function spans whatever window it is for; other functions have values of their own.
     pub fn spans_window(&self) -> bool {
         matches!(self, Self::Preset(TransferPreset { preset }) if !TransferFunction::is_absolute(preset))
     }

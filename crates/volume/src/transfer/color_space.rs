@@ -73,7 +73,8 @@ fn rgb_of_hsv([hue, saturation, value]: [f64; 3]) -> Rgb {
 /// D65, as VTK has it.
 const WHITE: [f64; 3] = [0.9505, 1.0, 1.089];
 
-/// CIELAB, of a white at D65: lightness from 0 to 100, and two differences of colour.
+/// A display-referred colour (sRGB, in 0..=1) in CIELAB, of a white at D65: lightness from 0 to 100, and two
+/// differences of colour.
 pub fn lab(color: Rgb) -> [f64; 3] {
     let [r, g, b] = color.map(|c| if c > 0.04045 { ((c + 0.055) / 1.055).powf(2.4) } else { c / 12.92 });
     let xyz = [

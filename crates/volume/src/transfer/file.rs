@@ -1,20 +1,21 @@
-//! Files of transfer functions, of whatever form: which one a file has is told by what is in it, not by its name.
+//! Files of transfer functions, of several forms. Which form a file has is told by what is in it, not by its name.
 //!
 //! | form | who writes it | told by |
 //! | --- | --- | --- |
 //! | JSON of [`TransferFunction`] | brickyard | an object that is none of the others |
 //! | colour maps (`paraview`) | ParaView, and much else | a list of objects, or one with `RGBPoints` |
 //! | volume property, `.vp.json` (`slicer`) | 3D Slicer | an object with `volumeProperties` |
-//! | volume property, `.vp` (likewise) | 3D Slicer | text that begins with a number |
+//! | volume property, `.vp` (`slicer`) | 3D Slicer | text that begins with a number |
 
 use super::imported::{Imported, Subject};
 use super::{TransferError, TransferFunction, paraview, slicer};
 use serde_json::Value;
 
-/// Reads a file's text: of several functions the one called `name`, or the first.
+/// Reads a transfer function from a file's text: of several functions the one called `name`, or the first if that is
+/// `None`. `subject` fills in what the file does not say.
 ///
 /// # Errors
-/// If it has none of the forms, is damaged, or has no function of that name.
+/// If the text has none of the forms, is damaged, or has no function of that name.
 pub fn read(text: &str, name: Option<&str>, subject: &Subject) -> Result<Imported, TransferError> {
     let text = text.trim_start_matches('\u{feff}');
     let unnamed = |read: Result<Imported, TransferError>| match name {

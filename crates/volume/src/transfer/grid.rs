@@ -1,12 +1,13 @@
 //! The table of a transfer function of value and gradient magnitude: entries over the plane of both, looked up bilinearly after
 //! interpolation.
 //!
-//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a
-//! voxel can have has its own; where those are more than [`TransferGrid::MOST_ROWS`], so many at equal distances. Its columns
-//! are gradient magnitudes, at equal distances from 0 to the greatest that the function speaks of; beyond, the last column
-//! holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a tenth of such data's noise; 256 columns are 1/255
-//! of the steepest boundary apart, and gradients of 8-bit data have a resolution of half a code per voxel, coarser than that.
-//! What is narrower than an entry is drawn as wide as one, and a jump from one entry to the next is a ramp between them.
+//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a voxel
+//! can have has its own row. Where there are more such codes than [`TransferGrid::MOST_ROWS`], that many rows lie at equal
+//! distances. Its columns are gradient magnitudes, at equal distances from 0 to the greatest that the function speaks of;
+//! beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a tenth of such data's noise;
+//! 256 columns are 1/255 of the steepest boundary apart, and gradients of 8-bit data have a resolution of half a code per voxel,
+//! coarser than that. What is narrower than an entry is drawn as wide as one, and a jump from one entry to the next is a ramp
+//! between them.
 //!
 //! Opacities are interpolated as they are, and colours by opacity, so that a region does not take on colours that are not shown.
 //! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.
@@ -18,16 +19,17 @@ use std::ops::RangeInclusive;
 const MOST_ROWS: usize = TransferGrid::MOST_ROWS;
 const COLUMNS: usize = TransferGrid::COLUMNS;
 
-/// Entries over values and gradient magnitudes.
+/// The table of a transfer function of value and gradient magnitude: entries over the plane of both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferGrid {
     /// The code of the first row.
     pub first_code: f32,
-    /// Rows from one code to the next; at most 1.
+    /// Rows per code; at most 1.
     pub rows_per_code: f32,
-    /// Columns from one gradient magnitude to the next, in data units per world unit.
+    /// Columns per unit of gradient magnitude, which is in data units per world unit.
     pub columns_per_gradient: f32,
-    /// Row by row `[r, g, b, alpha]`, straight, alpha over the table's unit distance; at least two rows.
+    /// The entries `[r, g, b, alpha]`, row by row: straight colour, and alpha over the function's unit distance. There are at
+    /// least two rows.
     pub entries: Vec<[f32; 4]>,
 }
 
@@ -41,18 +43,18 @@ struct Axes<'a> {
 }
 
 impl TransferGrid {
-    /// Rows at most.
+    /// The most rows that a grid may have.
     pub const MOST_ROWS: usize = 1024;
 
-    /// Columns.
+    /// Number of columns of a grid.
     pub const COLUMNS: usize = 256;
 
-    /// Rows at most for so many codes.
+    /// The most rows that a grid over this many codes may have.
     pub const fn most_rows(codes: u32) -> usize {
         if (codes as usize) < Self::MOST_ROWS { codes as usize } else { Self::MOST_ROWS }
     }
 
-    /// Samples the function.
+    /// Samples a transfer function at the rows' values and the columns' gradient magnitudes.
     pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
         let axes = Axes::new(transfer, encoding);
         let factors: Vec<f64> = (0..COLUMNS).map(|column| transfer.factor(axes.gradient(column))).collect();
@@ -109,7 +111,7 @@ impl TransferGrid {
         [color(0), color(1), color(2), alpha]
     }
 
-    /// The greatest opacity that a value within one code of each code can have, whatever the gradient.
+    /// For each of this many codes the greatest opacity that a value within one code of it can have, whatever the gradient.
     pub fn most(&self, codes: u32) -> impl Iterator<Item = f32> {
         let most: Vec<f32> = self
             .entries

@@ -4,17 +4,17 @@ use super::TransferFunction;
 use crate::geometry::Geometry;
 use crate::space::Extent;
 
-/// What a function is for: it fills in what a file does not say.
+/// What a transfer function is made for: it fills in what a preset or a file does not say.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
-    /// The volume's window, data units: colour maps without values of their own span it.
+    /// The volume's window, `(low, high)` in data units: presets and colour maps without values of their own span it.
     pub window: (f64, f64),
-    /// World distance over which maps without opacity collect that of the presets.
+    /// World distance over which presets that span the window, and maps without opacity, collect their opacity.
     pub unit_distance: f64,
-    /// The diagonal of the volume by the cube root of its number of voxels, world units: the distance over which opacity is
-    /// collected in ParaView, which does not write it down.
+    /// The volume's diagonal divided by the cube root of its number of voxels, in world units. ParaView collects opacity over this
+    /// distance, and does not write it down.
     pub cell_length: f64,
-    /// Mean of the volume's three voxel spacings, world units: VTK's unit of length for gradients.
+    /// Mean of the volume's three voxel spacings, in world units: VTK's unit of length for gradients.
     pub mean_spacing: f64,
 }
 
@@ -22,8 +22,8 @@ impl Subject {
     /// No volume: whether a function can be used does not depend on what it is for.
     pub(crate) const NONE: Self = Self { window: (0.0, 1.0), unit_distance: 1.0, cell_length: 1.0, mean_spacing: 1.0 };
 
-    /// A volume and the window to be shown of it, or where that is a single value, one about it: so a volume of one value has the middle of
-    /// the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the longest side.
+    /// The subject for a volume and the window to be shown of it, which becomes the [`shown_window`]: so a volume of one value has the
+    /// middle of the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the volume's longest side.
     pub fn new(geometry: &Geometry, extent: Extent, window: (f64, f64)) -> Self {
         let (low, high) = geometry.world_box(extent);
         let size = high - low;
@@ -35,13 +35,13 @@ impl Subject {
         }
     }
 
-    /// The gray ramp over the window: what is shown unless something is said.
+    /// The gray ramp over the window, which is shown unless a scene says otherwise.
     pub fn default_function(&self) -> TransferFunction {
         TransferFunction::preset("gray", self.window, self.unit_distance).expect("'gray' is a preset")
     }
 }
 
-/// The window that is shown: the one given, or where that is a single value, one about it.
+/// The window that is shown: the one given, or where that is a single value, a window about that value.
 pub fn shown_window((low, high): (f64, f64)) -> (f64, f64) {
     if low < high {
         return (low, high);
@@ -50,11 +50,11 @@ pub fn shown_window((low, high): (f64, f64)) -> (f64, f64) {
     (low - reach, low + reach)
 }
 
-/// A function from a file.
+/// A transfer function that was read from a file.
 #[derive(Clone, Debug)]
 pub struct Imported {
-    /// The function.
+    /// The transfer function.
     pub transfer: TransferFunction,
-    /// What was left out or chosen, for the user to know: a sentence each.
+    /// What was left out or chosen when the file was read, for the user to know: a sentence each.
     pub remarks: Vec<String>,
 }

@@ -21,8 +21,8 @@ impl TransferFunction {
         "mr-default",
     ];
 
-    /// A named function. Those for CT are absolute (Hounsfield units, millimetres); the others span `window` (data units)
-    /// and collect their opacity over `unit_distance` (world units).
+    /// The preset called `name`. Presets for CT are absolute (Hounsfield units, millimetres); the others span `window`
+    /// (data units) and collect their opacity over `unit_distance` (world units).
     ///
     /// # Errors
     /// [`TransferError::UnknownPreset`] names the presets there are.

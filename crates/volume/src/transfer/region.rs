@@ -17,15 +17,15 @@ use super::TransferError;
 use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
 
-/// How a region's opacity goes over its box.
+/// How a region's opacity varies over its box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
-    /// Opacity that is the same everywhere.
+    /// The same opacity everywhere.
     Rectangle,
-    /// A bell.
+    /// A Gaussian bell: greatest in the middle of the box, and nothing at its sides.
     Gaussian,
-    /// Levoy's tent over one value, the wider the steeper the field is.
+    /// Levoy's tent over one value: the steeper the field, the wider the tent.
     Triangle,
 }
 
@@ -34,24 +34,24 @@ every!(Shape: Rectangle Gaussian Triangle);
 /// Standard deviations from a bell's middle to the sides of its box.
 const DEVIATIONS: f64 = 3.0;
 
-/// A part of the plane of values and gradient magnitudes, and the medium there.
+/// A region of the plane of values and gradient magnitudes, and the medium there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
-    /// How its opacity goes over its box.
+    /// How the region's opacity varies over its box.
     pub shape: Shape,
-    /// The box's least and greatest value, data units.
+    /// Least and greatest value of the region's box, in data units.
     pub value: [f64; 2],
-    /// Its least and greatest gradient magnitude, data units per world unit.
+    /// Least and greatest gradient magnitude of the region's box, in data units per world unit.
     pub gradient: [f64; 2],
-    /// Straight, each 0..=1.
+    /// Straight colour of the medium, each component in 0..=1.
     pub color: [f64; 3],
-    /// The most that is collected over the function's `unit_distance`, 0..=1.
+    /// Greatest opacity of the medium, collected over the function's `unit_distance`, in 0..=1.
     pub opacity: f64,
 }
 
 impl Region {
-    /// Opacity over the function's `unit_distance` at a value and a gradient magnitude.
+    /// Opacity of the region over the function's `unit_distance` at a value and a gradient magnitude; 0 outside of its box.
     pub fn alpha(&self, value: f64, gradient: f64) -> f64 {
         let ([low, high], [flat, steep]) = (self.value, self.gradient);
         if !(low <= value && value <= high && flat <= gradient && gradient <= steep) {

@@ -6,17 +6,17 @@ use crate::sampling::ADAPTIVE_SHARE;
 use crate::slot_encoding::SlotEncoding;
 use std::sync::{Arc, OnceLock};
 
-/// The transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
-/// neighbouring entries. 256 entries for 8-bit codes and 65,536 for 16-bit ones, so every code has its own entry.
+/// A transfer function sampled at equidistant codes, `[r, g, b, alpha]` straight; renderers interpolate linearly between
+/// neighbouring entries. There are 256 entries for 8-bit codes and 65,536 for 16-bit ones, so every code has its own entry.
 #[derive(Clone, Debug)]
 pub struct TransferTable {
-    /// The entries; entry `i` belongs to code `i`. Where there is a grid, alpha is the most that a value next to the code has at any
-    /// gradient: what is clear here is clear there.
+    /// The entries; entry `i` belongs to code `i`. Where there is a grid, alpha is the greatest that a value next to the code has at
+    /// any gradient: what is clear here is clear in the grid.
     pub entries: Vec<[f32; 4]>,
     /// World distance over which the entries' alpha is collected.
     pub unit_distance: f32,
-    /// What is seen at values and gradients, of a function that depends on both: shared, as copies of a table are made for every
-    /// frame.
+    /// The table of value and gradient magnitude, for a function that depends on both; `None` for a function of the value alone. It
+    /// is shared, as copies of a table are made for every frame.
     pub grid: Option<Arc<TransferGrid>>,
     /// Made when they are first asked for.
     integrals: OnceLock<Integrals>,
@@ -47,23 +47,23 @@ impl TransferTable {
         Self { grid: grid.map(Arc::new), ..Self::from_entries(entries, transfer.unit_distance as f32) }
     }
 
-    /// One with these entries, of a function of the value alone.
+    /// A table with these entries, at least two, of a function of the value alone.
     pub fn from_entries(entries: Vec<[f32; 4]>, unit_distance: f32) -> Self {
         Self { entries, unit_distance, grid: None, integrals: OnceLock::new(), adaptive_step: OnceLock::new() }
     }
 
-    /// The function's running integrals: of a table of 65,536 entries they take 2 ms, once.
+    /// The function's running integrals. They are made when first asked for, which takes 2 ms for 65,536 entries.
     pub fn integrals(&self) -> &Integrals {
         self.integrals.get_or_init(|| Integrals::new(&self.entries))
     }
 
-    /// How far from a value, in codes, others may change what is seen there: as far as the next entry.
+    /// How far from a value, in codes, other values may change what is seen there: as far as the next entry.
     pub fn reach_codes(&self) -> f64 {
         self.grid.as_ref().map_or(1.0, |grid| 1.0 / grid.rows_per_code as f64)
     }
 
-    /// By how much of the codes' range the ends of a part of [`Method::Asm`](crate::Method::Asm) may differ: [`ADAPTIVE_SHARE`] of
-    /// the codes from the first to the last at which what is seen changes.
+    /// Adaptive sampling ([`Method::Asm`](crate::Method::Asm)): the largest difference between the values at a part's ends, as a
+    /// share of the range of codes. It is [`ADAPTIVE_SHARE`] of the codes from the first to the last at which what is seen changes.
     pub fn adaptive_step(&self) -> f64 {
         *self.adaptive_step.get_or_init(|| {
             // What colour is clear does not matter.
@@ -76,7 +76,7 @@ impl TransferTable {
         })
     }
 
-    /// The entry at a normalised code, interpolated.
+    /// Straight colour and opacity at a normalised code, clamped to 0..=1: interpolated between the two nearest entries.
     #[inline]
     pub fn lookup(&self, unorm: f32) -> [f32; 4] {
         let last = self.entries.len() - 1;

@@ -4,14 +4,14 @@
 use super::{TransferFunction, curve, interpolate};
 
 impl TransferFunction {
-    /// The least and the greatest value of its points.
+    /// The least and the greatest value of the points of colour and opacity.
     pub fn span(&self) -> (f64, f64) {
         let values = || self.color.iter().map(|p| p[0]).chain(self.opacity.iter().map(|p| p[0]));
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
     }
 
-    /// The function with the values of one interval moved to another. Gradient magnitudes are of the same units, and are stretched alike:
-    /// it is to values that are moved so what it was to those before.
+    /// The function with the values of the interval `from` moved to the interval `to`, which has width 1 if it would be empty. Gradient
+    /// magnitudes have the same units as values, and are stretched alike.
     pub fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {
         let to = if to.1 > to.0 { to } else { (to.0, to.0 + 1.0) };
         let scale = (to.1 - to.0) / (from.1 - from.0);
@@ -27,8 +27,8 @@ impl TransferFunction {
         self
     }
 
-    /// The function with its colours and opacities bent over a window: at a share `t` of it, it is what it was at `t` to the power of
-    /// `gamma`. Outside of the window it stays as it is, and so do factors and regions by gradient.
+    /// The function with its colours and opacities bent over a window: at a share `t` of the window it is what it was at the share `t` to
+    /// the power of `gamma`. Outside of the window it stays as it is, and so do factors and regions by gradient.
     pub fn bent(mut self, window: (f64, f64), gamma: f64) -> Self {
         if gamma != 1.0 {
             self.color = bent(&self.color, window, gamma);
@@ -37,7 +37,7 @@ impl TransferFunction {
         self
     }
 
-    /// The function with all opacities multiplied.
+    /// The function with the opacities of all points and regions multiplied by `opacity`.
     pub fn scaled(&self, opacity: f64) -> Self {
         let mut scaled = self.clone();
         scaled.opacity.iter_mut().for_each(|point| point[1] *= opacity);
