@@ -4,7 +4,7 @@ macro_rules! bindings {
     ($($(#[$doc:meta])* $name:ident = $number:literal;)*) => {
         $($(#[$doc])* pub const $name: u32 = $number;)*
 
-        /// All of them as constants of WGSL.
+        /// WGSL source that declares all of these numbers as constants.
         pub(crate) fn wgsl() -> String {
             [$(concat!("const ", stringify!($name), ": u32 = ", $number, "u;\n")),*].concat()
         }
@@ -12,56 +12,65 @@ macro_rules! bindings {
 }
 
 bindings! {
-    /// Group 0: the settings of all layers' frames.
+    /// Binding in group 0: the settings of the layers' frames, [`FrameUniform`](crate::FrameUniform)s.
     FRAMES = 0;
-    /// Group 0 of marches: the bricks of draw lists that rays are cast through.
+    /// Binding in group 0 of marches: the bricks of draw lists that rays are cast through,
+    /// [`RayBrick`](crate::RayBrick)s.
     BRICKS = 1;
-    /// Group 0 of marches: the cells of a draw list that is drawn as boxes.
+    /// Binding in group 0 of marches: the cells of a draw list that is drawn as boxes,
+    /// [`CellInstance`](crate::CellInstance)s.
     CELLS = 2;
-    /// Group 0 of marches: the bricks that stand for layers in such cells.
+    /// Binding in group 0 of marches: the bricks that stand for layers in cells that are drawn as boxes,
+    /// [`CellBrick`](crate::CellBrick)s.
     CELL_BRICKS = 14;
-    /// Group 0 of marches: how atlases are sampled.
+    /// Binding in group 0 of marches: the sampler for atlases and stored gradients.
     ATLAS_SAMPLER = 3;
-    /// Group 0: the transfer tables.
+    /// Binding in group 0 of marches and of resolving passes: the transfer tables.
     TABLE = 4;
-    /// Group 0 of resolving passes: what has been gathered.
+    /// Binding in group 0 of resolving passes: the texture that colours are made of. It holds gathered samples, the sum
+    /// of the projections that mix, or the picture composed of slabs.
     GATHERED = 5;
-    /// Group 0 of marches: the octrees' nodes.
+    /// Binding in group 0 of marches: the nodes of octrees over draw lists.
     NODES = 6;
-    /// Group 0 of marches: the codes' ranges in macro-cells.
+    /// Binding in group 0 of marches: the ranges of codes in macro-cells.
     RANGES = 7;
-    /// Group 0 of marches: how many entries of a table have opacity before each.
+    /// Binding in group 0 of marches: for each code, how many entries of the transfer table before it have opacity.
     OPAQUE_BEFORE = 8;
-    /// Group 0 of marches: how bricks were entered.
+    /// Binding in group 0 of marches: for each brick of draw lists, the greatest transmittance with which a ray has
+    /// entered it, in steps of 1 / [`MARK_STEPS`](crate::MARK_STEPS).
     MARKS = 9;
-    /// Group 0 of the pass that shows joined projections: of what adds, the sum.
+    /// Binding in group 0 of the pass that shows joined projections: the sum of the light of layers that add.
     EMISSION = 10;
-    /// Group 0 of the pass over meshes: vertices.
+    /// Binding in group 0 of the pass over meshes: the vertices, [`MeshVertex`](crate::MeshVertex)es.
     VERTICES = 11;
-    /// Group 0 of the pass over meshes: triangles' corners.
+    /// Binding in group 0 of the pass over meshes: the index of a vertex for each corner of each triangle.
     CORNERS = 12;
-    /// Group 0 of the pass over meshes: how each mesh looks.
+    /// Binding in group 0 of the pass over meshes: how each mesh looks, [`MeshLook`](crate::MeshLook)s.
     LOOKS = 13;
-    /// Group 0 of marches: the first pool's atlas; the others follow.
+    /// Binding in group 0 of marches: the first pool's atlas. The atlases of the other pools have the next numbers.
     FIRST_ATLAS = 16;
-    /// Group 0 of marches: the first pool's stored gradients, behind as many atlases as there can be; the others follow.
+    /// Binding in group 0 of marches: the texture of the first pool's stored gradients. The textures of the other pools
+    /// have the next numbers. The number leaves room for as many atlases as there can be.
     FIRST_GRADIENTS = 48;
-    /// Group 1: distances of the layer of meshes in front of a slab.
+    /// Binding in group 1: the distances of the layer of meshes in front of a slab.
     NEAR_LAYER = 0;
-    /// Group 1: distances of the layer of meshes behind a slab.
+    /// Binding in group 1: the distances of the layer of meshes behind a slab.
     FAR_LAYER = 1;
-    /// Group 1: the picture in front of a slab.
+    /// Binding in group 1: the picture of all that is in front of a slab.
     FRONT = 2;
-    /// Group 1: triangles' numbers of the layer of meshes in front.
+    /// Binding in group 1: for each pixel, one more than the index of the triangle that is seen in the layer of meshes
+    /// in front of a slab, counted over all meshes; 0 where there is none.
     NEAR_NUMBER = 3;
-    /// Group 1: colours of the layer of meshes behind a slab.
+    /// Binding in group 1: the colours of the layer of meshes behind a slab.
     LAYER_COLOR = 4;
-    /// Group 2: what compute shaders write.
+    /// Binding in group 2: the texture that compute shaders write.
     TEXELS = 0;
-    /// Group 0 of the pass to an application's texture: the picture of the one eye, or of the left one.
+    /// Binding in group 0 of the pass to an application's texture: the left eye's picture, or the picture of the only
+    /// eye.
     LEFT_PICTURE = 0;
-    /// Group 0 of that pass: the picture of the right eye.
+    /// Binding in group 0 of the pass to an application's texture: the right eye's picture, or the picture of the only
+    /// eye.
     RIGHT_PICTURE = 1;
-    /// Group 0 of that pass: how pictures are stretched.
+    /// Binding in group 0 of the pass to an application's texture: the sampler that stretches pictures.
     PICTURE_SAMPLER = 2;
 }

@@ -10,7 +10,7 @@ macro_rules! files {
     ($($name:literal)*) => { &[$(($name, include_str!(concat!("../wgsl/", $name, ".wgsl")))),*] };
 }
 
-/// All files, by name.
+/// All WGSL files: the name, without `.wgsl`, and the text of each.
 pub(crate) const FILES: &[(&str, &str)] = files! {
     "layer_medium" "average" "axes" "axes_own" "blit" "bricks" "cast_joint" "classify" "combine" "composite" "dither" "eyes_anaglyph" "eyes_interlaced"
     "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "frame"
@@ -25,36 +25,39 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
 
 const IMPORT: &str = "//!import";
 
-/// What a variant chooses for parts that files import by a name of their own.
+/// The parts that a variant chooses, each by the name that files import: the WGSL text that stands for it.
 #[derive(Debug, Default)]
 pub(crate) struct Parts(HashMap<&'static str, String>);
 
 impl Parts {
-    /// Parts with the numbers of what is bound where.
+    /// Makes parts of which only `bindings` is chosen yet: the numbers of all bindings, as constants.
     pub(crate) fn new() -> Self {
         Self::default().text("bindings", bindings::wgsl())
     }
 
-    /// Adds a file for a part, which has another name than any file.
+    /// Lets a file stand for a part. No file may have the part's name.
     pub(crate) fn file(self, part: &'static str, file: &str) -> Self {
         self.text(part, format!("{IMPORT} {file}\n"))
     }
 
-    /// Adds text for a part, which may import what it needs.
+    /// Lets a text stand for a part. The text may import what it needs.
     pub(crate) fn text(mut self, part: &'static str, text: String) -> Self {
         self.0.insert(part, text);
         self
     }
 
-    /// These files, and all that they import.
+    /// Returns the source of a shader: these files, and all files and parts that they import, each once.
     ///
     /// # Panics
-    /// If one of them imports what there is not; a test composes every variant.
+    /// If there is no file or part of a name that is imported; a test composes every variant.
     pub(crate) fn compose(&self, roots: &[&str]) -> String {
         self.gather(roots).unwrap_or_else(|name| panic!("no shader file or part `{name}`"))
     }
 
-    /// The same, or the name of what is missing.
+    /// Returns the source of a shader: these files, and all files and parts that they import, each once.
+    ///
+    /// # Errors
+    /// The name that is imported, if there is no file or part of it.
     pub(crate) fn gather(&self, roots: &[&str]) -> Result<String, String> {
         let (mut taken, mut source) = (HashSet::new(), String::new());
         let mut wanted: Vec<&str> = roots.to_vec();
@@ -75,7 +78,7 @@ impl Parts {
     }
 }
 
-/// What a text imports.
+/// The names of the files and parts that a text imports.
 fn imports(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter_map(|line| line.strip_prefix(IMPORT)).flat_map(str::split_whitespace)
 }

@@ -1,69 +1,75 @@
 //! Shaders of several layers: the files of one layer, in the context of each in turn.
 //!
-//! What differs from layer to layer is in private variables (`context`), which a layer's number assigns (`become_#`): textures, first
-//! places in shared buffers, flags. Shared code is called once for each layer with its numbers, and no loop goes over layers, so that
-//! drivers fold what is constant.
+//! What differs from layer to layer is in private variables (the part `context`): the layer's number, its frame, its first places in
+//! shared buffers, flags. The function `become_#` sets them for the layer with that number; textures are chosen by the number. Shared
+//! code is called once for each layer, and no loop goes over layers, so that drivers fold what is constant.
 
 use crate::compose::Parts;
 use crate::{Curve, Light, Medium, Surfaces, margin, sample};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Where a layer begins in the buffers that all layers share, in their own units. (Its draw list begins elsewhere in each frame.)
+/// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
+/// not among them, as it changes with each frame: see [`FrameUniform::list_at`](crate::FrameUniform::list_at).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FirstPlaces {
-    /// The first macro-cell of its pool's slots.
+    /// Index of the first macro-cell of the layer's pool in the buffer of ranges.
     pub range: u32,
-    /// The first place of its transfer table.
+    /// Index of the first place of the layer's transfer table in the buffer of tables.
     pub place: u32,
-    /// Its first count of opaque entries.
+    /// Index of the layer's first count of opaque entries in the buffer of counts
+    /// ([`OPAQUE_BEFORE`](crate::bindings::OPAQUE_BEFORE)).
     pub count: u32,
 }
 
-/// What the shader of several has to know of a layer.
+/// What a shader of several layers has to know of one of them when it is composed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LayerShader {
-    /// The pool that its bricks are in: an atlas, counted from 0.
+    /// Index of the pool that the layer's bricks are in, and so of its atlas.
     pub pool: u32,
-    /// Whether code 0 is no value.
+    /// Whether code 0 means that a voxel has no value.
     pub has_invalid: bool,
-    /// Whether it adds to what others show instead of mixing with it; then it is not lit.
+    /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
     pub adds: bool,
-    /// Whether it has surfaces.
+    /// Whether the layer has isosurfaces.
     pub has_surfaces: bool,
-    /// Whether it is classified by value and gradient magnitude.
+    /// Whether the layer is classified by value and gradient magnitude, and not by value alone.
     pub has_grid: bool,
-    /// Where its part of shared buffers begins.
+    /// Where the layer's parts of the shared buffers begin.
     pub first: FirstPlaces,
-    /// The bits of the value of code 0, and of the difference to that of the last.
+    /// The value of code 0, and the difference from it to the value of the last code, each as the bits of an `f32`.
+    /// Only expressions use them.
     pub values: [u32; 2],
 }
 
-/// What the shader has to know of an expression over the layers.
+/// What a shader has to know of an expression over the layers when it is composed.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ExpressionShader {
-    /// The function `expression` and its result; of lit layers, those with a gradient.
+    /// WGSL of the function `expression` and of its result's struct, as the expression itself gives it: with gradients
+    /// if the layers are lit.
     pub wgsl: String,
-    /// The first place of its values' media in the transfer tables.
+    /// Index of the first place of the expression's transfer table in the buffer of tables.
     pub first_place: u32,
-    /// How many more places there are.
+    /// Index of the last place of the expression's transfer table, counted from its first.
     pub last_place: u32,
-    /// The bits of the value of the first place, and of the difference to that of the last.
+    /// The value of the first place of the expression's transfer table, and the difference from it to the value of the
+    /// last place, each as the bits of an `f32`.
     pub values: [u32; 2],
 }
 
-/// A march through several layers: everything that is decided when a pipeline is made.
+/// The variant of a march through several layers at once: everything that is decided when a pipeline is made.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct JointVariant {
-    /// How segments become media in all layers; there is fog unless surfaces are [`Surfaces::Alone`].
+    /// How segments become media in all layers. Surfaces and grids are said layer by layer: of [`Medium::surfaces`]
+    /// only [`Surfaces::Alone`] counts, which means that there is no fog, and [`Medium::has_grid`] does not count.
     pub medium: Medium,
-    /// Whether fields are tricubic splines of their voxels.
+    /// Whether fields are tricubic splines of their voxels. If not, they are trilinear.
     pub is_cubic: bool,
-    /// Whether only a slab between meshes is drawn.
+    /// Whether only a slab between layers of meshes is drawn.
     pub has_meshes: bool,
-    /// The layers.
+    /// The layers, at least one, in the order of their frames.
     pub layers: Vec<LayerShader>,
-    /// What takes the place of their media, if that is an expression.
+    /// The expression whose medium takes the place of the layers' media; `None` if the layers show their own.
     pub expression: Option<ExpressionShader>,
 }
 
@@ -72,7 +78,8 @@ impl JointVariant {
         self.layers.iter().any(|layer| layer.has_surfaces)
     }
 
-    /// What all marches share, but for how layers are found.
+    /// The parts that all marches through these layers share. How bricks of a layer are found (`find`) differs between
+    /// compositors and is not among them.
     pub(crate) fn parts(&self) -> Parts {
         let parts = Parts::new()
             .text("context", self.context())
@@ -100,7 +107,7 @@ impl JointVariant {
         }
     }
 
-    /// What shared code finds of the layer that it is about.
+    /// The part `context`: constants of this variant, and variables that describe the layer that shared code is about.
     fn context(&self) -> String {
         let Medium { curve, parts, is_pre_integrated, surfaces, .. } = self.medium;
         let is_cut = self.has_surfaces();
@@ -122,7 +129,7 @@ impl JointVariant {
         )
     }
 
-    /// The layers, one after the other.
+    /// The part `layers`: each layer's variables, and functions that do something for all layers, one after the other.
     fn layers(&self) -> String {
         let mut text = "//!import context frame way\n".to_string();
         for (i, layer) in self.layers.iter().enumerate() {
@@ -148,12 +155,12 @@ impl JointVariant {
         text
     }
 
-    /// A line for each layer, with its number in the place of `#`.
+    /// Repeats a line for each layer, with the layer's number in the place of `#`.
     fn each(&self, line: &str) -> String {
         (0..self.layers.len()).map(|i| line.replace('#', &i.to_string())).collect()
     }
 
-    /// What rays ask of all layers.
+    /// The part `asking`: functions with which a ray asks something of all layers.
     fn asking(&self) -> String {
         format!(
             "//!import find layers way\nfn is_any_due(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
@@ -167,7 +174,7 @@ impl JointVariant {
         )
     }
 
-    /// What sees media together.
+    /// The functions of the part `layers` by which the media of all layers are seen together.
     fn seeing(&self, each: &dyn Fn(&str) -> String) -> String {
         let cut = |line: &str| {
             let layers = self.layers.iter().enumerate().filter(|(_, layer)| layer.has_surfaces);
@@ -188,7 +195,7 @@ impl JointVariant {
         )
     }
 
-    /// What an expression reads.
+    /// The function of the part `layers` that collects what an expression reads of each layer.
     fn reading(&self) -> String {
         let mut text = String::from("//!import expression\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
@@ -208,7 +215,8 @@ impl JointVariant {
 }
 
 impl LayerShader {
-    /// What there is of the layer, and its context.
+    /// WGSL of layer `i` in the part `layers`: its frame, its way, and the function `become_i`, which makes it the
+    /// layer that shared code is about.
     fn declarations(&self, i: usize, light: Light) -> String {
         let Self { has_invalid, adds, has_surfaces, has_grid, first, .. } = *self;
         let FirstPlaces { range, place, count } = first;
@@ -225,7 +233,8 @@ impl LayerShader {
 }
 
 impl ExpressionShader {
-    /// The function over what is read of so many layers, and where the media of its values are.
+    /// The part `expression`: the struct with what is read of `count` layers, the function over it, and where in the
+    /// tables the media of its values are.
     fn declarations(&self, count: usize, is_lit: bool) -> String {
         let [low, width] = self.values.map(f32::from_bits);
         let (first, last) = (self.first_place, self.last_place);
@@ -241,8 +250,9 @@ impl ExpressionShader {
     }
 }
 
-/// Atlases and stored gradients of the pools of layers, each given by its pool and whether codes there may have no value, and what
-/// samples them for the layer at hand.
+/// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the
+/// layer that shared code is about. `layers` says of each layer its pool, and whether code 0 means that a voxel has no
+/// value.
 pub(crate) fn atlases(layers: &[(u32, bool)], is_cubic: bool) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
     for has_invalid in [false, true].into_iter().filter(|has| layers.iter().any(|(_, own)| own == has)) {
@@ -273,7 +283,8 @@ pub(crate) fn atlases(layers: &[(u32, bool)], is_cubic: bool) -> String {
     text
 }
 
-/// What a statement that returns is for the pool of the layer at hand: no choice where all layers share one.
+/// WGSL that runs the statement of the pool of the layer that shared code is about. It is a `switch` over layers, or
+/// the statement alone where all layers share a pool. The statement has to return.
 fn of_pool(layers: &[(u32, bool)], statement: impl Fn(u32) -> String) -> String {
     let first = layers[0].0;
     let others = layers.iter().zip(0..).filter(|((pool, _), _)| *pool != first);

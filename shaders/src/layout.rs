@@ -2,123 +2,135 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What is the same for all of a frame; `Frame` in WGSL. Directions and positions are in voxel space: one world
-/// unit along a direction is `1 / spacing` voxels.
+/// The settings of a layer's frame, the same for all its pixels; `Frame` in WGSL. Positions are in voxel space, which
+/// is level-0 voxels from the volume's corner, and directions are voxels per world unit, unless a field says otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameUniform {
-    /// The eye, voxel space.
+    /// Position of the eye in voxel space.
     pub eye: [f32; 3],
-    /// Finest lattice step, world units.
+    /// World length of the finest lattice step.
     pub step: f32,
-    /// View direction, voxels per world unit.
+    /// View direction in voxels per world unit. In orthographic views it is the direction of all rays.
     pub forward: [f32; 3],
-    /// How far f32 rounding can move a point, voxels.
+    /// How far the rounding of 32-bit floats can move a point, in voxels.
     pub slack: f32,
-    /// From the picture's centre to its right edge (at world distance 1 in perspective), voxels.
+    /// Vector from the picture's centre to its right edge (at world distance 1 in perspective), in voxels.
     pub right: [f32; 3],
-    /// World length of `right`.
+    /// World length from the picture's centre to its right edge (at world distance 1 in perspective).
     pub half_width: f32,
-    /// From the picture's centre to its top edge, likewise.
+    /// Vector from the picture's centre to its top edge (at world distance 1 in perspective), in voxels.
     pub up: [f32; 3],
-    /// World length of `up`.
+    /// World length from the picture's centre to its top edge (at world distance 1 in perspective).
     pub half_height: f32,
-    /// Clip x of a voxel-space offset from the eye.
+    /// Vector whose dot product with an offset from the eye, in voxels, is the x of that point in clip space.
     pub clip_x: [f32; 3],
-    /// Clip distance before the eye, world units; far below half a step.
+    /// World distance of the near clip plane from the eye; far below half a step.
     pub near: f32,
-    /// Clip y of such an offset.
+    /// Vector whose dot product with an offset from the eye, in voxels, is the y of that point in clip space.
     pub clip_y: [f32; 3],
-    /// An eighth of a pixel in world units: at distance 1 in perspective.
+    /// World length of an eighth of a pixel (at distance 1 in perspective).
     pub pixel_share: f32,
-    /// World distance along the view direction of such an offset.
+    /// Vector whose dot product with an offset from the eye, in voxels, is the world distance of that point along the
+    /// view direction.
     pub clip_w: [f32; 3],
-    /// One over the table's unit distance, per world unit.
+    /// One over the transfer table's unit distance, which is in world units.
     pub per_unit_distance: f32,
-    /// Level-0 voxels of the volume.
+    /// Extent of the volume in level-0 voxels.
     pub extent: [f32; 3],
-    /// The greatest code.
+    /// The greatest code: 255 or 65,535.
     pub last_code: f32,
-    /// World units per voxel.
+    /// World units per level-0 voxel along each axis, in the volume's own world.
     pub spacing: [f32; 3],
-    /// 1 if rays are parallel.
+    /// 1 if rays are parallel, else 0.
     pub orthographic: u32,
-    /// One over the atlas's size in texels.
+    /// One over the atlas's size in texels, along each axis.
     pub texel: [f32; 3],
-    /// 1 for minimum intensity, else 0.
+    /// 1 for minimum intensity projection, else 0.
     pub invert: f32,
-    /// Colour behind the volume.
+    /// Colour behind the volume, red, green and blue, 0 to 1.
     pub background: [f32; 3],
-    /// Nodes between the octree's root and a leaf, at most; the root counts.
+    /// The most nodes on the way from the octree's root to a leaf; the root counts, the leaf does not.
     pub tree_depth: u32,
-    /// Picture width and height, pixels.
+    /// Width and height of the picture in pixels.
     pub size_px: [f32; 2],
-    /// Index of the transfer table's last place.
+    /// Index of the last place of the transfer table, counted from its first.
     pub last_place: f32,
-    /// Depth over a code, in which running integrals of the transfer function are counted.
+    /// The value of a running integral of the transfer function, over codes, that a one in its low word stands for.
     pub sum_unit: f32,
-    /// Level-0 voxels along the octree's root; at least the extent.
+    /// Size of the octree's root in level-0 voxels; at least the extent.
     pub root_size: [f32; 3],
-    /// Macro-cells along a brick's edge.
+    /// Number of macro-cells along a brick's edge.
     pub macro_cells: u32,
-    /// Low corner of what is shown, level-0 voxels.
+    /// Low corner of the box that is shown, in level-0 voxels.
     pub shown_low: [f32; 3],
-    /// Texels along a slot's edge.
+    /// Number of texels along a slot's edge.
     pub slot_edge: f32,
-    /// High corner of what is shown.
+    /// High corner of the box that is shown, in level-0 voxels.
     pub shown_high: [f32; 3],
-    /// How many lights there are; with none, one is at the eye.
+    /// Number of lights. If it is 0, there is one light at the eye.
     pub lights: u32,
-    /// Colour of the surface, if the mode has one.
+    /// Colour of the first isosurface, 0 to 1; black if there is none.
     pub surface_color: [f32; 3],
-    /// Normalised code from which on a place is inside of it.
+    /// The normalised code at or above which a place is inside of the first isosurface; more than any code if there is
+    /// none.
     pub threshold: f32,
-    /// How far rays lean to the right, in units of `right`: 0 in orthographic views, where `forward` leans.
+    /// How far rays lean to the right, in units of `right` for each unit forward; 0 in orthographic views, where
+    /// `forward` leans.
     pub shift: f32,
-    /// Clip planes in use.
+    /// Number of clip planes in use.
     pub plane_count: u32,
-    /// 0 without jitter, 1 for a number of each pixel's own, 2 for the mask.
+    /// How rays are jittered: 0 not at all, 1 by a pseudo-random number of each pixel, 2 by the blue-noise mask.
     pub jitter: u32,
-    /// The numbers' seed, or where in the table's buffer the mask begins, in entries.
+    /// The seed of jitter by pseudo-random numbers, or where the jitter mask begins, in places (8 bytes) from the first
+    /// of the layer's transfer table.
     pub jitter_seed: u32,
-    /// No ray meets a mesh farther away: what depths are shares of.
+    /// A world distance from the eye beyond which there is no mesh; depths of meshes are shares of it. 0 without
+    /// meshes.
     pub mesh_far: f32,
-    /// Nodes of stored gradients along a slot's edge; 0 if there are none.
+    /// Number of nodes of stored gradients along a slot's edge; 0 if there are none.
     pub gradient_edge: f32,
-    /// Where in a slot, in texels, the first of them lies.
+    /// Position of a slot's first node of stored gradients along each axis, in texels from the slot's corner.
     pub first_gradient: f32,
-    /// Where in the table's buffer the entries over values and gradients begin, if there are any.
+    /// Where the entries over values and gradients begin, if there are any, in places (8 bytes) from the first of the
+    /// layer's transfer table.
     pub grid_at: u32,
-    /// The first of the picture's rows that a dispatch draws.
+    /// The first of the picture's rows that a dispatch of a compute shader draws, counted from the top.
     pub first_row: u32,
     /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
     pub adaptive_step: f32,
-    /// In projections, 1 for what adds and 0 for what mixes.
+    /// 1 if the layer adds to others in projections, 0 if it mixes with them.
     pub adds: f32,
-    /// A projection's opacity.
+    /// Opacity of the layer in projections, 0 to 1.
     pub opacity: f32,
-    /// How many voxels along each axis a world unit reaches at most.
+    /// The most voxels along each axis that a step of one world unit can cover.
     pub reach: [f32; 3],
-    /// The depth of a medium of that opacity, finite.
+    /// The depth of a medium that has the layer's opacity in projections, in halvings of the light; finite even if the
+    /// layer is opaque.
     pub flat_depth: f32,
-    /// Of entries over values and gradients the first row's code, rows from one code to the next, columns from one gradient to the
-    /// next where that is the differences of normalised codes across two voxels by a voxel's size in the world, and the last row.
+    /// How entries over values and gradients are found: the code of the first row, the rows per code, the columns per
+    /// unit of gradient, and the index of the last row. A gradient is a difference of normalised codes across two
+    /// voxels, over the size of a voxel in the volume's own world. All four are 0 if there are no such entries.
     pub grid: [f32; 4],
-    /// The normalised code from which on a place is past each surface, ascending; more than any code where there is no surface.
+    /// For each isosurface, the normalised code at or above which a place is past it, ascending; more than any code
+    /// where there is no surface.
     pub thresholds: [[f32; 4]; 2],
-    /// Each surface's colour and opacity.
+    /// Colour and opacity of each isosurface, in the order of the thresholds; 0 where there is no surface.
     pub surfaces: [[f32; 4]; 8],
-    /// Where the lights are from the volume's corner, in the scene's world.
+    /// Position of each light from the volume's corner, in the scene's world. The fourth number is 0.
     pub light_places: [[f32; 4]; 4],
-    /// What a voxel along each axis is in the scene's world.
+    /// For each axis, the vector of one voxel along it in the scene's world. The fourth number is 0.
     pub axes: [[f32; 4]; 3],
-    /// What a gradient of 1 to a voxel along each axis is there; all three in some unit.
+    /// For each axis, the gradient in the scene's world of a field that grows by 1 from voxel to voxel along it, over
+    /// the length of the steepest of the three. The fourth number is that length times the step.
     pub slopes: [[f32; 4]; 3],
-    /// First tick of each zone.
+    /// The first tick of each zone of the lattice.
     pub zone_starts: [u32; 16],
-    /// Clip planes: how much higher above the plane a voxel along each axis is, and the eye's height, world units.
+    /// For each clip plane, how much higher above it one voxel farther along each axis is, and the eye's height above
+    /// it; in world units.
     pub planes: [[f32; 4]; 14],
-    /// The word of the octree's root and the first brick of the layer's draw list, in the buffers of all lists.
+    /// Where the layer's draw list is in the buffers of all lists: the index of the octree's root among the nodes, and
+    /// the index of the list's first brick. The other two numbers are 0.
     pub list_at: [u32; 4],
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
     pub spare: [[f32; 4]; 4],
@@ -128,11 +140,11 @@ pub struct FrameUniform {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MeshVertex {
-    /// Voxels from the volume's corner times the spacing.
+    /// Position from the volume's corner, in world units: voxels times the spacing.
     pub place: [f32; 3],
-    /// Red, green and blue in 8 bits each, from the lowest.
+    /// Red, green and blue of the vertex in 8 bits each, from the lowest; 0 if the mesh's vertices have no colours.
     pub color: u32,
-    /// The normal in the world, of any length.
+    /// Normal of the vertex in the world, of any length; 0 if the mesh's vertices have no normals.
     pub normal: [f32; 3],
     /// Padding.
     pub spare: f32,
@@ -142,24 +154,25 @@ pub struct MeshVertex {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MeshLook {
-    /// Its colour, if it is not its vertices'.
+    /// Colour of the whole mesh, 0 to 1; used if [`MeshLook::HAS_COLOR`] is set.
     pub color: [f32; 3],
-    /// Its opacity.
+    /// Opacity of the mesh, 0 to 1.
     pub opacity: f32,
-    /// Which of the following there are.
+    /// What the mesh has: the sum of [`MeshLook::HAS_COLOR`], [`MeshLook::HAS_COLORS`], [`MeshLook::HAS_NORMALS`] and
+    /// [`MeshLook::IS_LIT`], as far as they apply.
     pub flags: u32,
     /// Padding.
     pub spare: [u32; 3],
 }
 
 impl MeshLook {
-    /// A colour of its own.
+    /// Flag: the mesh has one colour, whatever colours its vertices have.
     pub const HAS_COLOR: u32 = 1;
-    /// Colours of the vertices.
+    /// Flag: the mesh's vertices have colours.
     pub const HAS_COLORS: u32 = 2;
-    /// Normals of the vertices.
+    /// Flag: the mesh's vertices have normals. Without it triangles have their own.
     pub const HAS_NORMALS: u32 = 4;
-    /// Light.
+    /// Flag: the mesh is lit, from the eye. Without it the mesh shows its colour as it is.
     pub const IS_LIT: u32 = 8;
 }
 
@@ -167,13 +180,13 @@ impl MeshLook {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct CellInstance {
-    /// Low corner of the cell's half-open box, level-0 voxels.
+    /// Low corner of the cell's half-open box, in level-0 voxels.
     pub region_min: [f32; 3],
-    /// The least threshold of the pixels that it draws.
+    /// The least threshold (0 to 63) of the pixels in which the cell is drawn.
     pub pixels_from: u32,
-    /// High corner, exclusive.
+    /// High corner of the cell's half-open box, in level-0 voxels; exclusive.
     pub region_max: [f32; 3],
-    /// The first threshold that is too great.
+    /// One past the greatest threshold of the pixels in which the cell is drawn.
     pub pixels_to: u32,
 }
 
@@ -183,37 +196,44 @@ pub struct CellInstance {
 pub struct CellBrick {
     /// Atlas texels per level-0 voxel: one over the brick's level's factor.
     pub texel_scale: [f32; 3],
-    /// 1 if there is one, else 0.
+    /// 1 if a brick stands for the layer in the cell, else 0.
     pub is_there: u32,
-    /// Atlas texel of voxel-space zero.
+    /// Position of voxel-space zero in the atlas, in texels.
     pub texel_offset: [f32; 3],
     /// Padding.
     pub spare: f32,
 }
 
-/// One entry of the draw list, as a leaf of the octree or what it gives way to; `RayBrick` in WGSL.
+/// A brick of the draw list as rays find it, through a leaf of the octree; `RayBrick` in WGSL. A brick that fades in is
+/// followed by the one that it replaces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RayBrick {
     /// Atlas texels per level-0 voxel: one over the brick's level's factor.
     pub texel_scale: [f32; 3],
-    /// The brick's first macro-cell in the buffer of ranges; [`NO_RANGES`] where all of them are seen.
+    /// Index of the brick's first macro-cell in its pool's part of the buffer of ranges; [`NO_RANGES`] if rays need not
+    /// look at the brick's macro-cells.
     pub first_range: u32,
-    /// Atlas texel of voxel-space zero.
+    /// Position of voxel-space zero in the atlas, in texels.
     pub texel_offset: [f32; 3],
-    /// Least (low half) and greatest code of the whole brick.
+    /// The least code of the whole brick in the low 16 bits, and the greatest in the high 16 bits. The least is past
+    /// the greatest if no voxel has a value.
     pub range: u32,
-    /// Low corner of the brick's core, level-0 voxels.
+    /// Low corner of the brick's core, in level-0 voxels.
     pub low: [f32; 3],
-    /// The first threshold of the pixels in which the brick that follows is drawn instead.
+    /// The first threshold of the pixels in which the next brick is drawn instead of this one; 64 if this one is drawn
+    /// in all pixels that come to it.
     pub pixels_to: u32,
 }
 
-/// [`RayBrick::first_range`] of a brick that needs no look at its macro-cells.
+/// The value of [`RayBrick::first_range`] for a brick of which no macro-cell is worth skipping: rays do not look at its
+/// macro-cells.
 pub const NO_RANGES: u32 = u32::MAX;
 
-/// Bit of an octree node that is a leaf: 0 besides where nothing is drawn, else one more than the brick's position.
+/// The bit of an octree node's word that makes it a leaf. The leaf's other bits are 0 where nothing is drawn, else one
+/// more than the index of the brick.
 pub const LEAF: u32 = 1 << 31;
 
-/// Bit of an octree node that halves x; those of y and z follow. Below them is the position of its children's group of eight.
+/// The bit of an octree node's word that says that the node halves the x axis. The next two bits say the same of y and
+/// z; the bits below are the index of its children's group of eight.
 pub const HALVES_X: u32 = 1 << 28;

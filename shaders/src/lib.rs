@@ -1,6 +1,36 @@
-//! The WGSL of the renderer, by concern, composed by imports (`compose`): a variant holds just what it uses, so what is off costs
-//! nothing. What is bound where is in [`bindings`]. Shared code is about one layer at a time, which it finds in its *context*: of one
-//! layer that is all constants; of several see `joint`.
+//! The WGSL of the renderer, by concern, composed by imports (`compose`). A variant holds just what it uses, so what is off costs
+//! nothing. Which binding has which number is in [`bindings`]. Shared code is about one layer at a time, which it finds in its
+//! *context*. The context of a single layer is all constants; for several layers see `joint`.
+//!
+//! # Parts
+//!
+//! Most names that WGSL files import are files. The others are *parts*: the variant chooses a file, or a text made for it, that stands
+//! for the part. What stands for a part declares what the files that import it call. All files are in `shaders/wgsl`.
+//!
+//! | part | what it is | what stands for it |
+//! | --- | --- | --- |
+//! | `bindings` | the numbers of all bindings | text of the table in [`bindings`] |
+//! | `context` | what is special about the variant, and about the layer that shared code is about | text: constants of one layer; with several layers, also variables that are set for each in turn |
+//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value |
+//! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` | `axes_own` with a single layer in its own world, else `axes` |
+//! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
+//! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
+//! | `pixel` | what samples add up to: `Pixel` | `composite`, `through`, `project`, `average`, `surface`; `layer_medium` with several layers |
+//! | `take` | what a ray takes of a segment of one layer: `take` | `surfaces_none`, `surfaces` |
+//! | `sees` | whether samples with codes in a range can change a ray's pixel: `sees` | `sees_composite`, `sees_surfaces`, `sees_project`, `sees_average`, `sees_surface` |
+//! | `cast` | a ray from its start to its end: `cast_ray` | `raycast_samples`, `raycast_medium`, `raycast_surface`; `cast_joint` with several layers |
+//! | `feedback` | the marks of bricks that rays enter: `mark` | `mark`, `mark_none` |
+//! | `texels` | the type of the texture that a compute shader writes: `Texels` | text with the texture's format |
+//! | `layers` | the variables of several layers, and what is done for all of them: `take_all` and others | text: each function names the layers one after the other |
+//! | `asking` | what a ray asks of all layers: `is_any_due` and others | text: each function names the layers one after the other |
+//! | `find` | how the brick of a layer is found: `find` | `find_leaf` for rays through octrees, `find_cell` for cells drawn as boxes |
+//! | `part` | what one of several layers shows of a segment: `show_part` | `part_media`; `part_value` under an expression |
+//! | `see` | what is seen of all layers together: `see_all` | `see_media`; `combine` under an expression |
+//! | `value` | the colour of an expression's value: `value_color` | `value_unlit`, `value_lit` |
+//! | `expression` | the expression over what is read of the layers: `result_of` | text around the function that the expression itself gives |
+//! | `seen` | what a resolving pass makes its colours of: `seen` | `resolve_composite`, `resolve_project`, `resolve_average`, `resolve_joined` |
+//! | `eyes` | how the pictures of eyes share one: `color_of_eyes` | `eyes_one`, `eyes_side_by_side`, `eyes_top_bottom`, `eyes_anaglyph`, `eyes_interlaced` |
+//! | `written` | what is written to an application's texture: `written` | `written_codes`, `written_light` |
 
 pub mod bindings;
 mod compose;
@@ -11,24 +41,24 @@ use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
 
-/// How a cell's samples become its pixel, and how cells meet.
+/// How a ray's samples become its pixel, and how the pixels of cells are blended where cells are drawn one by one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Gather {
-    /// Emission and absorption; cells blend *over* each other.
+    /// Emission and absorption, of fog, isosurfaces or both. Cells blend *over* each other.
     Composite,
-    /// Maximum or minimum; cells blend by max.
+    /// The maximum or the minimum of the values. Cells blend by max.
     Project,
-    /// Sums of value and length; cells add.
+    /// Sums of values times lengths, and of lengths. Cells add.
     Average,
-    /// The first surface; cells blend *over* each other.
+    /// The first hit of one opaque isosurface, lit from the eye. Cells blend *over* each other.
     Isosurface,
 }
 
 impl Gather {
-    /// All four.
+    /// All four ways to gather.
     pub const ALL: [Self; 4] = [Self::Composite, Self::Project, Self::Average, Self::Isosurface];
 
-    /// Whether what is in front hides what is behind: then rays can say with how much light they entered a brick.
+    /// Whether what is in front hides what is behind. Only then can rays say with how much light they entered a brick.
     pub const fn occludes(self) -> bool {
         match self {
             Self::Composite | Self::Isosurface => true,
@@ -40,72 +70,74 @@ impl Gather {
 /// What [`Gather::Composite`] takes for the field along a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Curve {
-    /// The value in the middle.
+    /// The value in the segment's middle, everywhere.
     Middle,
-    /// A line between the ends.
+    /// A straight line between the values at the segment's ends.
     Line,
-    /// A cubic curve.
+    /// A cubic curve through the values at the ends of the segment and of its neighbours.
     Cubic,
-    /// The field, in more parts where the ends differ more.
+    /// The field itself, read in the middle of each part. There are more parts where the values at the segment's ends
+    /// differ more.
     Field,
 }
 
-/// How colours become lit ones.
+/// How colours are lit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Light {
-    /// Not at all.
+    /// No light: colours are shown as they are.
     Unlit,
-    /// Phong's reflection.
+    /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
     Phong,
-    /// Blinn's reflection.
+    /// Blinn's model: the reflection falls with the angle between the normal and the half-way vector of light and eye.
     BlinnPhong,
-    /// From cool to warm.
+    /// Tone shading: from warm where a place faces the light to cool where it is turned away.
     Tone,
 }
 
 /// How the field's gradient is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Gradient {
-    /// From the six values next to a place.
+    /// Central differences of the filtered field, a voxel to each side: 6 samples.
     Central,
-    /// From the 26 around it.
+    /// The 3D Sobel operator on the filtered field's 26 neighbours.
     Sobel,
-    /// From a texture beside the atlas.
+    /// Stored gradients, from a texture beside the atlas.
     Stored,
 }
 
-/// What else there is to see of a composite.
+/// Whether a composite shows isosurfaces, fog, or both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Surfaces {
-    /// Nothing.
+    /// Fog without isosurfaces.
     None,
-    /// Isosurfaces in the fog.
+    /// Isosurfaces in fog.
     InFog,
-    /// Isosurfaces and no fog.
+    /// Isosurfaces without fog.
     Alone,
 }
 
-/// How segments become media.
+/// How the segments of a ray become media.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Medium {
-    /// What is taken for the field.
+    /// What is taken for the field along a segment.
     pub curve: Curve,
-    /// Virtual samples of a segment.
+    /// Number of virtual samples of a segment. [`Curve::Middle`] and [`Curve::Field`] do not use it.
     pub parts: u32,
-    /// Whether they are pre-integrated.
+    /// Whether virtual samples are pre-integrated: each is the mean of the transfer function over the values from one
+    /// end of its part of the segment to the other. [`Curve::Middle`] and [`Curve::Field`] do not use it.
     pub is_pre_integrated: bool,
-    /// How colours become lit ones.
+    /// How the colours of fog and surfaces are lit. Surfaces are lit by Blinn's model if the fog is unlit.
     pub light: Light,
-    /// How gradients are found.
+    /// How the field's gradient is found.
     pub gradient: Gradient,
-    /// What else there is to see.
+    /// Whether there are isosurfaces, fog, or both.
     pub surfaces: Surfaces,
-    /// Whether they are classified by value and gradient magnitude.
+    /// Whether samples are classified by value and gradient magnitude, and not by value alone.
     pub has_grid: bool,
 }
 
 impl Medium {
-    /// One sample in the middle, unlit: what has shaders of its own.
+    /// Plain sampling: one sample in the middle of each segment, unlit, without surfaces. It has shaders of its own.
     pub const PLAIN: Self = Self {
         curve: Curve::Middle,
         parts: 1,
@@ -116,7 +148,7 @@ impl Medium {
         has_grid: false,
     };
 
-    /// Surfaces are lit, whether the fog is or not.
+    /// How surfaces are lit: as the fog is, or by Blinn's model if the fog is unlit.
     fn surface_light(&self) -> Light {
         if self.light == Light::Unlit { Light::BlinnPhong } else { self.light }
     }
@@ -138,25 +170,25 @@ impl Medium {
     }
 }
 
-/// A march: everything that is decided when a pipeline is made.
+/// The variant of a march through one layer: everything that is decided when a pipeline is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Variant {
     /// How samples become a pixel.
     pub gather: Gather,
-    /// Whether code 0 is no value, and left out of what is filtered.
+    /// Whether code 0 means that a voxel has no value. Such voxels are left out of what is filtered.
     pub has_invalid: bool,
-    /// Whether the field is the tricubic spline of its voxels.
+    /// Whether the field is the tricubic spline of its voxels. If not, it is trilinear.
     pub is_cubic: bool,
-    /// How segments become media; [`Medium::PLAIN`] of all but [`Gather::Composite`].
+    /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
     pub medium: Medium,
-    /// Whether only a slab between meshes is drawn.
+    /// Whether only a slab between layers of meshes is drawn.
     pub has_meshes: bool,
-    /// Whether the volume is elsewhere than in its own world.
+    /// Whether the volume has another place in the scene than its store gives it.
     pub is_placed: bool,
 }
 
 impl Variant {
-    /// What looks at samples of the gathering one by one.
+    /// Whether the march looks at samples one by one, and not at segments from end to end.
     const fn has_samples(&self) -> bool {
         !matches!(self.gather, Gather::Isosurface) && self.is_plain()
     }
@@ -167,10 +199,11 @@ impl Variant {
     }
 }
 
-/// Steps of a brick's mark: a transmittance of 1.
+/// The mark of a brick that a ray has entered with all its light. Marks are transmittances times `MARK_STEPS`, rounded
+/// up.
 pub const MARK_STEPS: u32 = 255;
 
-/// The sorted compositor's march: entry points `proxy` and `march`.
+/// WGSL source of the `sorted` compositor's march through one layer. Its entry points are `proxy` and `march`.
 pub fn sorted(variant: &Variant) -> String {
     let march = match variant.gather {
         _ if variant.has_samples() => "march_samples",
@@ -185,7 +218,8 @@ pub fn sorted(variant: &Variant) -> String {
 pub enum Stage {
     /// A fragment shader: entry points `fullscreen` and `raycast`.
     Fragment,
-    /// A compute shader, for texels of this format: entry point `raycast`, in workgroups of [`WORKGROUP_PX`] squared pixels.
+    /// A compute shader: entry point `raycast`, in workgroups of [`WORKGROUP_PX`] squared pixels. The text is WGSL's
+    /// name of the format of the texels that it writes.
     Compute(&'static str),
 }
 
@@ -197,7 +231,7 @@ impl Stage {
         }
     }
 
-    /// Adds what the stage writes, if it is a compute shader.
+    /// Adds the part `texels`, the texture that a compute shader writes. A fragment shader needs no such part.
     fn part(self, parts: Parts) -> Parts {
         match self {
             Self::Fragment => parts,
@@ -211,8 +245,9 @@ impl Stage {
 /// Pixels along the edge of a compute shader's workgroup.
 pub const WORKGROUP_PX: u32 = 8;
 
-/// What casts a ray for each pixel through one layer. With `marks`, composites and surfaces say how bricks were entered
-/// ([`bindings::MARKS`], a [`MARK_STEPS`]th a step).
+/// WGSL source of a shader that casts a ray for each pixel through one layer. The [stage](Stage) says what its entry
+/// points are. With `marks`, rays of [`Gather::Composite`] and [`Gather::Isosurface`] write into [`bindings::MARKS`]
+/// with how much light they entered each brick.
 pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     let sees = match variant.gather {
         Gather::Composite if variant.medium.surfaces != Surfaces::None => "sees_surfaces",
@@ -231,18 +266,20 @@ pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     stage.part(parts).compose(&[stage.root()])
 }
 
-/// What casts a ray for each pixel through several layers at once; otherwise as [`raycast`].
+/// WGSL source of a shader that casts a ray for each pixel through several layers at once. The [stage](Stage) says what
+/// its entry points are. With `marks`, rays write into [`bindings::MARKS`] with how much light they entered each brick.
 pub fn raycast_joint(variant: &JointVariant, stage: Stage, marks: bool) -> String {
     variant.casting(stage, marks).compose(&[stage.root()])
 }
 
-/// The sorted compositor's march through several layers at once that share their grid; otherwise as [`sorted`].
+/// WGSL source of the `sorted` compositor's march through several layers at once that share their grid. Its entry
+/// points are `proxy` and `march`.
 pub fn sorted_joint(variant: &JointVariant) -> String {
     variant.parts().file("find", "find_cell").compose(&["march_joint"])
 }
 
 impl JointVariant {
-    /// Adds what casts rays.
+    /// The parts of a shader that casts rays through these layers.
     fn casting(&self, stage: Stage, marks: bool) -> Parts {
         let feedback = if marks { "mark" } else { "mark_none" };
         stage.part(self.parts().file("cast", "cast_joint").file("find", "find_leaf").file("feedback", feedback))
@@ -250,7 +287,7 @@ impl JointVariant {
 }
 
 impl Variant {
-    /// What all marches share: the layer's context, and what its samples add up to.
+    /// The parts that all marches through one layer share: the layer's context, and what its samples add up to.
     fn parts(&self) -> Parts {
         let pixel = match self.gather {
             Gather::Composite if self.is_plain() => "composite",
@@ -271,7 +308,7 @@ impl Variant {
     }
 }
 
-/// The context of a layer that is alone.
+/// The part `context` of a layer that is alone: constants.
 fn context(has_invalid: bool, is_cubic: bool) -> String {
     let firsts: String =
         ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
@@ -282,7 +319,8 @@ fn context(has_invalid: bool, is_cubic: bool) -> String {
     )
 }
 
-/// Texels between a sample and the edge of what it may touch.
+/// The least distance, in texels, that a sample has to keep from the faces of its slot, so that its filter touches
+/// nothing outside of the slot.
 fn margin(is_cubic: bool) -> f32 {
     if is_cubic { 1.5 } else { 0.5 }
 }
@@ -297,7 +335,7 @@ impl Gradient {
     }
 }
 
-/// The file with what samples an atlas.
+/// The name of the file that samples an atlas by this filter. With `has_invalid`, voxels of code 0 are left out.
 fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
     match (is_cubic, has_invalid) {
         (false, false) => "sample",
@@ -310,26 +348,27 @@ fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
 /// What a resolving pass makes its colours of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Seen {
-    /// What has been gathered.
+    /// Samples that have been gathered in this way.
     Gathered(Gather),
-    /// What has been composed of all slabs.
+    /// The picture that has been composed of all slabs between layers of meshes.
     Slabs,
-    /// Projections of several layers, joined.
+    /// The sums of the projections of several layers.
     Joined,
 }
 
 /// What a resolving pass draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Shown {
-    /// Display colours.
+    /// Display colours, over the background.
     Picture,
-    /// Colours of a slab between meshes.
+    /// Colours of a slab between layers of meshes, over the layer behind it.
     Slab,
-    /// A layer's part of the sums of joined projections: two targets.
+    /// A layer's part of the sums of joined projections. There are two targets: one for what mixes, one for what adds.
     Sums,
 }
 
-/// A resolving pass: entry points `fullscreen` and `resolve`.
+/// WGSL source of a resolving pass, which makes colours of what was gathered. Its entry points are `fullscreen` and
+/// `resolve`.
 pub fn resolve(seen: Seen, shown: Shown) -> String {
     let seen = match seen {
         Seen::Gathered(Gather::Composite | Gather::Isosurface) | Seen::Slabs => "resolve_composite",
@@ -345,23 +384,23 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
     Parts::new().text("context", context(false, false)).file("seen", seen).compose(&[resolve])
 }
 
-/// How the pictures of eyes share one.
+/// How the pictures of eyes share one picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Eyes {
-    /// There is one eye.
+    /// There is one eye, and its picture is shown as it is.
     One,
-    /// The left eye's in the left half, the right eye's in the right.
+    /// The left eye's picture in the left half, the right eye's in the right.
     SideBySide,
-    /// The left eye's in the top half, the right eye's below.
+    /// The left eye's picture in the top half, the right eye's below.
     TopBottom,
-    /// Colours for red-cyan glasses.
+    /// One picture for red-cyan glasses, with the red glass before the left eye.
     Anaglyph,
-    /// Rows in turns.
+    /// Rows 0, 2, 4... from the top are the left eye's, the others the right eye's.
     Interlaced,
 }
 
 impl Eyes {
-    /// All five.
+    /// All five ways for the pictures of eyes to share one.
     pub const ALL: [Self; 5] = [Self::One, Self::SideBySide, Self::TopBottom, Self::Anaglyph, Self::Interlaced];
 
     fn file(self) -> &'static str {
@@ -375,8 +414,9 @@ impl Eyes {
     }
 }
 
-/// The pass that puts a finished picture on an application's texture, which stores colours or, with `encodes`, the codes of light: entry
-/// points `stretched` and `blit`.
+/// WGSL source of the pass that puts a finished picture on an application's texture. With `encodes`, the texture
+/// encodes light, as sRGB formats do, and the pass writes light; else it writes the colours' codes as they are. Its
+/// entry points are `stretched` and `blit`.
 pub fn blit(eyes: Eyes, encodes: bool) -> String {
     blit_parts(eyes, encodes).compose(&["blit"])
 }
@@ -385,7 +425,7 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
     Parts::new().file("eyes", eyes.file()).file("written", if encodes { "written_light" } else { "written_codes" })
 }
 
-/// The pass that finds the next layer of meshes: entry points `corner` and `peel`.
+/// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
 pub fn peel() -> String {
     Parts::new().text("context", context(false, false)).compose(&["peel"])
 }
@@ -401,7 +441,7 @@ mod tests {
 
     const COMPUTE: Stage = Stage::Compute("rgba32float");
 
-    /// Every way in which segments become media.
+    /// Media of all curves and lights, with various gradients, surfaces and grids.
     fn media() -> Vec<Medium> {
         let mut all = Vec::new();
         for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
@@ -426,7 +466,7 @@ mod tests {
         all
     }
 
-    /// Every shader there is, with a name for messages.
+    /// Sources of all kinds of shaders but `blit`, each behind a name for messages.
     fn variants() -> Vec<(String, String)> {
         let mut all = Vec::new();
         for gather in Gather::ALL {
@@ -474,7 +514,8 @@ mod tests {
         }
     }
 
-    /// One to three layers of which all media are such.
+    /// Shaders of one layer and of three layers at once, in which all media are of this kind; each behind a name for
+    /// messages.
     fn joint(medium: Medium) -> Vec<(String, String)> {
         let mut all = Vec::new();
         for (count, is_cubic) in [(1, true), (3, false)] {
@@ -488,7 +529,8 @@ mod tests {
         all
     }
 
-    /// As many layers as there can be, and expressions over some.
+    /// Shaders of as many layers as there can be, and of expressions over one, two and all layers; each behind a name
+    /// for messages.
     fn joint_expressions() -> Vec<(String, String)> {
         let of = |count: u32, expression: Option<(Light, ExpressionShader)>| {
             let fog = Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
@@ -517,7 +559,7 @@ mod tests {
         assert_eq!(bindings::FIRST_GRADIENTS, bindings::FIRST_ATLAS + brickyard_volume::MAX_VOLUMES as u32);
     }
 
-    /// In the company of some variant, with nothing but what it imports.
+    /// Every WGSL file is valid with the parts of some variant and nothing but what it imports.
     #[test]
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -596,7 +638,7 @@ mod tests {
         }
     }
 
-    /// Members as (name, offset), and the span, of a struct.
+    /// The members of a struct of WGSL, each as (name, offset in bytes), and the struct's size in bytes.
     fn layout(module: &Module, name: &str) -> (Vec<(String, usize)>, usize) {
         for (_, ty) in module.types.iter() {
             if let (Some(n), TypeInner::Struct { members, span }) = (&ty.name, &ty.inner)

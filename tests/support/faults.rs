@@ -7,47 +7,49 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-/// After so long a command counts as hanging. None takes a tenth of it.
+/// How long a command may run under faults before it counts as hanging. None takes a tenth of it.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A sandbox whose files are at the mercy of rules, and one beside it for what is said and recorded.
+/// A place to run `brickyard` under faults: a sandbox whose files are at the mercy of rules, and another one for what
+/// the command says and for the record of its calls.
 pub struct Trial {
-    /// Where the command runs.
+    /// The sandbox in which the command runs, and whose files the rules concern.
     pub sandbox: Sandbox,
     aside: Sandbox,
     under: PathBuf,
 }
 
-/// How a command ended.
+/// How a run of `brickyard` under faults ended, and what it did.
 pub struct Outcome {
-    /// The exit code; `None` if a signal ended it.
+    /// The exit code; `None` if a signal ended the command.
     pub code: Option<i32>,
-    /// Whether it had to be ended because it did not end.
+    /// Whether the command hung, and was killed for it.
     pub hung: bool,
-    /// Standard output.
+    /// What the command wrote to standard output.
     pub stdout: Vec<u8>,
-    /// Standard error.
+    /// What the command wrote to standard error.
     pub stderr: String,
-    /// What it asked of the file system, as far as that concerns the sandbox.
+    /// The calls that the command made on files of the sandbox, in order.
     pub calls: Vec<Call>,
-    /// What a shell needs to see the same.
+    /// A line for a shell that repeats the run.
     pub how: String,
 }
 
 /// A recorded call on a file of the sandbox.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Call {
-    /// `open`, `write`, ...
+    /// The kind of the call: `open`, `write`, ... (`tests/faults/src/rules.rs` has them all).
     pub name: String,
-    /// What it returned; below zero if it failed.
+    /// What the call returned; below zero if it failed, or did nothing and said that it did.
     pub result: i64,
-    /// The flags of an open, rename or unlink, the offset of a write, the new length of a file.
+    /// A number that goes with the call: the flags of an open, rename or unlink, the offset of a write, the new length
+    /// of a truncated file.
     pub number: i64,
-    /// The file.
+    /// The file or folder that the call was on, by its path in the sandbox.
     pub path: PathBuf,
-    /// The new name, where there is one.
+    /// The new name that the call gave the file, as a path in the sandbox; `None` if it gave none.
     pub to: Option<PathBuf>,
-    /// What was written.
+    /// The bytes that a write wrote; empty for any other call.
     pub bytes: Vec<u8>,
 }
 
@@ -60,11 +62,11 @@ impl Default for Trial {
 }
 
 impl Trial {
-    /// Runs the command on a line of arguments (split at blanks) under a rule (see `tests/faults/src/rules.rs`); an empty one
-    /// does no harm.
+    /// Runs `brickyard` on a line of arguments (split at blanks) under rules (see `tests/faults/src/rules.rs`). An
+    /// empty text has no rule, and does no harm.
     ///
     /// # Panics
-    /// If it cannot be started.
+    /// If the command cannot be started, or the library to preload is not built.
     pub fn run(&self, line: &str, rule: &str) -> Outcome {
         let log = self.aside.path("log");
         let _ = std::fs::remove_file(&log);
@@ -92,7 +94,7 @@ impl Trial {
     }
 }
 
-/// The library to preload: Cargo builds it beside the tests, which depend on it.
+/// The path of the library to preload. Cargo builds it beside the tests, which depend on it.
 fn library() -> PathBuf {
     let test = std::env::current_exe().expect("this program has a path");
     let path = test.with_file_name("libbrickyard_faults.so");
@@ -100,7 +102,7 @@ fn library() -> PathBuf {
     path
 }
 
-/// Waits for a command, and ends it if it hangs.
+/// Starts a command and waits until it ends. Kills it if it hangs; the second value says whether it did.
 fn wait(command: &mut Command) -> (ExitStatus, bool) {
     let mut child = command.spawn().expect("the command starts");
     let started = Instant::now();
@@ -116,7 +118,7 @@ fn wait(command: &mut Command) -> (ExitStatus, bool) {
     }
 }
 
-/// A record (see `tests/faults/src/record.rs`), its paths below the sandbox.
+/// Parses the record of a run (see `tests/faults/src/record.rs`). Paths below `under` are made relative to it.
 fn parse(mut log: &[u8], under: &Path) -> Vec<Call> {
     let mut calls = Vec::new();
     while let Some(end) = log.iter().position(|&byte| byte == b'\n') {
@@ -138,10 +140,11 @@ fn parse(mut log: &[u8], under: &Path) -> Vec<Call> {
     calls
 }
 
-/// Whether the command was built to be reached by the library: it is the same file for all tests.
+/// Asserts that the library reaches the command, which is the same file for all tests: it has seen each kind of call
+/// that a pack makes. `outcome` is that of a pack without harm.
 ///
 /// # Panics
-/// If a pack without harm makes no call that the library sees.
+/// If a kind of call that a pack makes is not in the record.
 pub fn assert_reached(outcome: &Outcome) {
     let program = command().get_program().to_owned();
     for name in ["open", "read", "write", "map", "sync", "rename", "lock", "stat", "mkdir", "unlink", "list"] {

@@ -26,7 +26,8 @@ pub mod missing;
 
 pub use missing::leave_out;
 
-/// A command that takes longer hangs. The slowest takes about a minute, on two cores that do other work too.
+/// How long a command may run before it counts as hanging. The slowest takes about a minute, on two cores that do other
+/// work too.
 const LONGEST_RUN: Duration = Duration::from_mins(10);
 
 /// A source whose voxels are a function of (time, channel, `[x, y, z]`).
@@ -37,12 +38,12 @@ pub struct FunctionSource<T, F> {
 }
 
 impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F> {
-    /// One volume (see [`FunctionSource::series`] for more).
+    /// A source of one time step and one channel; [`FunctionSource::series`] makes one of more.
     pub fn new(extent: Extent, geometry: Geometry, function: F) -> Self {
         Self::series(extent, geometry, 1, 1, function)
     }
 
-    /// Several steps and channels.
+    /// A source of several time steps and channels.
     pub fn series(extent: Extent, geometry: Geometry, times: u32, channels: u32, function: F) -> Self {
         let info = SourceInfo {
             extent,
@@ -84,7 +85,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> Source for Function
     }
 }
 
-/// A store in a folder of its own, removed when dropped.
+/// A store in a temporary folder, which is removed when this is dropped.
 pub struct TestStore {
     folder: tempfile::TempDir,
     /// The open store.
@@ -92,7 +93,7 @@ pub struct TestStore {
 }
 
 impl TestStore {
-    /// Packs a source with bricks of `edge`.
+    /// Packs a source into a store with bricks of `edge`^3 voxels, and shards of four bricks along each edge.
     ///
     /// # Panics
     /// If packing or opening fails.
@@ -101,7 +102,7 @@ impl TestStore {
         Self::pack_with(source, PackOptions { edge, shard_edge: 4 * edge, threads: 2, ..PackOptions::new(voxel_type) })
     }
 
-    /// Packs a source as told.
+    /// Packs a source into a store with these options.
     ///
     /// # Panics
     /// If packing or opening fails.
@@ -113,16 +114,16 @@ impl TestStore {
         Self { folder, store }
     }
 
-    /// Where the store is.
+    /// The path of the store's folder.
     pub fn path(&self) -> PathBuf {
         self.folder.path().join("store.zarr")
     }
 }
 
-/// A backend and its compositor.
+/// A way to draw: a backend and its compositor.
 pub type Way = (BackendChoice, CompositorChoice);
 
-/// Every way there is to draw.
+/// All ways to draw: the GPU with each of its compositors, and the CPU.
 pub const WAYS: [Way; 4] = [
     (BackendChoice::Gpu, CompositorChoice::Sorted),
     (BackendChoice::Gpu, CompositorChoice::Raycast),
@@ -130,32 +131,40 @@ pub const WAYS: [Way; 4] = [
     (BackendChoice::Cpu, CompositorChoice::Raycast),
 ];
 
-/// Opens a session with ample memory; `None` (said on standard error) where there is no GPU adapter at all.
+/// Opens a session for a store, with budgets of 256 MiB each on the GPU and on the host. `None` if the way needs a GPU
+/// and there is no adapter; [`leave_out`] says so.
 pub fn session(store: &Arc<Store>, way: Way) -> Option<Session> {
     session_within(store, way, 256 << 20, 256 << 20)
 }
 
-/// The same, skipping nothing.
+/// Opens a session for a store that skips nothing: bricks that show nothing are read, and empty space is sampled.
+/// `None` if the way needs a GPU and there is no adapter; [`leave_out`] says so.
 pub fn session_without_skipping(store: &Arc<Store>, way: Way) -> Option<Session> {
     open_session(store, SessionOptions { skips_empty: false, ..options(way, 256 << 20, 256 << 20) })
 }
 
-/// Opens a session under budgets.
+/// Opens a session for a store under budgets. `None` if the way needs a GPU and there is no adapter; [`leave_out`] says
+/// so.
 pub fn session_within(store: &Arc<Store>, way: Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> Option<Session> {
     open_session(store, options(way, gpu_memory_bytes, host_memory_bytes))
 }
 
-/// What those sessions are made with.
+/// Options of a session that draws in this way under budgets, with two threads.
 pub fn options((backend, compositor): Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, ..SessionOptions::default() }
 }
 
-/// Opens a session as told; `None` (said on standard error) where there is no GPU adapter at all.
+/// Opens a session for a store with these options. `None` if they ask for a GPU and there is no adapter; [`leave_out`]
+/// says so.
 pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
     open_session_of(vec![VolumeSource::of_store(store)], options)
 }
 
-/// The same of several volumes.
+/// Opens a session for volumes with these options. `None` if they ask for a GPU and there is no adapter; [`leave_out`]
+/// says so.
+///
+/// # Panics
+/// If there is no adapter where `BRICKYARD_REQUIRE` asks for one.
 pub fn open_session_of(volumes: Vec<VolumeSource>, options: SessionOptions) -> Option<Session> {
     static HAS_ADAPTER: OnceLock<bool> = OnceLock::new();
     if options.backend == BackendChoice::Gpu && !HAS_ADAPTER.get_or_init(|| !adapters().is_empty()) {
@@ -165,17 +174,18 @@ pub fn open_session_of(volumes: Vec<VolumeSource>, options: SessionOptions) -> O
     Some(Session::new(volumes, options))
 }
 
-/// The scene in a mode: of isosurfaces, with that of one value in each layer.
+/// The scene in another mode. In [`Mode::Isosurface`] each layer gets one isosurface, of `isovalue`; in any other mode
+/// layers have none.
 pub fn in_mode(mut scene: Scene, mode: Mode, isovalue: f64) -> Scene {
     let surfaces = if mode == Mode::Isosurface { vec![Isosurface::at(isovalue)] } else { Vec::new() };
     scene.layers.iter_mut().for_each(|layer| layer.isosurfaces.clone_from(&surfaces));
     Scene { mode, ..scene }
 }
 
-/// A settled picture of a scene, and the statistics of getting there.
+/// Draws the settled picture of a scene. Returns the picture and the statistics of the whole run.
 ///
 /// # Panics
-/// If it does not settle within a minute.
+/// If the scene is impossible, the session fails, or the view does not settle within a minute.
 pub fn settled(session: &mut Session, scene: &Scene, size_px: (u32, u32)) -> (Picture, RenderStats) {
     let resolved = session.resolve(scene, size_px).expect("the scene is possible");
     let mut stats = RenderStats::default();
@@ -184,7 +194,7 @@ pub fn settled(session: &mut Session, scene: &Scene, size_px: (u32, u32)) -> (Pi
     (picture.expect("the picture settles"), stats)
 }
 
-/// A scene resolved for a store's volume.
+/// Resolves a scene for a store's volume.
 ///
 /// # Panics
 /// If the scene is impossible.
@@ -192,19 +202,20 @@ pub fn resolved(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> Resol
     resolve(&[VolumeSource::of_store(store)], scene, size_px).expect("the scene is possible")
 }
 
-/// The oracle's picture of the same scene.
+/// Draws a scene of a store's volume with the oracle.
 ///
 /// # Panics
-/// If the store cannot be read.
+/// If the scene is impossible, the levels that it needs cannot be read, or they do not fit 1 GiB.
 pub fn oracle(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> Picture {
     render_reference(&[store], &resolved(store, scene, size_px), 1 << 30).expect("the levels can be read")
 }
 
-/// The contract between renderers: every channel within 1/255, or a PSNR of at least 50 dB where rounding accumulates over
-/// many samples.
+/// Asserts the contract between renderers: every channel of two pictures is within 1/255, or their PSNR is at least 50
+/// dB, where rounding accumulates over many samples. `what` names the case in messages.
 ///
 /// # Panics
-/// If the pictures differ by more, or the expected one is a single colour (then nothing would have been tested).
+/// If the pictures differ by more or in size, or the expected one is a single colour (then nothing would have been
+/// tested).
 pub fn assert_same(found: &Picture, expected: &Picture, what: &str) {
     let flat = expected.rgb.iter().all(|p| *p == expected.rgb[0]);
     assert!(!flat, "{what}: the expected picture is one flat colour");
@@ -212,11 +223,12 @@ pub fn assert_same(found: &Picture, expected: &Picture, what: &str) {
     assert!(difference.max <= 1 || difference.psnr_db >= 50.0, "{what}: {difference:?}");
 }
 
-/// The same contract for isosurfaces, where rounding decides whether a ray that grazes the surface meets it: for all but three
-/// pixels in a thousand, or a PSNR of at least 50 dB.
+/// Asserts the contract between renderers for isosurfaces: every channel is within 1/255 for all but three pixels in a
+/// thousand, or the PSNR of the pictures is at least 50 dB. Rounding decides whether a ray that grazes a surface meets
+/// it. `what` names the case in messages.
 ///
 /// # Panics
-/// If more pixels are off, or the expected picture is a single colour.
+/// If more pixels are off, the pictures differ in size, or the expected one is a single colour.
 pub fn assert_same_surface(found: &Picture, expected: &Picture, what: &str) {
     let flat = expected.rgb.iter().all(|p| *p == expected.rgb[0]);
     assert!(!flat, "{what}: the expected picture is one flat colour");
@@ -227,18 +239,18 @@ pub fn assert_same_surface(found: &Picture, expected: &Picture, what: &str) {
     assert!(alike, "{what}: {off} pixels, {difference:?}");
 }
 
-/// The `brickyard` command of this build, which `tools/test` builds before the tests.
+/// A command that runs the `brickyard` program of this build, which `tools/test` builds before the tests.
 ///
 /// # Panics
-/// If it is not there.
+/// If it is not built.
 pub fn command() -> Command {
     program("brickyard")
 }
 
-/// A program of this build, `examples/NAME` for an example.
+/// A command that runs a program of this build by its name: `examples/NAME` for an example.
 ///
 /// # Panics
-/// If it is not there.
+/// If it is not built.
 pub fn program(name: &str) -> Command {
     let test = std::env::current_exe().expect("this program has a path");
     let path = test.ancestors().nth(2).expect("target/PROFILE/deps/test").join(name);
@@ -246,25 +258,26 @@ pub fn program(name: &str) -> Command {
     Command::new(path)
 }
 
-/// Runs the command with arguments and returns (exit code, standard output, standard error).
+/// Runs `brickyard` with arguments and returns (exit code, standard output, standard error).
 ///
 /// # Panics
-/// If it cannot be started or is killed by a signal.
+/// If it cannot be started, hangs, or is killed by a signal.
 pub fn run(arguments: &[&str]) -> (i32, String, String) {
     outcome(command().args(arguments))
 }
 
-/// Runs the command and expects success.
+/// Runs `brickyard` with arguments and returns (standard output, standard error).
 ///
 /// # Panics
-/// If it fails.
+/// If it does not end with exit code 0.
 pub fn run_ok(arguments: &[&str]) -> (String, String) {
     let (code, stdout, stderr) = run(arguments);
     assert_eq!(code, 0, "brickyard {arguments:?}: {stderr}");
     (stdout, stderr)
 }
 
-/// The Python with the independent readers, set up by `tools/setup python`; `None` (said loudly) without it.
+/// The path of the Python that has the independent readers: `BRICKYARD_PYTHON`, or what `tools/setup python` sets up.
+/// `None` if there is none; [`leave_out`] says so.
 pub fn python() -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."));
     let path =
@@ -276,7 +289,7 @@ pub fn python() -> Option<PathBuf> {
     Some(path)
 }
 
-/// All the bytes of a voxel type's array from a function.
+/// The bytes of an array of voxels, x fastest, whose values are a function of `[x, y, z]`, rounded to the voxel type.
 pub fn bytes_of(voxel_type: VoxelType, extent: Extent, value: impl Fn([u32; 3]) -> f64) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(extent.volume() as usize * voxel_type.bytes());
     for z in 0..extent.z {
@@ -292,7 +305,8 @@ pub fn bytes_of(voxel_type: VoxelType, extent: Extent, value: impl Fn([u32; 3]) 
     bytes
 }
 
-/// A folder of its own in which the command runs, removed when dropped. All paths are relative to it.
+/// A temporary folder in which `brickyard` runs, removed when this is dropped. All paths that it is given are relative
+/// to it.
 pub struct Sandbox(tempfile::TempDir);
 
 impl Default for Sandbox {
@@ -302,42 +316,46 @@ impl Default for Sandbox {
 }
 
 impl Sandbox {
-    /// One in a file system without a disk where there is one (Linux's `/dev/shm`), else as by default.
+    /// Makes a sandbox in a file system without a disk if there is one (Linux's `/dev/shm`), else in the default folder
+    /// for temporary files.
     pub fn in_memory() -> Self {
         tempfile::tempdir_in("/dev/shm").map_or_else(|_| Self::default(), Self)
     }
 
-    /// One in a folder that is there.
+    /// Makes a sandbox inside of an existing folder.
+    ///
+    /// # Panics
+    /// If no folder can be made there.
     pub fn within(folder: &str) -> Self {
         Self(tempfile::tempdir_in(folder).expect("a temporary folder"))
     }
 
-    /// A path inside.
+    /// The full path of a path in the sandbox.
     pub fn path(&self, path: impl AsRef<Path>) -> PathBuf {
         self.0.path().join(path)
     }
 
-    /// Writes a file.
+    /// Writes a file of the sandbox, in place of one that is there.
     ///
     /// # Panics
-    /// If that is not possible.
+    /// If it cannot be written.
     pub fn write(&self, path: impl AsRef<Path>, bytes: impl AsRef<[u8]>) {
         std::fs::write(self.path(path), bytes).expect("the sandbox is writable");
     }
 
-    /// Reads a file.
+    /// Reads a file of the sandbox.
     ///
     /// # Panics
-    /// If that is not possible.
+    /// If it cannot be read.
     pub fn read(&self, path: impl AsRef<Path>) -> Vec<u8> {
         let path = self.path(path);
         std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
     }
 
-    /// Copies a folder.
+    /// Copies all files of a folder of the sandbox to another folder of it.
     ///
     /// # Panics
-    /// If that is not possible.
+    /// If a file cannot be read or written.
     pub fn copy(&self, from: &str, to: &str) {
         for (path, bytes) in tree(&self.path(from)) {
             let path = self.path(to).join(path);
@@ -346,42 +364,44 @@ impl Sandbox {
         }
     }
 
-    /// The command, to be run in this folder.
+    /// A command that runs `brickyard` in the sandbox's folder.
     pub fn command(&self) -> Command {
         let mut command = command();
         command.current_dir(self.0.path());
         command
     }
 
-    /// Runs the command on a line of arguments (split at blanks) and returns (exit code, standard output, standard error).
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and returns (exit code, standard
+    /// output, standard error).
     ///
     /// # Panics
-    /// If it cannot be started or is killed by a signal.
+    /// If it cannot be started, hangs, or is killed by a signal.
     pub fn run(&self, line: &str) -> (i32, String, String) {
         outcome(self.command().args(line.split_whitespace()))
     }
 
-    /// Runs the command and returns its standard output.
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and returns its standard output.
     ///
     /// # Panics
-    /// If it fails.
+    /// If it does not end with exit code 0.
     pub fn run_ok(&self, line: &str) -> String {
         let (code, stdout, stderr) = self.run(line);
         assert_eq!(code, 0, "brickyard {line}: {stderr}");
         stdout
     }
 
-    /// Runs the command and parses the JSON on its standard output.
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and parses the JSON on its standard
+    /// output.
     ///
     /// # Panics
-    /// If it fails or prints something else.
+    /// If it does not end with exit code 0, or prints anything but JSON.
     pub fn json(&self, line: &str) -> serde_json::Value {
         let text = self.run_ok(line);
         serde_json::from_str(&text).unwrap_or_else(|error| panic!("brickyard {line}: {error}: {text}"))
     }
 
-    /// Runs a script of `tests/python` with the command and this folder as its first arguments; false where there is no
-    /// Python.
+    /// Runs a script of `tests/python`, with the path of `brickyard` and the sandbox's as its arguments. Returns false
+    /// if there is no Python with the independent readers.
     ///
     /// # Panics
     /// If the script fails; its output is shown.
@@ -396,7 +416,7 @@ impl Sandbox {
     }
 }
 
-/// What a command does that has no input: its exit code and what it wrote.
+/// Runs a command without input and returns (exit code, standard output, standard error).
 fn outcome(command: &mut Command) -> (i32, String, String) {
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it can be started");
@@ -412,7 +432,7 @@ fn outcome(command: &mut Command) -> (i32, String, String) {
     (child.wait().expect("it is ours").code().expect("no signal"), stdout, stderr)
 }
 
-/// All that comes out of a pipe, once its other end is closed.
+/// Reads a pipe on a thread of its own. The receiver gets all that came out of it once its other end is closed.
 fn read_on_a_thread(mut pipe: impl Read + Send + 'static) -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
@@ -424,10 +444,10 @@ fn read_on_a_thread(mut pipe: impl Read + Send + 'static) -> Receiver<String> {
     receiver
 }
 
-/// Every file below a folder, by its path there.
+/// Reads every file below a folder. The keys are the files' paths from the folder.
 ///
 /// # Panics
-/// If one cannot be read.
+/// If a file or folder cannot be read.
 pub fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_path_buf()];
@@ -445,7 +465,8 @@ pub fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// The names in which two trees differ: missing, extra, or of other content.
+/// Describes the files in which two trees differ, one a line: missing, extra, or of other content. Empty if the trees
+/// are the same.
 pub fn tree_difference(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<PathBuf, Vec<u8>>) -> Vec<String> {
     let names: BTreeSet<&PathBuf> = found.keys().chain(expected.keys()).collect();
     let differs = |name: &&PathBuf| found.get(*name) != expected.get(*name);
@@ -454,10 +475,10 @@ pub fn tree_difference(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<P
     names.into_iter().filter(differs).map(describe).collect()
 }
 
-/// Reads an 8-bit RGB PNG.
+/// Reads an 8-bit RGB PNG file.
 ///
 /// # Panics
-/// If it is not one.
+/// If the file cannot be read, or is no such PNG.
 pub fn read_png(path: &Path) -> Picture {
     let file = std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
@@ -467,11 +488,11 @@ pub fn read_png(path: &Path) -> Picture {
     Picture { width: info.width, height: info.height, rgb: bytes.as_chunks::<3>().0.to_vec() }
 }
 
-/// Numbers that look random and are the same in every run (SplitMix64).
+/// Pseudo-random numbers, the same in every run (SplitMix64). The number is the state, at first the seed.
 pub struct Random(pub u64);
 
 impl Random {
-    /// The next 64 bits.
+    /// The next 64 pseudo-random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -480,7 +501,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// The next number in 0..1.
+    /// The next pseudo-random number, at least 0 and less than 1.
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }

@@ -1,6 +1,6 @@
 //! Tests for which something is missing on this machine: they are left out, and say so; or they fail, where it is required.
 
-/// What a test may need, by its name in `BRICKYARD_REQUIRE`, and how to get it.
+/// What tests may need: its name in `BRICKYARD_REQUIRE`, and how to get it.
 const CURES: [(&str, &str); 4] = [
     ("gpu", "a graphics adapter: run `tools/setup`, which installs a software one (mesa-vulkan-drivers, libvulkan1)"),
     ("python", "the independent readers: run `tools/setup python`, or set BRICKYARD_PYTHON to a Python that has them"),
@@ -8,10 +8,12 @@ const CURES: [(&str, &str); 4] = [
     ("permissions", "a user without rights: as root, setpriv (of util-linux); else any"),
 ];
 
-/// Says on standard error that a test, or a part of it, is left out.
+/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `mount` or
+/// `permissions`.
 ///
 /// # Panics
-/// If the environment variable `BRICKYARD_REQUIRE`, names between commas, has this one. `tools/test` requires a GPU and Python.
+/// If the name is not one of those, or the environment variable `BRICKYARD_REQUIRE` (names between commas) has it.
+/// `tools/test` requires a GPU and Python, unless the variable is set.
 pub fn leave_out(name: &str, reason: impl std::fmt::Display) {
     let cure = CURES.iter().find(|(known, _)| *known == name).map(|(_, cure)| *cure).expect("a name of the list");
     let required = std::env::var("BRICKYARD_REQUIRE").unwrap_or_default();

@@ -1,26 +1,27 @@
 //! What a disk may hold when the power goes: a file system that keeps apart what was synced and what was not.
 //!
-//! It is fed with the record of a run. Of the writes to a file since that file was last synced any may be lost, or leave a hole
-//! where they would have made the file longer. Of the names made, changed and removed in a folder since that folder was last
-//! synced any may be lost; a rename is one change. That is all that POSIX promises, and less than any file system does.
+//! It is fed with the record of a run. Any write to a file since that file was last synced may be lost, or leave a hole where it
+//! would have made the file longer. Any change of names in a folder since that folder was last synced may be lost; a rename is one
+//! change. POSIX promises no more than that, and every file system keeps more.
 
 use crate::Random;
 use crate::faults::Call;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-/// Which of the unsynced changes last.
+/// Which of the changes that were not synced are lost when the power goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lost {
-    /// All of them: the process was killed, the power is on.
+    /// Nothing is lost: the process was killed, and the power is on.
     Nothing,
-    /// None.
+    /// All changes that were not synced are lost.
     Everything,
-    /// Names do, bytes do not.
+    /// Bytes that were written are lost, but not the lengths that they gave files: those are longer by zeros. Changes
+    /// of names last.
     Bytes,
-    /// Bytes do, names do not.
+    /// Changes of names are lost. The bytes of files last.
     Names,
-    /// Each by a throw of a coin.
+    /// Each change is lost or lasts by chance, and a write may leave zeros. The number is the seed.
     Some(u64),
 }
 
@@ -34,15 +35,15 @@ enum Change {
 #[derive(Default)]
 struct Inode {
     is_folder: bool,
-    /// What is sure to last.
+    /// The bytes of a file that are sure to last.
     bytes: Vec<u8>,
     names: BTreeMap<String, Id>,
-    /// Names as the running system sees them.
+    /// The names in a folder as the running system sees them.
     names_now: BTreeMap<String, Id>,
     changes: Vec<Change>,
 }
 
-/// One change of names: what each name in each folder stands for afterwards.
+/// One change of names: for each folder and name what the name stands for afterwards, `None` for nothing.
 struct Naming(Vec<(Id, String, Option<Id>)>);
 
 impl Naming {
@@ -51,26 +52,29 @@ impl Naming {
     }
 }
 
-/// A disk.
+/// A disk as a record of calls leaves it: what is synced, and what is not.
 pub struct Disk {
     inodes: Vec<Inode>,
-    /// Unsynced, in order.
+    /// The changes of names that are not synced, in order.
     namings: Vec<Naming>,
 }
 
-/// A tree of files; folders have none.
+/// Files and folders by their paths: a file has its bytes, a folder `None`.
 pub type Tree = BTreeMap<PathBuf, Option<Vec<u8>>>;
 
 const ROOT: Id = 0;
 
-/// `O_CREAT` and `O_TRUNC` of Linux, `RENAME_EXCHANGE`, and what the record has for a second name.
+/// The flag `O_CREAT` of Linux's `open`.
 const CREATE: i64 = 0o100;
+/// The flag `O_TRUNC` of Linux's `open`.
 const TRUNCATE: i64 = 0o1000;
+/// The flag `RENAME_EXCHANGE` of Linux's `renameat2`.
 const EXCHANGE: i64 = 2;
+/// What the record has in place of a rename's flags for a link: a second name for the same file.
 const LINK: i64 = -1;
 
 impl Disk {
-    /// A disk on which these files have long been.
+    /// A disk on which these files and folders have long been: all of it is synced.
     pub fn new(tree: &Tree) -> Self {
         let root = Inode { is_folder: true, ..Inode::default() };
         let mut disk = Self { inodes: vec![root], namings: Vec::new() };
@@ -95,7 +99,8 @@ impl Disk {
         disk
     }
 
-    /// What a call changes; false if that is nothing.
+    /// Makes the change that a recorded call makes. Returns false if the call changes nothing: it failed, or only
+    /// reads.
     pub fn follow(&mut self, call: &Call) -> bool {
         if call.result < 0 {
             return false;
@@ -166,7 +171,7 @@ impl Disk {
         true
     }
 
-    /// What is found on the disk when the power comes back.
+    /// The files and folders that are on the disk when the power comes back, by what is lost.
     pub fn after_power_loss(&self, lost: Lost) -> Tree {
         let mut random = Random(if let Lost::Some(seed) = lost { seed } else { 0 });
         let mut names: Vec<BTreeMap<String, Id>> = self.inodes.iter().map(|inode| inode.names.clone()).collect();
@@ -229,7 +234,7 @@ impl Disk {
         true
     }
 
-    /// The folder that holds a path's last name.
+    /// The folder that holds a path's last name, and that name; `None` if there is no such folder.
     fn place(&self, path: &Path) -> Option<(Id, String)> {
         let folder = self.find(path.parent()?)?;
         Some((folder, path.file_name()?.to_string_lossy().into_owned()))
@@ -243,9 +248,9 @@ impl Disk {
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Lasts,
-    /// As if it had not been.
+    /// The change is as if it had not been.
     Lost,
-    /// The file has become longer, by zeros.
+    /// The bytes of the change are lost, but not the length that it gave the file: it is longer by zeros.
     Hole,
 }
 
@@ -283,10 +288,10 @@ fn parts(path: &Path) -> impl Iterator<Item = String> {
     })
 }
 
-/// Reads a folder with all that is in it.
+/// Reads a folder with all that is in it. The keys are paths from the folder.
 ///
 /// # Panics
-/// If that is not possible.
+/// If a file or folder cannot be read.
 pub fn read_tree(folder: &Path) -> Tree {
     let mut tree = Tree::new();
     let mut folders = vec![PathBuf::new()];
@@ -306,10 +311,10 @@ pub fn read_tree(folder: &Path) -> Tree {
     tree
 }
 
-/// Makes a folder hold just this.
+/// Makes a folder hold just these files and folders. What else is in it is removed.
 ///
 /// # Panics
-/// If that is not possible.
+/// If a file or folder cannot be removed or written.
 pub fn write_tree(folder: &Path, tree: &Tree) {
     if folder.exists() {
         std::fs::remove_dir_all(folder).expect("the folder is ours");

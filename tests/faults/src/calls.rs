@@ -1,5 +1,5 @@
-//! The functions of libc that this library takes the place of. Each finds the path that it is about, asks the rules, calls the
-//! kernel, and records.
+//! The functions of libc that this library takes the place of. Each finds the path that it is about, asks the rules, makes the call
+//! (to the kernel, or for listings to libc's own function), and records it.
 
 use crate::kernel::{self, call, fail, keeping_errno, path_at, path_of};
 use crate::record::{self, Entry};
@@ -9,7 +9,7 @@ use std::ffi::CStr;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-/// A call on a file below the folder.
+/// A call on a file below the folder, and what a rule does to it.
 struct Site {
     settings: &'static Settings,
     call: Call,
@@ -17,7 +17,8 @@ struct Site {
     action: Option<Action>,
 }
 
-/// Whether anything is to be done about a call; waits or ends the process where a rule says so.
+/// What the rules do to a call; `None` if the call is on no file below the folder. Waits or ends the process if a rule
+/// says so.
 fn site(call: Call, path: impl FnOnce() -> Option<String>) -> Option<Site> {
     let settings = settings()?;
     let path = path().filter(|path| path.split('\t').any(|path| settings.concerns(path)))?;
@@ -31,7 +32,7 @@ fn site(call: Call, path: impl FnOnce() -> Option<String>) -> Option<Site> {
 }
 
 impl Site {
-    /// Makes the call, unless a rule fails it, and records it.
+    /// Makes the call, unless a rule has it fail or lie, and records it together with `number`.
     fn run(self, number: i64, real: impl FnOnce() -> i64) -> i64 {
         let turn = record::turn(self.settings);
         let result = match self.action {
@@ -51,7 +52,7 @@ impl Site {
         result
     }
 
-    /// Cuts the file, where a rule says so.
+    /// Cuts the file to half of its length or to nothing, and records that, if a rule says so.
     fn cut(&self) {
         let Some(Action::Cut { halves }) = self.action else { return };
         let length = kernel::length(&self.path).unwrap_or(0) / 2 * halves as i64;
@@ -60,7 +61,7 @@ impl Site {
         record::add(self.settings, &Entry { call, result: 0, number: length, path: &self.path, bytes: &[] });
     }
 
-    /// How many of so many bytes are to be read or written.
+    /// How many of `count` bytes are to be read or written: half of them if a rule says so.
     fn allowed(&self, count: usize) -> usize {
         match self.action {
             Some(Action::Short | Action::Tear) => count.div_ceil(2),
@@ -68,14 +69,15 @@ impl Site {
         }
     }
 
-    /// A place in something of a length: the same for the same file.
+    /// A position in something of `length` bytes: always the same for the same file.
     fn place(&self, length: usize) -> usize {
         let hash = self.path.bytes().fold(7u64, |h, b| (h ^ b as u64).wrapping_mul(0x100_0000_01b3));
         (hash >> 20) as usize % length.max(1)
     }
 }
 
-/// A call that returns a number and takes numbers and pointers; `path` is what it is about.
+/// Makes a system call that returns a number and takes numbers and pointers, under the rules for its `kind`. `path` is
+/// the file that the call is on, and `number` is recorded with it.
 unsafe fn simple(
     kind: Call,
     path: impl FnOnce() -> Option<String>,
@@ -99,7 +101,8 @@ unsafe fn open_at(folder: c_int, name: *const c_char, flags: c_int, mode: mode_t
     unsafe { simple(Call::Open, path, flags as i64, libc::SYS_openat, a) as c_int }
 }
 
-/// Reads through `real`, which is given how many bytes to read.
+/// Reads through `real`, which is given how many bytes to read. `first` is where they go; a rule may change one of
+/// them.
 fn reading(file: c_int, bytes: usize, first: *mut u8, real: impl FnOnce(usize) -> i64) -> ssize_t {
     let Some(site) = site(Call::Read, || path_of(file)) else { return real(bytes) as ssize_t };
     let allowed = site.allowed(bytes);
@@ -112,7 +115,8 @@ fn reading(file: c_int, bytes: usize, first: *mut u8, real: impl FnOnce(usize) -
     result as ssize_t
 }
 
-/// Writes through `real`, which is given how many bytes to write; the position is known after it where `offset` is `None`.
+/// Writes through `real`, which is given how many bytes to write. `offset` is where in the file they go; `None` is the
+/// file's position, which is asked for afterwards.
 fn writing(file: c_int, bytes: &[u8], offset: Option<i64>, real: impl FnOnce(usize) -> i64) -> ssize_t {
     let Some(site) = site(Call::Write, || path_of(file)) else { return real(bytes.len()) as ssize_t };
     let turn = record::turn(site.settings);
@@ -134,7 +138,7 @@ fn writing(file: c_int, bytes: &[u8], offset: Option<i64>, real: impl FnOnce(usi
     result as ssize_t
 }
 
-/// The bytes of a caller's buffer.
+/// The bytes of a buffer that a caller gave.
 unsafe fn buffer<'a>(bytes: *const c_void, count: size_t) -> &'a [u8] {
     if count == 0 {
         return &[];
@@ -143,7 +147,8 @@ unsafe fn buffer<'a>(bytes: *const c_void, count: size_t) -> &'a [u8] {
     unsafe { std::slice::from_raw_parts(bytes.cast(), count) }
 }
 
-/// The first part of a list of buffers that is not empty: what a short read or write comes to.
+/// The first buffer of a list that is not empty, or an empty one. A read or write of a list comes to this buffer alone,
+/// as one that is cut short does.
 unsafe fn first_part(parts: *const iovec, count: c_int) -> iovec {
     // SAFETY: the caller's caller promises the kernel so many parts.
     let parts = unsafe { std::slice::from_raw_parts(parts, count.max(0) as usize) };
@@ -204,13 +209,13 @@ unsafe fn unlink_at(folder: c_int, name: *const c_char, flags: c_int) -> c_int {
     }
 }
 
-/// libc's own function of a name, behind this library's.
+/// The address of libc's own function of a name, which this library's function of that name hides.
 fn behind(name: &CStr) -> *mut c_void {
     // SAFETY: the name is a string.
     unsafe { libc::dlsym(libc::RTLD_NEXT, name.as_ptr()) }
 }
 
-/// A folder's listing, opened by libc through the kernel.
+/// Opens the listing of a folder by libc's own function.
 unsafe fn open_listing(name: *const c_char) -> *mut libc::DIR {
     static REAL: OnceLock<usize> = OnceLock::new();
     type Opens = unsafe extern "C" fn(*const c_char) -> *mut libc::DIR;
@@ -235,7 +240,7 @@ unsafe fn next_entry(listing: *mut libc::DIR) -> *mut libc::dirent64 {
     result.max(0) as *mut libc::dirent64
 }
 
-/// Declares functions of libc by what they do here. Their arguments are what libc's own expect.
+/// Declares functions in the place of libc's, with what they do here. Their arguments are what libc's own expect.
 macro_rules! instead {
     ($($(#[$doc:meta])* $name:ident($($argument:ident: $type:ty),*) -> $result:ty $body:block)*) => {$(
         $(#[$doc])*
@@ -376,5 +381,5 @@ instead! {
     readdir64(listing: *mut libc::DIR) -> *mut libc::dirent64 { next_entry(listing) }
 }
 
-/// In place of a rename's flags: a second name for the same file.
+/// What the record has in place of a rename's flags for a link: a second name for the same file.
 const LINK: i64 = -1;

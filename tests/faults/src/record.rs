@@ -1,14 +1,15 @@
 //! The record of calls: `CALL RESULT NUMBER LENGTH PATH [PATH]`, tab-separated, a newline, then `LENGTH` bytes, those that were
-//! written. `NUMBER` is the offset of a write, the flags of an open, or the length of a truncation. Failed calls have a
-//! `RESULT` below zero.
+//! written. `NUMBER` is the offset of a write, the flags of an open, or the length of a truncation. Calls that failed, or did
+//! nothing and said that they did, have a `RESULT` below zero. A write that did nothing is not recorded.
 //!
-//! Calls that change something are made one at a time while there is a record, so that its order is theirs.
+//! While there is a record, calls on files below the folder are made one at a time (but for closing), so that the record has them in
+//! their order.
 
 use crate::kernel;
 use crate::rules::{Call, Settings};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-/// A call, to be recorded.
+/// A call, as it is recorded.
 pub(crate) struct Entry<'a> {
     pub(crate) call: Call,
     pub(crate) result: i64,
@@ -19,12 +20,13 @@ pub(crate) struct Entry<'a> {
 
 static TURN: Mutex<()> = Mutex::new(());
 
-/// Keeps other calls that change something out until it is dropped; `None` where nothing is recorded.
+/// Waits for other calls that are recorded, and keeps them out until the guard is dropped. `None` if nothing is
+/// recorded.
 pub(crate) fn turn(settings: &Settings) -> Option<MutexGuard<'static, ()>> {
     settings.log.as_ref().map(|_| TURN.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// Appends a call to the record, in one write.
+/// Appends a call to the record, in one write, if there is a record.
 pub(crate) fn add(settings: &Settings, entry: &Entry<'_>) {
     static FILE: OnceLock<i32> = OnceLock::new();
     let Some(log) = &settings.log else { return };

@@ -3,17 +3,17 @@
 //! A rule is `CALLS WHEN ACTION [PATH]`, separated by blanks:
 //!
 //! - `CALLS`: names of [`Call`]s, separated by commas, or `any`.
-//! - `WHEN`, among those calls: `7` is the seventh alone; `7+` it and all that follow; `7~` it and all that follow on the same
-//!   file; `%7` every seventh.
+//! - `WHEN`, among those calls: `7` is the seventh alone; `7+` the seventh and all that follow; `7~` the seventh and all that follow on
+//!   the same file; `%7` every seventh.
 //! - `ACTION`: see [`Action`].
-//! - `PATH`: only files whose path contains this.
+//! - `PATH`: a text; the rule is about files only whose path contains it.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// What is called, by purpose.
+/// A kind of call, by its purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Call {
     Open,
@@ -57,26 +57,26 @@ impl Call {
     }
 }
 
-/// What is done to a call.
+/// What a rule does to a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Action {
-    /// `EIO`, `ENOSPC`...: it fails with that.
+    /// `EIO`, `ENOSPC`...: the call fails with this error.
     Fail(i32),
-    /// `short`: half of the bytes are read or written.
+    /// `short`: half of the call's bytes are read or written.
     Short,
-    /// `delay:MS`: it waits before.
+    /// `delay:MS`: the call is made after this many milliseconds.
     Delay(u64),
-    /// `kill`: the process ends before it, as by SIGKILL.
+    /// `kill`: the process ends before the call, as by SIGKILL.
     Kill,
-    /// `tear`: half of the bytes are written, then the process ends so.
+    /// `tear`: half of the call's bytes are written, then the process ends, as by SIGKILL.
     Tear,
-    /// `lie`: it does nothing and says that it did.
+    /// `lie`: the call does nothing and says that it did.
     Lie,
-    /// `halve`, `empty`: after it, the file is cut to half of its length, or to nothing.
+    /// `halve`, `empty`: after the call, the file is cut to half of its length, or to nothing.
     Cut { halves: u64 },
-    /// `flip`: a byte of what is read or mapped is another.
+    /// `flip`: one byte of what the call reads or maps is changed.
     Flip,
-    /// `lose`: a page of what is mapped cannot be read.
+    /// `lose`: a page of what the call maps cannot be read.
     Lose,
 }
 
@@ -140,7 +140,7 @@ impl FromStr for When {
 }
 
 struct Rule {
-    /// Empty for any.
+    /// The kinds of calls that the rule is about; empty for any.
     calls: Vec<Call>,
     when: When,
     action: Action,
@@ -151,7 +151,7 @@ struct Rule {
 #[derive(Default)]
 struct State {
     seen: u64,
-    /// Files that [`When::SameFile`] has met.
+    /// The files that [`When::SameFile`] has met.
     files: HashSet<String>,
 }
 
@@ -169,7 +169,7 @@ impl FromStr for Rule {
 }
 
 impl Rule {
-    /// Counts the call; what is done to it.
+    /// Counts the call, if the rule is about it. Returns what the rule does to it; `None` if it does nothing.
     fn meet(&self, call: Call, path: &str) -> Option<Action> {
         if !(self.calls.is_empty() || self.calls.contains(&call)) || !path.contains(&self.part) {
             return None;
@@ -191,14 +191,15 @@ impl Rule {
     }
 }
 
-/// What the environment says.
+/// What the environment says: the folder, the rules and the log.
 pub(crate) struct Settings {
     pub(crate) under: String,
     rules: Vec<Rule>,
     pub(crate) log: Option<PathBuf>,
 }
 
-/// The settings; `None` where nothing is to be done.
+/// The settings, read once; `None` if `BRICKYARD_FAULTS_UNDER` is no absolute path. Ends the process if a rule is not
+/// understood.
 pub(crate) fn settings() -> Option<&'static Settings> {
     static SETTINGS: OnceLock<Option<Settings>> = OnceLock::new();
     let read = || {
@@ -213,12 +214,13 @@ pub(crate) fn settings() -> Option<&'static Settings> {
 }
 
 impl Settings {
-    /// Whether a path is below the folder.
+    /// Whether a path is the folder or below it.
     pub(crate) fn concerns(&self, path: &str) -> bool {
         path.strip_prefix(&self.under).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
     }
 
-    /// Counts a call; what is done to it, by the first rule that it meets.
+    /// Counts the call for all rules that are about it. Returns what the first rule that it meets does to it; `None` if
+    /// it meets none.
     pub(crate) fn meet(&self, call: Call, path: &str) -> Option<Action> {
         // All rules count, whatever an earlier one does.
         self.rules.iter().fold(None, |first, rule| {
