@@ -1,8 +1,8 @@
 //! Draws a volume into a texture of the program's own, on the program's own wgpu device, beside the program's own triangles: `cargo run
 //! --release -p brickyard --example embed -- OUT.png [SECONDS]`.
 //!
-//! It flies around for so many seconds, says what the frames took, and writes the last one. Nothing in the session's calls waits for
-//! the GPU; the program itself waits for its frame before the last, as one with a window does.
+//! It flies around for so many seconds, says what the frames took, and writes the last one. After the first step nothing in the
+//! session's calls waits for the GPU; the program itself waits for its frame before the last, as one with a window does.
 
 mod gyroid;
 

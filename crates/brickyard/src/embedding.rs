@@ -27,12 +27,14 @@ impl Session {
     ///     loop {
     ///         let frame = session.step(&Scene::default(), (texture.width(), texture.height()))?;
     ///         let mut encoder = device.create_command_encoder(&Default::default());
-    ///         session.draw_to(&frame, &Target { view: &view, format: texture.format(), area_px: None }, &mut encoder)?;
+    ///         let target = Target { view: &view, format: texture.format(), area_px: None };
+    ///         let is_this_frame = session.draw_to(&frame, &target, &mut encoder)?;
     ///         // The application's own passes follow here.
     ///         queue.submit([encoder.finish()]);
-    ///         if frame.status.settled {
+    ///         if is_this_frame && frame.status.settled {
     ///             return Ok(());
     ///         }
+    ///         session.wait(std::time::Duration::from_millis(10));
     ///     }
     /// }
     /// ```

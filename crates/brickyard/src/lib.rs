@@ -28,9 +28,15 @@
 //!
 //! # In an application that draws with wgpu
 //!
+//! ```toml
+//! brickyard = { path = "...", default-features = false, features = ["gpu"] }
+//! ```
+//!
+//! The wgpu is version 30, re-exported as [`render::wgpu`]: a program that uses that one needs none of its own.
 //! The application asks its adapter for a device with what [`Gpu::required`](render::Gpu::required) lists, and lends it: see
 //! [`Session::on_gpu`]. Then each frame is a [`Session::step`] and a [`Session::draw_to`] with an encoder of the application's, and neither waits for the
-//! GPU. `examples/embed.rs` is a whole program.
+//! GPU but where slots are made: in the first step, and in one whose scene asks for more. A picture is whole once `draw_to` has returned true and
+//! the frame's [`status`](pager::Status::settled) says settled. `examples/embed.rs` is a whole program.
 //!
 //! # What lives how long, and what it costs
 //!
@@ -40,7 +46,7 @@
 //! | [`Session`] | as long as the pictures have their budgets; one thread uses it | nothing before its first step |
 //! | its backend, slots and workers | until a scene asks for more: wider aprons, another table, a larger picture, other layers | some 100 ms, and filling the slots from main memory; the device stays |
 //! | [`Scene`] | a value: as many as one likes | nothing; a transfer function of 16-bit values 2 ms when it is first shown |
-//! | [`Frame`] | until the next [`Session::step`] | a step: taking in what has come, cuts and plans, uploads; about a millisecond, and it never waits for a disk |
+//! | [`Frame`] | until the next [`Session::step`] | a step: taking in what has come, cuts and plans, uploads; about a millisecond, and in a live session it never waits for a disk |
 //! | [`Picture`](volume::Picture) | a value | [`Session::draw`] |
 //!
 //! # Cargo features

@@ -53,8 +53,9 @@ pub struct SessionOptions {
     /// Whether bricks that show nothing are not read, and empty space is not sampled. Turn it off only to measure what
     /// it gains.
     pub skips_empty: bool,
-    /// Whether the camera moves in real time: then no step waits, bricks are fetched ahead, each step's uploads are limited, and
-    /// finer bricks fade in. Otherwise all that a view wants is taken as it comes, and the same views give the same plans.
+    /// True for a window, false for single pictures. A live session's camera moves in real time: no step waits, bricks are fetched ahead of
+    /// the view, each step's uploads are limited, and finer bricks fade in. Any other session takes all bricks of a view as they come, and the
+    /// same views give the same plans.
     pub live: bool,
 }
 

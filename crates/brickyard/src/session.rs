@@ -3,7 +3,9 @@
 //!
 //! Order of calls: open (the metadata is read), then for each frame [`Session::step`] and [`Session::draw`]; or [`Session::render`], which
 //! steps until nothing more comes. The first step makes the backend, some 100 ms; so does a scene that asks for more than those before it
-//! (see `fit`). A step never waits for the disk. Everything happens on the thread that calls, but decoding.
+//! (see `fit`). A step of a live session never waits for
+//! the disk. Calls come from one thread; threads of the session's own decode bricks, plan the cuts of live sessions, compile shaders, make
+//! transfer tables and draw on the CPU.
 
 use crate::backend::{BackendError, Renderer};
 use crate::device::Device;

@@ -14,7 +14,7 @@ use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Chunk, Code, Code8, Code16, Grid, Portable, Unit};
+use crate::sample::{Brick, Code, Code8, Code16, Grid, Portable, SampleChunk, Unit};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
 use brickyard_volume::{Filter, SlotFormat};
@@ -36,7 +36,7 @@ pub(crate) struct Channels {
 }
 
 /// Adds what a layer has of some packets of a chunk.
-type Take = fn(&Part<'_, '_>, u32, &mut Chunk, &mut Media);
+type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
 
 /// Takes rays to the ends of their runs through a cell.
 type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
@@ -71,7 +71,7 @@ struct Walk {
     /// Whether there are such segments, and the blocks that each packet of the chunk is of.
     is_on: bool,
     blocks: [u64; PACKETS],
-    chunk: Chunk,
+    chunk: SampleChunk,
     media: Media,
 }
 
@@ -134,7 +134,7 @@ impl Walks {
             pending: 0..0,
             is_on: false,
             blocks: [0; PACKETS],
-            chunk: Chunk::EMPTY,
+            chunk: SampleChunk::EMPTY,
             media: Media::new(0, false, false),
         };
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
@@ -285,7 +285,12 @@ fn for_machine<C: Code, const INVALID: bool>() -> Take {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn take_avx2<C: Code, const INVALID: bool>(part: &Part<'_, '_>, packets: u32, chunk: &mut Chunk, media: &mut Media) {
+fn take_avx2<C: Code, const INVALID: bool>(
+    part: &Part<'_, '_>,
+    packets: u32,
+    chunk: &mut SampleChunk,
+    media: &mut Media,
+) {
     take::<C, Avx2, INVALID>(part, packets, chunk, media);
 }
 
@@ -293,7 +298,7 @@ fn take_avx2<C: Code, const INVALID: bool>(part: &Part<'_, '_>, packets: u32, ch
 fn take<C: Code, U: Unit, const INVALID: bool>(
     Part { frame, cell, share, .. }: &Part<'_, '_>,
     packets: u32,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
     let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);

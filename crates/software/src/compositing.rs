@@ -15,10 +15,10 @@ use crate::gather::{Gather, Way, gather_of};
 use crate::macrocells::{Coverage, Reach};
 use crate::march::Seen;
 use crate::media::{Media, See};
-use crate::meshes::Layers;
+use crate::meshes::MeshLayers;
 use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
-use crate::sample::Chunk;
+use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::Combination;
 use glam::{DVec3, Vec4};
@@ -85,7 +85,7 @@ struct Work {
     runs: Vec<Run>,
     ways: Vec<Way>,
     entries: Vec<Entry>,
-    chunk: Chunk,
+    chunk: SampleChunk,
     media: Media,
     walks: Walks,
     /// What rays that go cell by cell know of surfaces, layer by layer.
@@ -121,7 +121,7 @@ impl<'a> JointMarch<'a> {
             runs: Vec::new(),
             ways: Vec::new(),
             entries: Vec::new(),
-            chunk: Chunk::EMPTY,
+            chunk: SampleChunk::EMPTY,
             media: Media::new(read, frames[0].is_lit, self.has_surfaces),
             walks: Walks::new(self.channels.as_ref()),
             pasts: Vec::new(),
@@ -133,7 +133,7 @@ impl<'a> JointMarch<'a> {
         &self,
         frames: &[Frame<'_>],
         tile: &Tile,
-        layers: Option<&Layers>,
+        layers: Option<&MeshLayers>,
         rays: &mut [Ray; PIXELS],
         seen: &mut Seen,
     ) {

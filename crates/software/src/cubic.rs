@@ -2,7 +2,7 @@
 //! are left out of the sum and of the weight.
 
 use crate::packet::{LANES, PACKETS, Packet};
-use crate::sample::{Brick, Chunk, Code, Unit};
+use crate::sample::{Brick, Code, SampleChunk, Unit};
 use brickyard_volume::Filter;
 use glam::Vec4;
 
@@ -14,7 +14,7 @@ impl Brick<'_> {
         filter: Filter,
         origin: [f32; 3],
         step: [f32; 3],
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
     ) {
         if filter == Filter::Trilinear {
             return self.sample::<C, U, INVALID>(origin, step, chunk);

@@ -6,14 +6,14 @@ use crate::march::look;
 use crate::media::{Media, Met};
 use crate::medium::Medium;
 use crate::mixture::Mixed;
-use crate::modes::{Blend, Dvr};
+use crate::modes::{Accumulate, Dvr};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{ALL_PACKETS, Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
@@ -48,7 +48,7 @@ impl Way {
         (self.stretch.end, self.last) = (0, last);
         self.coverage = match frame.settings.surfaces.is_empty() {
             true => cell.mask.coverage(),
-            false => <Medium<true> as Blend>::coverage(cell, &self.ray),
+            false => <Medium<true> as Accumulate>::coverage(cell, &self.ray),
         };
         self.coverage != Coverage::None
     }
@@ -98,7 +98,7 @@ impl Way {
 
 /// A function that adds to the media what a layer shows of a cell in a run of segments. The number is the place in the chunk of the run's
 /// first segment.
-pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut Chunk, &mut Media);
+pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
 
 /// What is done with samples.
 trait Look {
@@ -111,7 +111,7 @@ trait Look {
         way: &mut Way,
         segments: Range<i32>,
         at: i32,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         media: &mut Media,
     );
 }
@@ -167,7 +167,7 @@ fn gather_avx2<C: Code, L: Look, const INVALID: bool>(
     way: &mut Way,
     run: Range<u32>,
     at: usize,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
     gather::<C, Avx2, L, INVALID>(frame, cell, way, run, at, chunk, media);
@@ -180,7 +180,7 @@ fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
     way: &mut Way,
     run: Range<u32>,
     at: usize,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
     let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
@@ -216,7 +216,7 @@ impl Look for Plain {
         way: &mut Way,
         segments: Range<i32>,
         at: i32,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
         let first = (at + segments.start) as usize;
@@ -232,7 +232,7 @@ pub(crate) fn add_fog<U: Unit>(
     frame: &Frame<'_>,
     share: f32,
     packets: u32,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
     mixed: &mut [Mixed],
     is_any: &mut bool,
 ) {
@@ -272,7 +272,7 @@ impl<const ENDS: bool> Look for Any<ENDS> {
         Way { ray, stretch, .. }: &mut Way,
         segments: Range<i32>,
         at: i32,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
         let has_fog = march.frame.settings.mode == Mode::Dvr;
@@ -316,7 +316,7 @@ impl Look for Read {
         way: &mut Way,
         segments: Range<i32>,
         at: i32,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         media: &mut Media,
     ) {
         sample::<C, U, INVALID>(march, way, segments.clone(), chunk);
@@ -343,7 +343,7 @@ fn sample<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,
     Way { ray, stretch, .. }: &Way,
     segments: Range<i32>,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
 ) {
     let (Stretch { origin, step, .. }, filter) = (*stretch, march.frame.settings.sampling.filter);
     stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);

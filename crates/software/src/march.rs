@@ -3,13 +3,13 @@
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
-use crate::meshes::Layers;
-use crate::modes::{Average, Blend, Dvr, MinIp, Mip};
+use crate::meshes::MeshLayers;
+use crate::modes::{Accumulate, Average, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Chunk, Code, Code8, Code16, Portable, Unit};
+use crate::sample::{Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
@@ -21,7 +21,7 @@ use glam::Vec4;
 pub(crate) type Seen = [Vec4; PIXELS];
 
 /// A function that takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
-pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&Layers>, &mut Work, &mut Seen);
+pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
 /// The function that takes rays through this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
@@ -50,7 +50,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
     }
 }
 
-fn for_machine<C: Code, B: Blend, const INVALID: bool>() -> MarchTile {
+fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the machine has AVX2.
@@ -63,10 +63,10 @@ fn for_machine<C: Code, B: Blend, const INVALID: bool>() -> MarchTile {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn march_avx2<C: Code, B: Blend, const INVALID: bool>(
+fn march_avx2<C: Code, B: Accumulate, const INVALID: bool>(
     frame: &Frame<'_>,
     tile: &Tile,
-    layers: Option<&Layers>,
+    layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
@@ -74,10 +74,10 @@ fn march_avx2<C: Code, B: Blend, const INVALID: bool>(
 }
 
 #[inline(always)]
-fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
     frame: &Frame<'_>,
     tile: &Tile,
-    layers: Option<&Layers>,
+    layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
@@ -90,23 +90,23 @@ fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
 /// A thread's room to work on a tile.
 pub(crate) struct Work {
     pub(crate) rays: [Ray; PIXELS],
-    chunk: Chunk,
+    chunk: SampleChunk,
     queue: Queue,
 }
 
 impl Work {
     pub(crate) fn new() -> Self {
         let queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
-        Self { rays: [Ray::EMPTY; PIXELS], chunk: Chunk::EMPTY, queue }
+        Self { rays: [Ray::EMPTY; PIXELS], chunk: SampleChunk::EMPTY, queue }
     }
 
     /// Takes the tile's rays through all cells, between the layers where there are meshes.
     #[inline(always)]
-    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+    fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
         &mut self,
         frame: &Frame<'_>,
         tile: &Tile,
-        layers: Option<&Layers>,
+        layers: Option<&MeshLayers>,
     ) {
         let Self { rays, chunk, queue } = self;
         let mut waiting = 0;
@@ -189,12 +189,12 @@ impl Queue {
 
     /// Adds all samples that can be seen and clears the queue. Returns how many rays have come to their end by that.
     #[inline(always)]
-    fn march<C: Code, B: Blend, U: Unit, const INVALID: bool>(
+    fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
         &mut self,
         frame: &Frame<'_>,
         cell: &Cell<'_>,
         rays: &mut [Ray; PIXELS],
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
     ) -> u32 {
         let stretches = &mut self.stretches[..self.len];
         self.len = 0;
@@ -227,7 +227,7 @@ impl Queue {
 
 /// Finds the blocks of a stretch that may be seen, and puts them into the stretch.
 #[inline(always)]
-pub(crate) fn look<B: Blend>(
+pub(crate) fn look<B: Accumulate>(
     stretch: &mut Stretch,
     (frame, cell): (&Frame<'_>, &Cell<'_>),
     sum: Vec4,
@@ -251,7 +251,7 @@ mod tests {
     use super::*;
     use crate::frame::Resident;
     use crate::medium::Medium;
-    use crate::modes::Blend;
+    use crate::modes::Accumulate;
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
     use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
@@ -260,7 +260,7 @@ mod tests {
     use glam::DVec3;
 
     /// The vector unit must not show in the picture.
-    fn same_on_all_units<C: Code, B: Blend, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
+    fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
         let voxel_type = if C::BYTES == 1 { VoxelType::U8 } else { VoxelType::U16 };
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
         encoding.has_invalid = INVALID;

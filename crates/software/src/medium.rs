@@ -2,12 +2,12 @@
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Mask, Reach};
-use crate::modes::Blend;
+use crate::modes::Accumulate;
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::{FAINTEST, NO_RANK, Ray};
 use crate::row::{Passed, Row};
-use crate::sample::{Chunk, Code, Unit};
+use crate::sample::{Code, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::Mode;
 use glam::Vec4;
@@ -17,7 +17,7 @@ use std::ops::Range;
 /// to end, and surfaces are found in them.
 pub(crate) struct Medium<const ENDS: bool>;
 
-impl<const ENDS: bool> Blend for Medium<ENDS> {
+impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
@@ -39,7 +39,7 @@ impl<const ENDS: bool> Blend for Medium<ENDS> {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         let path = Path::new(march, stretch, ray);

@@ -25,7 +25,7 @@ pub(crate) fn bytes(room: MeshCapacity) -> u64 {
 }
 
 /// Bytes that a thread takes for the layers of meshes in its tile.
-pub(crate) const BYTES_PER_THREAD: u64 = size_of::<Layers>() as u64;
+pub(crate) const BYTES_PER_THREAD: u64 = size_of::<MeshLayers>() as u64;
 
 /// A tree of boxes over the triangles of a frame's meshes.
 #[derive(Debug, Default)]
@@ -82,7 +82,7 @@ impl MeshTree {
     }
 
     /// Finds, for each of a tile's rays, the next layer of meshes behind the one that the ray has come to.
-    pub(crate) fn peel(&self, settings: &FrameSettings, tile: &Tile, layers: &mut Layers) {
+    pub(crate) fn peel(&self, settings: &FrameSettings, tile: &Tile, layers: &mut MeshLayers) {
         let rays = &settings.rays;
         let beam = Beam::new(rays, tile);
         layers.next = [Found::NONE; PIXELS];
@@ -211,7 +211,7 @@ impl Found {
 }
 
 /// How far a tile's rays have come through the layers of meshes, and what they have seen.
-pub(crate) struct Layers {
+pub(crate) struct MeshLayers {
     rays: [Ray; PIXELS],
     /// What is in front: premultiplied colour, and how much light passes.
     front: [Vec4; PIXELS],
@@ -220,7 +220,7 @@ pub(crate) struct Layers {
     next: [Found; PIXELS],
 }
 
-impl Layers {
+impl MeshLayers {
     pub(crate) fn new(rays: &ViewRays, tile: &Tile) -> Box<Self> {
         // On the heap: threads' stacks have enough to hold. Places without a pixel have rays, too.
         let ray = |i: u32| rays.ray((tile.x0 + i % TILE_PX) as f64 + 0.5, (tile.y0 + i / TILE_PX) as f64 + 0.5);

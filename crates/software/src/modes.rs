@@ -7,7 +7,7 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
 use crate::ray::{FAINTEST, Ray};
-use crate::sample::{Chunk, Code, Unit};
+use crate::sample::{Code, SampleChunk, Unit};
 use crate::steps::StepTable;
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
@@ -15,7 +15,7 @@ use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 
 /// A mode: how a ray's samples become a pixel.
-pub(crate) trait Blend {
+pub(crate) trait Accumulate {
     /// A ray's sum before its first sample.
     const START: Vec4;
 
@@ -50,7 +50,7 @@ pub(crate) trait Blend {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     );
 
@@ -62,9 +62,9 @@ pub(crate) trait Blend {
 }
 
 /// A mode that samples segments in their middles.
-pub(crate) trait Sum: Blend {
+pub(crate) trait Sum: Accumulate {
     /// Adds a chunk of samples to a ray's sum, and returns the new sum.
-    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4;
+    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4;
 }
 
 /// Adds the samples of some segments of a stretch, or fewer if nothing behind those can be seen.
@@ -73,7 +73,7 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     March { frame, brick, .. }: &March<'_>,
     stretch: &Stretch,
     ray: &mut Ray,
-    chunk: &mut Chunk,
+    chunk: &mut SampleChunk,
     Range { start: from, end: to }: Range<i32>,
 ) {
     let mut sum = ray.sum;
@@ -96,7 +96,7 @@ pub(crate) struct Dvr;
 
 impl Dvr {
     #[inline(always)]
-    fn add_whole_steps(table: &StepTable<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+    fn add_whole_steps(table: &StepTable<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let packets = chunk.packets.min(PACKETS);
         let mut shows = [false; PACKETS];
         for p in 0..packets {
@@ -125,7 +125,7 @@ impl Dvr {
     }
 }
 
-impl Blend for Dvr {
+impl Accumulate for Dvr {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
@@ -135,7 +135,7 @@ impl Blend for Dvr {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
@@ -153,7 +153,7 @@ impl Blend for Dvr {
 
 impl Sum for Dvr {
     #[inline(always)]
-    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+    fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         if C::BYTES == 1
             && chunk.whole_steps > 0
             && let Some(table) = frame.steps.zone(chunk.zone)
@@ -197,7 +197,7 @@ impl Sum for Dvr {
 /// The mode of maximum projection: a ray's sum is the greatest code, negative before the first sample.
 pub(crate) struct Mip;
 
-impl Blend for Mip {
+impl Accumulate for Mip {
     const START: Vec4 = Vec4::NEG_ONE;
     const FRONT_TO_BACK: bool = false;
 
@@ -223,7 +223,7 @@ impl Blend for Mip {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
@@ -241,7 +241,7 @@ impl Blend for Mip {
 
 impl Sum for Mip {
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
@@ -257,7 +257,7 @@ impl Sum for Mip {
 /// The mode of minimum projection: a ray's sum is the least code, more than any code before the first sample.
 pub(crate) struct MinIp;
 
-impl Blend for MinIp {
+impl Accumulate for MinIp {
     const START: Vec4 = Vec4::MAX;
     const FRONT_TO_BACK: bool = false;
 
@@ -283,7 +283,7 @@ impl Blend for MinIp {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
@@ -301,7 +301,7 @@ impl Blend for MinIp {
 
 impl Sum for MinIp {
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
@@ -317,7 +317,7 @@ impl Sum for MinIp {
 /// The mode of the weighted mean: a ray's sum is the sum of weighted codes, then the sum of weights.
 pub(crate) struct Average;
 
-impl Blend for Average {
+impl Accumulate for Average {
     const START: Vec4 = Vec4::ZERO;
     const FRONT_TO_BACK: bool = true;
 
@@ -326,7 +326,7 @@ impl Blend for Average {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
@@ -344,7 +344,7 @@ impl Blend for Average {
 
 impl Sum for Average {
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut Chunk) -> Vec4 {
+    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let (mut codes, mut weights) = (Vec4::ZERO, Vec4::ZERO);
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));

@@ -34,7 +34,7 @@ pub(crate) struct Ray {
     pub(crate) end: u32,
     /// One past the last segment taken so far; equal to `end` when nothing more is wanted.
     pub(crate) cursor: u32,
-    /// What the ray's samples add up to. Each mode has its own meaning for it: see [`Blend`](crate::modes::Blend).
+    /// What the ray's samples add up to. Each mode has its own meaning for it: see [`Accumulate`](crate::modes::Accumulate).
     pub(crate) sum: Vec4,
     /// What the ray knows of surfaces.
     pub(crate) past: Past,

@@ -17,7 +17,7 @@ use crate::steps::Places;
 use glam::Vec4;
 
 /// Up to four packets of samples along a ray, near to far, and the room to work on them (kept, as clearing it takes time).
-pub(crate) struct Chunk {
+pub(crate) struct SampleChunk {
     /// The number of packets in use.
     pub(crate) packets: usize,
     /// The number of samples, if all of them are whole steps of one zone; else 0.
@@ -44,7 +44,7 @@ pub(crate) struct Chunk {
     pub(crate) media: Row,
 }
 
-impl Chunk {
+impl SampleChunk {
     pub(crate) const EMPTY: Self = Self {
         packets: 0,
         whole_steps: 0,
@@ -180,7 +180,7 @@ impl Grid {
     /// Finds the voxels of a chunk's samples, and the fractions towards the next voxels. The samples are at the slot coordinates
     /// `origin + along * step`.
     #[inline(always)]
-    pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut Chunk) {
+    pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
             let mut voxel = [0i32; LANES];
             for a in [2, 1, 0] {
@@ -240,7 +240,7 @@ impl<'a> Brick<'a> {
         &self,
         origin: [f32; 3],
         step: [f32; 3],
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
     ) {
         self.grid.locate(origin, step, chunk);
         // SAFETY: the samples have been found in this brick.
@@ -252,7 +252,11 @@ impl<'a> Brick<'a> {
     /// # Safety
     /// [`Grid::locate`] has located the samples in a brick as large as this one.
     #[inline(always)]
-    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(&self, packets: u32, chunk: &mut Chunk) {
+    pub(crate) unsafe fn sample_located<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        packets: u32,
+        chunk: &mut SampleChunk,
+    ) {
         for p in 0..chunk.packets.min(PACKETS) {
             if packets & 1 << p == 0 {
                 continue;
@@ -456,7 +460,8 @@ mod tests {
     /// Samples at eight places along x, at one y and z.
     fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
         let packet = [x; PACKETS];
-        let mut chunk = Chunk { packets: PACKETS, along: packet, weight: [[2.0; LANES]; PACKETS], ..Chunk::EMPTY };
+        let mut chunk =
+            SampleChunk { packets: PACKETS, along: packet, weight: [[2.0; LANES]; PACKETS], ..SampleChunk::EMPTY };
         brick.sample::<C, Portable, INVALID>([0.0, y, z], [1.0, 0.0, 0.0], &mut chunk);
         assert!(chunk.code.iter().all(|c| *c == chunk.code[0]), "packets must not differ");
         (chunk.code[0], chunk.weight[0])

@@ -4,7 +4,7 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::{Blocks, Reach, block_length};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{NO_RANK, Ray};
-use crate::sample::{Brick, Chunk};
+use crate::sample::{Brick, SampleChunk};
 use brickyard_volume::macrocells::CELL_EDGE;
 use std::ops::Range;
 
@@ -163,7 +163,7 @@ impl Stretch {
         &self,
         frame: &Frame<'_>,
         ray: &Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         Range { start: done, end: to }: Range<i32>,
     ) {
         let full = self.weight(frame);

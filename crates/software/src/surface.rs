@@ -8,10 +8,10 @@
 
 use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
-use crate::modes::Blend;
+use crate::modes::Accumulate;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
-use crate::sample::{Chunk, Code, Unit};
+use crate::sample::{Code, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::surface::{FLAT_CODES, PARTS, ROUNDS, headlight};
 use glam::{Vec3, Vec4};
@@ -26,7 +26,7 @@ const _: () = assert!(PARTS == LANES, "a round is a packet");
 /// of the light; behind it, the sum is the surface's colour and 0.
 pub(crate) struct Isosurface;
 
-impl Blend for Isosurface {
+impl Accumulate for Isosurface {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;
     const OCCLUDES: bool = true;
@@ -46,7 +46,7 @@ impl Blend for Isosurface {
         march: &March<'_>,
         stretch: &Stretch,
         ray: &mut Ray,
-        chunk: &mut Chunk,
+        chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
         let ticks = &march.frame.ticks;

@@ -4,9 +4,9 @@
 use crate::compositing::JointMarch;
 use crate::frame::Frame;
 use crate::march::{MarchTile, Seen, Work, for_frame};
-use crate::meshes::{Layers, MeshTree};
+use crate::meshes::{MeshLayers, MeshTree};
 use crate::mixture::{OPAQUE, Projections};
-use crate::sample::Chunk;
+use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
@@ -16,7 +16,7 @@ pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<Seen>()
     + size_of::<[Projections; PIXELS]>()
     + size_of::<TilePixels>()
-    + size_of::<Chunk>()) as u64;
+    + size_of::<SampleChunk>()) as u64;
 
 /// All that the tiles of a picture share.
 pub(crate) struct Scene<'a> {
@@ -61,7 +61,7 @@ impl<'a> Scene<'a> {
     pub(crate) fn draw(&self, tile: &Tile, work: &mut Work) -> TilePixels {
         let settings = self.frames[0].settings;
         let mut seen = [Vec4::W; PIXELS];
-        let mut slabs = self.meshes.map(|tree| (tree, Layers::new(&settings.rays, tile)));
+        let mut slabs = self.meshes.map(|tree| (tree, MeshLayers::new(&settings.rays, tile)));
         loop {
             if let Some((tree, layers)) = &mut slabs {
                 tree.peel(settings, tile, layers);
@@ -86,7 +86,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Takes the tile's rays through the layers, in a slab between two layers of meshes where there are some.
-    fn march(&self, tile: &Tile, layers: Option<&Layers>, work: &mut Work, seen: &mut Seen) {
+    fn march(&self, tile: &Tile, layers: Option<&MeshLayers>, work: &mut Work, seen: &mut Seen) {
         match &self.drawn {
             Drawn::Single(march) => march(&self.frames[0], tile, layers, work, seen),
             Drawn::Joint(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
