@@ -11,6 +11,11 @@ fn stores_are_read_by_zarr_python_and_tensorstore_bit_for_bit() {
 }
 
 #[test]
+fn channels_are_shown_in_their_own_colours_windows_and_names() {
+    Sandbox::default().python("channels.py");
+}
+
+#[test]
 fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
     Sandbox::default().python("orientation.py");
 }

@@ -517,7 +517,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr -o no.png --scene missing.json", 3, "nothing.json"),
         ("render a.zarr -o no.png --scene words.json", 3, "unknown field `windw`"),
         ("render a.zarr b.zarr -o no.png --scene hidden.json --expr a+b", 2, "layer 1, which is hidden"),
-        ("render a.zarr -o no.png --channel 3", 2, "channel 3"),
+        ("render a.zarr -o no.png --channel 3", 2, "no channel '3'"),
         ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 layers"),
         ("render a.zarr b.zarr -o no.png --volume 1:blend=over", 2, "mix or add"),
         ("render a.zarr b.zarr -o no.png --mode mip --expr a+b", 2, "mode dvr"),

@@ -53,6 +53,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             geometry,
             calibrated: true,
             orientation: None,
+            channel_looks: Vec::new(),
             identity: "a function".into(),
             notes: Vec::new(),
         };

@@ -72,6 +72,7 @@
 //! The parts are re-exported under their own names. `examples` has whole programs.
 
 pub mod backend;
+pub mod channels;
 mod device;
 mod device_losses;
 #[cfg(feature = "gpu")]
@@ -91,6 +92,7 @@ mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
 pub mod picture_file;
+pub mod probe;
 mod resolve;
 pub mod scenario;
 pub mod scene_file;

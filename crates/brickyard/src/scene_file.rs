@@ -1,12 +1,15 @@
 //! Scene files, and the files that scenes name: meshes and transfer functions. [`open`] reads a scene with all of its files; the command
 //! reads a scene first, then sets what its flags say, then reads the files that are still named. All is read once, before anything is shown.
 
+use crate::channels::default_layers;
 use crate::session::VolumeSource;
 use crate::text_file::{TextError, read_text};
 use brickyard_import::ImportError;
 use brickyard_volume::transfer::file;
 use brickyard_volume::transfer::{TransferError, shown_window};
 use brickyard_volume::{Expression, Scene, Subject, TransferChoice, TransferFile};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::path::{Path, PathBuf};
 #[cfg(feature = "mesh")]
 use std::sync::Arc;
@@ -38,13 +41,31 @@ pub enum SceneFileError {
     },
 }
 
-/// Reads a scene of these volumes, with the files that it names. Also returns remarks about its transfer functions: what of them has no
+/// A scene file as it was read.
+#[derive(Clone, Debug)]
+pub struct SceneFile {
+    /// The scene; without `layers` in the file it has one layer, of the first volume's first channel.
+    pub scene: Scene,
+    /// Whether the file says which layers there are.
+    pub lists_layers: bool,
+}
+
+/// Whether a scene file has layers.
+#[derive(Deserialize)]
+struct Listed {
+    layers: Option<IgnoredAny>,
+}
+
+/// Reads a scene of these volumes, with the files that it names; without layers in the file it shows all visible channels of all volumes. Also returns remarks about its transfer functions: what of them has no
 /// counterpart here and was left out, and what was chosen where a file does not say it.
 ///
 /// # Errors
 /// If one of the files cannot be read or is malformed.
 pub fn open(path: impl AsRef<Path>, volumes: &[VolumeSource]) -> Result<(Scene, Vec<String>), SceneFileError> {
-    let mut scene = read(path.as_ref())?;
+    let SceneFile { mut scene, lists_layers } = read(path.as_ref())?;
+    if !lists_layers {
+        scene.layers = default_layers(volumes, scene.mode);
+    }
     let remarks = read_named_files(&mut scene, volumes)?;
     Ok((scene, remarks))
 }
@@ -53,14 +74,16 @@ pub fn open(path: impl AsRef<Path>, volumes: &[VolumeSource]) -> Result<(Scene, 
 ///
 /// # Errors
 /// If the file cannot be read or is not a scene.
-pub fn read(path: &Path) -> Result<Scene, SceneFileError> {
-    let mut scene: Scene = serde_json::from_str(&read_text(path)?)
-        .map_err(|source| SceneFileError::NotAScene { path: path.into(), source })?;
+pub fn read(path: &Path) -> Result<SceneFile, SceneFileError> {
+    let not_a_scene = |source| SceneFileError::NotAScene { path: path.into(), source };
+    let text = read_text(path)?;
+    let mut scene: Scene = serde_json::from_str(&text).map_err(not_a_scene)?;
+    let Listed { layers } = serde_json::from_str(&text).map_err(not_a_scene)?;
     for look in &mut scene.meshes {
         look.path = path.with_file_name(&look.path);
     }
     transfer_files(&mut scene).for_each(|(_, file)| file.path = path.with_file_name(&file.path));
-    Ok(scene)
+    Ok(SceneFile { scene, lists_layers: layers.is_some() })
 }
 
 /// Reads the meshes and transfer functions that a scene of these volumes names. Returns remarks about transfer functions, as [`open`]

@@ -8,6 +8,7 @@
 //! transfer tables and draw on the CPU.
 
 use crate::backend::{BackendError, Renderer};
+use crate::channels::default_layers;
 use crate::device::Device;
 use crate::device_losses::Losses;
 use crate::fit::{Demand, Fit};
@@ -19,7 +20,7 @@ pub use crate::session_error::SessionError;
 use crate::table_cache::Tables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
-use brickyard_volume::{FrameSettings, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
+use brickyard_volume::{FrameSettings, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -127,6 +128,11 @@ impl Session {
             shown: None,
             clock: options.live.then(Instant::now),
         }
+    }
+
+    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour.
+    pub fn default_scene(&self, mode: Mode) -> Scene {
+        Scene { mode, layers: default_layers(&self.volumes, mode), ..Scene::default() }
     }
 
     /// Resolves a scene for the session's volumes: fills in the camera and transfer functions that are left open, and

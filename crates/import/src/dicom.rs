@@ -25,7 +25,7 @@ use crate::options::OpenOptions;
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
-use brickyard_volume::{Extent, VoxelBox, VoxelType, counted};
+use brickyard_volume::{ChannelLook, Extent, VoxelBox, VoxelType, counted};
 use dicom_dictionary_std::tags;
 use frames::Frames;
 use glam::DVec3;
@@ -158,11 +158,24 @@ impl DicomSeries {
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
+        info.channel_looks = vec![look_of(&files[0].0)];
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
         Ok(Self { info, files, slices })
+    }
+}
+
+/// How the series looks: by its description, and by the window of the first file.
+fn look_of(header: &Header) -> ChannelLook {
+    let first = |tag| header.numbers(0, tag).map(|numbers| numbers[0]);
+    let window = first(tags::WINDOW_CENTER).zip(first(tags::WINDOW_WIDTH)).filter(|(_, width)| *width > 0.0);
+    let name = header.text(tags::SERIES_DESCRIPTION).filter(|name| !name.is_empty() && name.is_ascii());
+    ChannelLook {
+        name: name.map(Into::into),
+        color: None,
+        window: window.map(|(center, width)| [center - width / 2.0, center + width / 2.0]),
     }
 }
 

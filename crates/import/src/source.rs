@@ -3,7 +3,7 @@
 use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
-use brickyard_volume::{Extent, Geometry, Orientation, VoxelBox, VoxelType};
+use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,6 +22,8 @@ pub struct SourceInfo {
     pub calibrated: bool,
     /// How the volume lies in a patient, where the format says it.
     pub orientation: Option<Orientation>,
+    /// How each channel looks, where the format says it; empty, or one for each channel.
+    pub channel_looks: Vec<ChannelLook>,
     /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
     /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
@@ -39,6 +41,7 @@ impl SourceInfo {
             geometry: Geometry::default(),
             calibrated: false,
             orientation: None,
+            channel_looks: Vec::new(),
             identity: String::new(),
             notes: Vec::new(),
         }

@@ -8,6 +8,7 @@
 
 mod calibration;
 mod description;
+mod imagej;
 mod lzw;
 mod page;
 #[cfg(test)]
@@ -22,7 +23,7 @@ use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Access, Source, SourceInfo};
 use crate::stamp::Stamp;
-use brickyard_volume::VoxelBox;
+use brickyard_volume::{ChannelLook, VoxelBox};
 use description::{Declared, Description};
 use page::{OpenTiff, PageFormat};
 use std::path::{Path, PathBuf};
@@ -257,6 +258,18 @@ fn sizes_of_plane(mut sizes: Sizes, format: &PageFormat) -> Sizes {
     sizes
 }
 
+/// How the channels of photographs look: red, green and blue over all values of the type; what follows them says how opaque a pixel is, and is
+/// black.
+fn photograph(info: &SourceInfo, samples: u16) -> Vec<ChannelLook> {
+    let whole = (!info.voxel_type.is_float()).then(|| info.voxel_type.limits());
+    let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("opacity", [0; 3])];
+    let look = |channel: u32| {
+        let (name, color) = parts[(channel as usize % samples as usize).min(3)];
+        ChannelLook { name: Some(name.into()), color: Some(color), window: whole.map(Into::into) }
+    };
+    (0..info.channels).map(look).collect()
+}
+
 impl TiffStack {
     fn new(
         files: Vec<TiffFile>,
@@ -278,6 +291,9 @@ impl TiffStack {
         };
         description.place(&mut info);
         info.notes.extend(note);
+        if format.is_rgb {
+            info.channel_looks = photograph(&info, format.samples);
+        }
         if format.samples > 1 {
             info.notes.push(format!("Each page holds {} samples a pixel; they are read as channels.", format.samples));
         }

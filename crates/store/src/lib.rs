@@ -31,7 +31,7 @@ pub use downsample::{Downsample, Reductions};
 pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
 pub use export::{ExportRequest, export};
 pub use layout::{Layout, ShardId};
-pub use metadata::{ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
+pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
 pub use pack::{Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan};
 pub use scratch::Scratch;
 pub use shard::Fingerprint;

@@ -9,6 +9,7 @@ use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
 pub use crate::version::FORMAT_VERSION;
+use brickyard_volume::channel;
 use brickyard_volume::{
     Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid, VoxelType,
 };
@@ -69,6 +70,21 @@ pub struct Histogram {
     pub counts: Vec<u64>,
 }
 
+impl Histogram {
+    /// The value below which this share of the counts is, if counts are spread evenly over their bins.
+    fn quantile(&self, share: f64) -> f64 {
+        let total: u64 = self.counts.iter().sum();
+        let mut rest = share * total as f64;
+        for (bin, &count) in self.counts.iter().enumerate() {
+            if rest <= count as f64 && count > 0 {
+                return self.low + (bin as f64 + rest / count as f64) * self.width;
+            }
+            rest -= count as f64;
+        }
+        self.low + self.counts.len() as f64 * self.width
+    }
+}
+
 /// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is neither NaN nor infinite.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
@@ -92,13 +108,49 @@ pub struct ChannelStatistics {
     pub window: [f64; 2],
     /// The bins that occupancy masks have for the channel's values.
     pub bins: OccupancyBins,
+    /// The channel's name, where the source gave one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// The channel's colour, where the source gave one: red, green and blue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub color: Option<[u8; 3]>,
 }
 
 impl ChannelStatistics {
+    /// The value that `percent` of the valid voxels do not exceed, 0 to 100. It is exact for an end of the range and for each of
+    /// [`Percentiles`]. Between those it is off by less than a bin of the histogram, and never outside of the two nearest.
+    pub fn percentile(&self, percent: f64) -> f64 {
+        let Percentiles { p0_1, p1, p5, p50, p95, p99, p99_9 } = self.percentiles;
+        let inner = [(0.1, p0_1), (1.0, p1), (5.0, p5), (50.0, p50), (95.0, p95), (99.0, p99), (99.9, p99_9)];
+        let known: Vec<(f64, f64)> = [&[(0.0, self.range[0])], &inner[..], &[(100.0, self.range[1])]].concat();
+        let above = known.partition_point(|(known, _)| *known < percent);
+        match known.get(above) {
+            Some((exact, value)) if *exact == percent || above == 0 => *value,
+            Some((_, value)) => {
+                let below = known[above - 1].1;
+                self.histogram.quantile(percent / 100.0).clamp(below, value.max(below))
+            }
+            None => self.range[1],
+        }
+    }
+
     /// Whether some voxel of the channel is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.nan + self.pos_inf + self.neg_inf > 0
     }
+}
+
+/// How a channel is shown unless somebody says otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ChannelDisplay {
+    /// The channel's name; `None` if it has none.
+    pub name: Option<String>,
+    /// The channel's colour: red, green and blue.
+    pub color: [u8; 3],
+    /// The values that are shown as black and as the full colour.
+    pub window: (f64, f64),
+    /// Whether the channel is shown with the others.
+    pub is_visible: bool,
 }
 
 /// The root group's `brickyard` attribute: settings and statistics of the whole store.
@@ -241,16 +293,17 @@ fn datasets(layout: &Layout, geometry: &Geometry) -> Value {
     layout.pyramid.levels().iter().enumerate().map(dataset).collect()
 }
 
-/// Display hints: contrast windows, and colours where there are several channels.
+/// Display hints: names, contrast windows and colours.
 fn omero(info: &StoreInfo) -> Value {
-    const COLORS: [&str; 6] = ["00FF00", "FF00FF", "00FFFF", "FFFF00", "FF0000", "0000FF"];
-    let several = info.channels.len() > 1;
+    let channels = info.channels.len();
     let channel = |(i, c): (usize, &ChannelStatistics)| {
         let window = json!({ "min": c.range[0], "max": c.range[1], "start": c.window[0], "end": c.window[1] });
-        let color = if several { COLORS[i % COLORS.len()] } else { "FFFFFF" };
+        let color = channel::hex(c.color.unwrap_or_else(|| channel::default_color(i, channels)));
         let mut channel = json!({ "color": color, "window": window, "active": true });
-        if several {
-            channel["label"] = json!(format!("channel {i}"));
+        match &c.name {
+            Some(name) => channel["label"] = json!(name),
+            None if channels > 1 => channel["label"] = json!(format!("channel {i}")),
+            None => {}
         }
         channel
     };
@@ -451,6 +504,28 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
         }
     }
     Ok(geometry)
+}
+
+/// How the channels are shown: as OME's metadata of the store say, which other tools may have edited; as it was packed where they say nothing
+/// that can be used.
+pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
+    let channels = info.channels.len();
+    let display = |(i, packed): (usize, &ChannelStatistics)| {
+        let said = &root["attributes"]["ome"]["omero"]["channels"][i];
+        let end = |name: &str| said["window"][name].as_f64().filter(|value| value.is_finite());
+        let window = end("start").zip(end("end")).filter(|(start, end)| start <= end);
+        let label = said["label"].as_str().map(str::trim).filter(|label| !label.is_empty());
+        ChannelDisplay {
+            name: label.map(str::to_owned).or_else(|| packed.name.clone()),
+            color: said["color"]
+                .as_str()
+                .and_then(channel::from_hex)
+                .unwrap_or_else(|| packed.color.unwrap_or_else(|| channel::default_color(i, channels))),
+            window: window.unwrap_or(packed.window.into()),
+            is_visible: said["active"].as_bool().unwrap_or(true),
+        }
+    };
+    info.channels.iter().enumerate().map(display).collect()
 }
 
 /// Where the volume stands, from its own world of spacing and origin: in the world of the patient, where the store has an orientation.

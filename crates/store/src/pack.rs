@@ -41,12 +41,13 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::ReadError;
 use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
+use crate::metadata::ChannelStatistics;
 use crate::metadata::{Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
 use crate::side::{SideArray, level_arrays};
 use crate::version::FORMAT_VERSION;
 use aprons::ApronPass;
 use brickyard_import::{ImportError, Source};
-use brickyard_volume::{Apron, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
+use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::Disk;
 use output::Output;
@@ -431,6 +432,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "voxel_type": info.voxel_type,
         "geometry": info.geometry,
         "orientation": info.orientation,
+        "channel_looks": info.channel_looks,
         "spacing_given": info.calibrated,
         "brick": options.edge,
         "shard": options.shard_edge,
@@ -474,6 +476,15 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
+/// Statistics of channels that look as their source says.
+fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
+    for (channel, look) in channels.iter_mut().zip(looks) {
+        (channel.name, channel.color) = (look.name.clone(), look.color);
+        channel.window = look.window.unwrap_or(channel.window);
+    }
+    channels
+}
+
 /// All documents, the root's last.
 fn write_metadata(
     disk: &Disk,
@@ -497,7 +508,7 @@ fn write_metadata(
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,
         orientation: info.orientation,
-        channels: passed.channels,
+        channels: with_looks(passed.channels, &info.channel_looks),
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),
         complete: true,

@@ -506,6 +506,8 @@ impl ChannelTotals {
             histogram: self.histogram(range),
             window,
             bins: self.occupancy_bins(),
+            name: None,
+            color: None,
         }
     }
 

@@ -10,7 +10,8 @@ use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    StoreInfo, apron_document, check_array, level_document, parse_geometry, parse_info, parse_layout, parse_placement,
+    ChannelDisplay, StoreInfo, apron_document, check_array, level_document, parse_displays, parse_geometry, parse_info,
+    parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
@@ -27,6 +28,8 @@ pub struct Store {
     geometry: Geometry,
     placement: Placement,
     info: StoreInfo,
+    /// One for each channel.
+    displays: Vec<ChannelDisplay>,
     sides: SidePages,
     cores: Chunks,
     /// If they are stored.
@@ -84,11 +87,12 @@ impl Store {
             check_array(&document_path, &level_document(&layout, level, &info), &document)?;
             level_arrays(&path, &layout, level, info.voxel_type).iter().try_for_each(SideArray::check)?;
         }
+        let displays = parse_displays(&root, &info);
         let aprons = open_aprons(&path, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let sides = SidePages::new(&path, &layout, info.voxel_type);
         let cores = Chunks::new(&path, layout, codec, mode);
-        Ok(Self { path, geometry, placement, info, sides, cores, aprons })
+        Ok(Self { path, geometry, placement, info, displays, sides, cores, aprons })
     }
 
     /// The store's directory.
@@ -163,7 +167,12 @@ impl Store {
     /// # Panics
     /// If there is no such channel.
     pub fn default_window(&self, channel: u32) -> (f64, f64) {
-        self.info.channels[channel as usize].window.into()
+        self.displays[channel as usize].window
+    }
+
+    /// How each channel is shown unless somebody says otherwise: by OME's metadata, which other tools can edit.
+    pub fn channel_displays(&self) -> &[ChannelDisplay] {
+        &self.displays
     }
 
     /// The bins that occupancy masks have for a channel's values.

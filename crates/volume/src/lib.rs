@@ -10,6 +10,7 @@
 
 pub mod apron;
 pub mod camera;
+pub mod channel;
 pub mod clip;
 pub mod combination;
 pub mod compositing;
@@ -48,6 +49,7 @@ pub mod voxel_type;
 
 pub use apron::{Apron, MAX_APRON};
 pub use camera::{Camera, Frustum, PixelRect, Projection, ViewRays};
+pub use channel::ChannelLook;
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};
 pub use combination::Combination;
 pub use compositing::{Blend, VolumeFrame};

@@ -3,7 +3,8 @@
 use super::failure::Failure;
 use super::values;
 use super::{print_json, print_line, store_errors};
-use brickyard::store::{ReadError, Store};
+use brickyard::store::{ChannelDisplay, ReadError, Store};
+use brickyard::volume::channel::hex;
 use brickyard::volume::{Level, Orientation, Side, counted};
 use clap::Args;
 use serde::Serialize;
@@ -34,6 +35,8 @@ struct Info<'a> {
     levels: Vec<LevelInfo>,
     /// Bytes of the files in which aprons are stored, those of the main pyramid.
     apron_bytes: u64,
+    /// How each channel is shown.
+    displays: &'a [ChannelDisplay],
     store: &'a brickyard::store::StoreInfo,
 }
 
@@ -85,6 +88,7 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
         calibrated: store.info().calibrated,
         levels: store.pyramid().levels().iter().map(level).collect(),
         apron_bytes: store.apron_file_bytes()?,
+        displays: store.channel_displays(),
         store: store.info(),
     })
 }
@@ -101,7 +105,8 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     for (c, channel) in info.store.channels.iter().enumerate() {
         let window = store.default_window(c as u32);
         lines.push(format!(
-            "  channel {c}: values {} to {}, mean {:.4}, window {} to {}, {} not finite",
+            "  channel {c}{}: values {} to {}, mean {:.4}, window {} to {}, {} not finite",
+            look(&store.channel_displays()[c]),
             channel.range[0],
             channel.range[1],
             channel.mean,
@@ -129,6 +134,14 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
     }
     lines.join("\n")
+}
+
+/// A channel's name and colour, in words.
+fn look(display: &ChannelDisplay) -> String {
+    let name = display.name.as_ref().map_or_else(String::new, |name| format!(" '{name}'"));
+    let color = if display.color == [255; 3] { String::new() } else { format!(" {}", hex(display.color)) };
+    let hidden = if display.is_visible { "" } else { " hidden" };
+    [name, color, hidden.into()].concat()
 }
 
 /// How the volume lies in a patient, in words.

@@ -2,6 +2,7 @@
 
 mod advice;
 mod bench;
+mod channel_args;
 mod doctor;
 mod export;
 mod failure;
@@ -9,6 +10,7 @@ mod info;
 mod output;
 mod pack;
 mod pack_settings;
+mod probe;
 mod progress;
 mod quality;
 mod render;
@@ -50,6 +52,8 @@ pub(crate) enum Command {
     Pack(Box<pack::PackArguments>),
     /// Say what a store holds
     Info(info::InfoArguments),
+    /// Say the values of all channels at one place
+    Probe(probe::ProbeArguments),
     /// Check every checksum and statistic of a store
     Verify(verify::VerifyArguments),
     /// Write a level, or a box of it, to .raw or .npy
@@ -75,6 +79,7 @@ pub(crate) fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Probe(arguments) => probe::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Render(arguments) => render::run(*arguments),

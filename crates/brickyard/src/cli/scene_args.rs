@@ -1,15 +1,16 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
+use super::channel_args::ChannelArguments;
 use super::failure::Failure;
 use super::slice_argument::{self, SliceArgument, ViewArgument};
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
-use brickyard::scene_file;
+use brickyard::scene_file::{self, SceneFile};
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{
-    Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Stereo,
-    StereoLayout, TransferFunction,
+    Blend, Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer,
+    Stereo, StereoLayout, TransferFunction,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -80,9 +81,8 @@ pub(crate) struct SceneArguments {
     /// Time step
     #[arg(long)]
     time: Option<u32>,
-    /// Channel, of every layer
-    #[arg(long)]
-    channel: Option<u32>,
+    #[command(flatten)]
+    channels: ChannelArguments,
     /// Show only this box, world units
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
@@ -186,13 +186,21 @@ impl SceneArguments {
     /// # Errors
     /// Exit code 3 for an unreadable or malformed file, 2 for flags that contradict each other or the scene.
     pub(crate) fn scene(&self, volumes: &[VolumeSource], size_px: (u32, u32)) -> Result<Scene, Failure> {
-        let mut scene = match &self.scene {
+        let SceneFile { mut scene, lists_layers } = match &self.scene {
             Some(path) => scene_file::read(path).map_err(Failure::bad_input)?,
-            None => Scene::default(),
+            None => SceneFile { scene: Scene::default(), lists_layers: false },
         };
         show_all(&mut scene, volumes.len());
         self.set_picture(&mut scene)?;
+        self.channels.set_layers(&mut scene, volumes, lists_layers)?;
         self.set_layers(&mut scene)?;
+        if scene.expression.is_some() && !lists_layers {
+            // What an expression takes the place of has no look of its own.
+            for layer in &mut scene.layers {
+                (layer.color, layer.blend) = (None, Blend::Mix);
+            }
+        }
+        self.channels.set_looks(&mut scene, volumes)?;
         self.set_slice(&mut scene, volumes)?;
         for remark in scene_file::read_named_files(&mut scene, volumes).map_err(Failure::bad_input)? {
             eprintln!("note: {remark}");
@@ -233,7 +241,6 @@ impl SceneArguments {
         let is_of_file = self.mode.is_none() && self.slice.is_none();
         let has_no_surfaces = !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface);
         for layer in &mut scene.layers {
-            layer.channel = self.channel.unwrap_or(layer.channel);
             if has_no_surfaces || !self.isovalue.is_empty() {
                 layer.isosurfaces.clone_from(&self.isovalue);
             }

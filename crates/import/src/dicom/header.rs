@@ -63,6 +63,8 @@ const WANTED: &[Tag] = &[
     tags::PIXEL_PADDING_RANGE_LIMIT,
     tags::RESCALE_INTERCEPT,
     tags::RESCALE_SLOPE,
+    tags::WINDOW_CENTER,
+    tags::WINDOW_WIDTH,
 ];
 
 /// Sequences within a functional group whose elements are a frame's.
@@ -71,6 +73,7 @@ const MACROS: &[Tag] = &[
     tags::PLANE_ORIENTATION_SEQUENCE,
     tags::PIXEL_MEASURES_SEQUENCE,
     tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
+    tags::FRAME_VOILUT_SEQUENCE,
 ];
 
 type Values = BTreeMap<Tag, PrimitiveValue>;

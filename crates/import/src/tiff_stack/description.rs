@@ -7,7 +7,7 @@ use super::calibration::Calibration;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Element, Scale};
 use crate::source::SourceInfo;
-use brickyard_volume::Extent;
+use brickyard_volume::{ChannelLook, Extent};
 use glam::DVec3;
 
 /// Everything that is taken from a TIFF file's image description.
@@ -21,6 +21,8 @@ pub(super) struct Description {
     unit: Option<&'static str>,
     /// How stored numbers become values; `None` if they are the values.
     pub(super) calibration: Option<Calibration>,
+    /// How the channels look, as far as is said.
+    pub(super) channel_looks: Vec<ChannelLook>,
     notes: Vec<String>,
 }
 
@@ -92,6 +94,7 @@ impl Description {
                 counts_samples: false,
             }),
             calibration: Calibration::parse(value),
+            channel_looks: display_range(value).into_iter().collect(),
             ..Self::default()
         };
         let depth =
@@ -109,8 +112,12 @@ impl Description {
 
     /// OME-XML: the first image's `Pixels`.
     fn parse_ome(text: &str, pixels: &StartTag) -> Self {
-        let mut description =
-            Self { declared: declared_by_ome(text, pixels), images: images_of_ome(text), ..Self::default() };
+        let mut description = Self {
+            declared: declared_by_ome(text, pixels),
+            images: images_of_ome(text),
+            channel_looks: channels_of_ome(text),
+            ..Self::default()
+        };
         if description.declared.is_none() {
             let note = "The OME-XML description does not say how pages are arranged; they are taken along z.";
             description.notes.push(note.into());
@@ -157,6 +164,10 @@ impl Description {
             info.calibrated = true;
         }
         info.geometry.unit = self.unit.map(str::to_owned);
+        // Looks of some other number of channels are of something else.
+        if self.channel_looks.len() == info.channels as usize {
+            info.channel_looks.clone_from(&self.channel_looks);
+        }
         info.notes.extend(self.notes.iter().cloned());
     }
 }
@@ -168,6 +179,35 @@ fn images_of_ome(text: &str) -> Vec<String> {
         .map(|(i, image)| image.attribute("Name").map_or_else(|| format!("number {i}"), |name| format!("'{name}'")))
         .collect();
     if names.len() > 1 { names } else { Vec::new() }
+}
+
+/// The look of an image of one channel, by ImageJ's display range.
+fn display_range<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<ChannelLook> {
+    let number = |key| value(key)?.parse::<f64>().ok().filter(|number| number.is_finite());
+    let (low, high) = number("min").zip(number("max"))?;
+    (low < high).then(|| ChannelLook { window: Some([low, high]), ..ChannelLook::default() })
+}
+
+/// Names and colours of the channels of the first image, one for each sample of a pixel; none where the text is not whole.
+fn channels_of_ome(text: &str) -> Vec<ChannelLook> {
+    let Ok(document) = roxmltree::Document::parse(text) else { return Vec::new() };
+    let Some(pixels) = document.descendants().find(|node| node.tag_name().name() == "Pixels") else {
+        return Vec::new();
+    };
+    let channels = pixels.children().filter(|node| node.tag_name().name() == "Channel");
+    let looks = channels.flat_map(|channel| {
+        let samples = channel.attribute("SamplesPerPixel").and_then(|n| n.parse().ok()).unwrap_or(1);
+        let name = channel.attribute("Name").map(str::trim).filter(|name| !name.is_empty());
+        // Red, green, blue and opacity, a byte each, as one signed number.
+        let color = channel.attribute("Color").and_then(|color| color.trim().parse::<i64>().ok()).map(|color| {
+            let [red, green, blue, _] = (color as u32).to_be_bytes();
+            [red, green, blue]
+        });
+        let look = ChannelLook { name: name.map(str::to_owned), color, window: None };
+        // The samples of one channel are those of a photograph, whatever its own name and colour.
+        if samples == 1 { vec![look] } else { vec![ChannelLook::default(); samples.min(16)] }
+    });
+    looks.collect()
 }
 
 fn declared_by_ome(text: &str, pixels: &StartTag) -> Option<Declared> {
@@ -308,6 +348,25 @@ mod tests {
         let spacing = d.spacing.unwrap();
         assert!((spacing[1] - 0.5).abs() < 1e-12, "{spacing:?}");
         assert_eq!((spacing[0], spacing[2], d.unit), (0.5, 2.0, Some("micrometer")));
+    }
+
+    #[test]
+    fn ome_xml_gives_names_and_colours_of_channels() {
+        let text = OME.replace("ome:Pixels", "Pixels").replace(
+            "TIFFDATA",
+            r#"<Channel ID="d" Name="A &amp; &#181;&lt;" Color="-16776961"/></Pixels></Image>
+            <Image><Pixels><Channel Name="x"/></Pixels></Image></OME>"#,
+        );
+        let named = ChannelLook { name: Some("A & µ<".into()), color: Some([255, 0, 0]), window: None };
+        assert_eq!(Description::parse(&text, None).channel_looks, [ChannelLook::default(), named]);
+        assert_eq!(Description::parse(&text[..text.len() - 3], None).channel_looks, [], "not whole");
+    }
+
+    #[test]
+    fn imagej_gives_the_display_range_of_one_channel() {
+        let looks = |text: &str| Description::parse(text, None).channel_looks;
+        assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=-2.5\nmax=900\n")[0].window, Some([-2.5, 900.0]));
+        assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=7\nmax=7\n"), []);
     }
 
     #[test]

@@ -1,14 +1,16 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
 use super::description::Description;
+use super::imagej;
 use super::lzw::{self, Predictor, Rows};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use crate::stamp::Stamp;
-use brickyard_volume::{VoxelBox, VoxelType};
+use brickyard_volume::{ChannelLook, VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use tiff::ColorType;
 use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
 use tiff::tags::{ByteOrder, Tag};
@@ -64,6 +66,8 @@ pub(super) struct PageFormat {
     planar: bool,
     /// The decoder inverts such images for display; data want the stored values.
     white_is_zero: bool,
+    /// Whether the first three samples are red, green and blue.
+    pub(super) is_rgb: bool,
 }
 
 impl std::fmt::Display for PageFormat {
@@ -158,7 +162,24 @@ impl OpenTiff {
             // ImageJ writes Latin-1, whose bytes are the first 256 code points.
             Err(_) => bytes.iter().map(|&b| b as char).collect(),
         };
-        Ok(Description::parse(text.trim_end_matches('\0'), resolution))
+        let mut description = Description::parse(text.trim_end_matches('\0'), resolution);
+        let looks = self.imagej_looks()?;
+        if !looks.is_empty() {
+            description.channel_looks = looks;
+        }
+        Ok(description)
+    }
+
+    /// How ImageJ shows the channels; empty if the file does not say it.
+    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
+        let path = self.path.clone();
+        let counts = said(&path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
+        let mut tags = self.decoder.image_ifd();
+        let length = tags.find_entry(imagej::METADATA).map_or(0, |entry| entry.count());
+        let mut bytes = vec![0; length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes()) as usize];
+        let read = said(&path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
+        bytes.truncate(read.unwrap_or(0));
+        Ok(imagej::channel_looks(&bytes, &counts))
     }
 
     /// Pixels per unit along x and y.
@@ -212,7 +233,8 @@ impl OpenTiff {
             return Err(ImportError::unsupported(&path, "a floating-point predictor of integers"));
         }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
-        Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero })
+        let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
+        Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero, is_rgb })
     }
 
     /// Memory in bytes that decoding a strip or tile of the page takes: the decoded pixels, what the decompressor

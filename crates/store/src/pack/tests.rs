@@ -48,6 +48,7 @@ impl<T: Voxel> Array<T> {
             geometry: Geometry::default(),
             calibrated: false,
             orientation: None,
+            channel_looks: Vec::new(),
             identity: "array".into(),
             notes: Vec::new(),
         };

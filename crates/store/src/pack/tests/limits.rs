@@ -46,7 +46,18 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
             *(if is_origin { &mut geometry.origin } else { &mut geometry.spacing }) = numbers.into();
             let (extent, identity) = (Extent::from_array(extent), unit.unwrap_or_default());
             let (calibrated, notes) = (is_origin, Vec::new());
-            SourceInfo { extent, channels, times, voxel_type, geometry, calibrated, orientation, identity, notes }
+            SourceInfo {
+                extent,
+                channels,
+                times,
+                voxel_type,
+                geometry,
+                calibrated,
+                orientation,
+                channel_looks: Vec::new(),
+                identity,
+                notes,
+            }
         })
 }
 

@@ -1,0 +1,49 @@
+//! The layers that show the channels of volumes unless a scene says otherwise: each in the window and colour that its store gives it.
+//! They are made from metadata alone.
+
+use crate::volume_source::VolumeSource;
+use brickyard_store::Kind;
+use brickyard_volume::{Blend, MAX_VOLUMES, Mode, SceneLayer};
+
+/// The layers that show every visible channel of every volume, in volumes' and channels' order; at most
+/// [`MAX_VOLUMES`].
+pub fn default_layers(volumes: &[VolumeSource], mode: Mode) -> Vec<SceneLayer> {
+    let of_volume = |(i, volume): (usize, &VolumeSource)| channel_layers(i, volume, &visible_channels(volume), mode);
+    volumes.iter().enumerate().flat_map(of_volume).take(MAX_VOLUMES).collect()
+}
+
+/// The layers that show these channels of the volume with this index among the session's. The channels of an image that has several have
+/// their colours; in a projection they add, else they mix as media do.
+pub fn channel_layers(index: usize, volume: &VolumeSource, channels: &[u32], mode: Mode) -> Vec<SceneLayer> {
+    let blend = if mode.is_projection() && channels.len() > 1 { Blend::Add } else { Blend::Mix };
+    let layer = |&channel: &u32| SceneLayer {
+        source: Some(index),
+        channel,
+        color: color(volume, channel),
+        blend,
+        ..SceneLayer::default()
+    };
+    channels.iter().map(layer).collect()
+}
+
+/// The channels that are shown unless somebody chooses others: the first of labels, else those that their store calls active, or all if
+/// it calls none so.
+fn visible_channels(volume: &VolumeSource) -> Vec<u32> {
+    let all = 0..volume.source.channels();
+    let Some(store) = volume.store() else { return all.collect() };
+    if store.info().kind == Kind::Labels {
+        return vec![0];
+    }
+    let displays = store.channel_displays();
+    let active: Vec<u32> = all.clone().filter(|&channel| displays[channel as usize].is_visible).collect();
+    if active.is_empty() { all.collect() } else { active }
+}
+
+/// The colour that a channel has in place of a gray ramp's; `None` leaves it white.
+fn color(volume: &VolumeSource, channel: u32) -> Option<[f64; 3]> {
+    let color = match volume.store() {
+        Some(store) => store.channel_displays()[channel as usize].color,
+        None => brickyard_volume::channel::default_color(channel as usize, volume.source.channels() as usize),
+    };
+    (color != [255; 3]).then(|| color.map(|part| f64::from(part) / 255.0))
+}

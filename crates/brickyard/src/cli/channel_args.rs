@@ -1,0 +1,318 @@
+//! `--channel`, and how channels look: which of a store's channels are shown, by number or name, and each one's window, colour, opacity
+//! and gamma.
+
+use super::failure::Failure;
+use super::values;
+use brickyard::channels::{channel_layers, default_layers};
+use brickyard::session::VolumeSource;
+use brickyard::store::Store;
+use brickyard::volume::channel::from_hex;
+use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer, near_name};
+use clap::Args;
+
+/// Flags that choose channels and how they look.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ChannelArguments {
+    /// Channels to show, by number from 0 or by name, with commas between them; or all [default: those that the store calls active]
+    #[arg(long, value_name = "all|CHANNEL,...")]
+    channel: Option<String>,
+    /// The values that are black and full colour, of all channels or of one; as percentiles with %
+    #[arg(long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
+    window: Vec<Setting<[Bound; 2]>>,
+    /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1
+    #[arg(long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
+    color: Vec<Setting<Color>>,
+    /// What opacities are multiplied by, 0..1, of all channels or of one; in projections the opacity of the whole channel
+    #[arg(long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    opacity: Vec<Setting<f64>>,
+    /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values
+    #[arg(long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    gamma: Vec<Setting<f64>>,
+}
+
+/// A value for the layers of one channel, or of all.
+#[derive(Clone, Debug, PartialEq)]
+struct Setting<T> {
+    /// The channel's number or name, as it was written; `None` is every channel.
+    channel: Option<String>,
+    value: T,
+}
+
+/// An end of a window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Bound {
+    /// In stored units.
+    Value(f64),
+    /// A percentile, 0 to 100.
+    Percent(f64),
+}
+
+/// Red, green and blue, each 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Color([f64; 3]);
+
+/// The colours that have names.
+const COLORS: [(&str, [f64; 3]); 9] = [
+    ("white", [1.0, 1.0, 1.0]),
+    ("gray", [1.0, 1.0, 1.0]),
+    ("red", [1.0, 0.0, 0.0]),
+    ("green", [0.0, 1.0, 0.0]),
+    ("blue", [0.0, 0.0, 1.0]),
+    ("cyan", [0.0, 1.0, 1.0]),
+    ("magenta", [1.0, 0.0, 1.0]),
+    ("yellow", [1.0, 1.0, 0.0]),
+    ("orange", [1.0, 0.5, 0.0]),
+];
+
+/// What a flag for channels can be set to.
+trait Value: Sized {
+    fn read(text: &str) -> Result<Self, String>;
+}
+
+impl Value for f64 {
+    fn read(text: &str) -> Result<Self, String> {
+        text.parse()
+            .ok()
+            .filter(|number: &f64| number.is_finite())
+            .ok_or_else(|| format!("'{text}': expected a number"))
+    }
+}
+
+impl Value for [Bound; 2] {
+    /// `LOW,HIGH` or `LOW:HIGH`, each a value or a percentile.
+    fn read(text: &str) -> Result<Self, String> {
+        let form = || format!("'{text}': expected LOW,HIGH, each a value or a percentile, as in 100,4000 or 1%,99.5%");
+        let (low, high) = text.split_once([',', ':']).ok_or_else(form)?;
+        let bound = |text: &str| match text.trim().strip_suffix('%') {
+            Some(percent) => match percent.trim().parse::<f64>() {
+                Ok(percent) if (0.0..=100.0).contains(&percent) => Ok(Bound::Percent(percent)),
+                _ => Err(format!("'{}': expected a percentile of 0% to 100%", text.trim())),
+            },
+            None => text.trim().parse().ok().filter(|v: &f64| v.is_finite()).map(Bound::Value).ok_or_else(form),
+        };
+        let bounds = [bound(low)?, bound(high)?];
+        match bounds {
+            [Bound::Value(low), Bound::Value(high)] | [Bound::Percent(low), Bound::Percent(high)] if low >= high => {
+                Err(format!("'{text}': the window is upside down: expected the lesser end first"))
+            }
+            _ => Ok(bounds),
+        }
+    }
+}
+
+impl Value for Color {
+    /// A colour's name, six hexadecimal digits, or three numbers.
+    fn read(text: &str) -> Result<Self, String> {
+        if let Some((_, color)) = COLORS.iter().find(|(name, _)| name.eq_ignore_ascii_case(text)) {
+            return Ok(Self(*color));
+        }
+        if let Some(color) = from_hex(text.trim_start_matches('#')) {
+            return Ok(Self(color.map(|part| f64::from(part) / 255.0)));
+        }
+        if text.contains([':', ',']) {
+            return values::color(&text.replace(':', ",")).map(Self);
+        }
+        let names = COLORS.map(|(name, _)| name);
+        let near = near_name::hint(text, names.into_iter());
+        Err(format!("no colour '{text}'{near}: expected RRGGBB, R:G:B, or one of {}", names.join(", ")))
+    }
+}
+
+/// Reads `[CHANNEL=]VALUE`. No value has an equals sign in it; names may.
+fn setting<T: Value>(text: &str) -> Result<Setting<T>, String> {
+    let (channel, value) = match text.rsplit_once('=') {
+        Some((channel, value)) => (Some(channel.trim().to_string()), value),
+        None => (None, text),
+    };
+    Ok(Setting { channel, value: T::read(value.trim())? })
+}
+
+impl ChannelArguments {
+    /// Sets the layers of a scene: one for each channel that is shown; or, of a scene file that lists its layers, their channel.
+    ///
+    /// # Errors
+    /// If a store does not have a channel, or more are chosen than a picture can have.
+    pub(super) fn set_layers(
+        &self,
+        scene: &mut Scene,
+        volumes: &[VolumeSource],
+        lists_layers: bool,
+    ) -> Result<(), Failure> {
+        if lists_layers {
+            return self.choose_of_all(scene, volumes);
+        }
+        let Some(text) = self.channel.as_deref() else {
+            scene.layers = default_layers(volumes, scene.mode);
+            return Ok(());
+        };
+        scene.layers.clear();
+        for (i, volume) in volumes.iter().enumerate() {
+            scene.layers.extend(channel_layers(i, volume, &chosen(text, volume)?, scene.mode));
+        }
+        match scene.layers.len() {
+            count if count > MAX_VOLUMES => {
+                Err(Failure::usage(format!("--channel: {count} channels: a picture has at most {MAX_VOLUMES}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Sets one channel for all layers of a scene that lists its layers.
+    fn choose_of_all(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
+        let Some(text) = self.channel.as_deref() else { return Ok(()) };
+        for i in 0..scene.layers.len() {
+            let Some(volume) = volumes.get(scene.store(i)) else { continue };
+            let [channel] = chosen(text, volume)?[..] else {
+                let problem = "--channel: the scene file lists its layers: one channel can be set for all of them";
+                return Err(Failure::usage(problem));
+            };
+            scene.layers[i].channel = channel;
+        }
+        Ok(())
+    }
+
+    /// Sets windows, colours, opacities and gammas of a scene's layers.
+    ///
+    /// # Errors
+    /// If no layer shows a channel that is named, or percentiles are one value.
+    pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
+        let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], store: Option<&Store>| {
+            layer.window = Some(found_window(*bounds, store, layer.channel)?);
+            Ok(())
+        };
+        each(&self.window, "--window", scene, volumes, window)?;
+        let color = |layer: &mut SceneLayer, Color(color): &Color, _: Option<&Store>| {
+            layer.color = Some(*color);
+            Ok(())
+        };
+        each(&self.color, "--color", scene, volumes, color)?;
+        let opacity = |layer: &mut SceneLayer, opacity: &f64, _: Option<&Store>| {
+            layer.opacity = *opacity;
+            Ok(())
+        };
+        each(&self.opacity, "--opacity", scene, volumes, opacity)?;
+        let gamma = |layer: &mut SceneLayer, gamma: &f64, _: Option<&Store>| {
+            layer.gamma = *gamma;
+            Ok(())
+        };
+        each(&self.gamma, "--gamma", scene, volumes, gamma)
+    }
+}
+
+/// Applies settings to the layers that they are about; a layer comes with its store.
+fn each<T>(
+    settings: &[Setting<T>],
+    flag: &str,
+    scene: &mut Scene,
+    volumes: &[VolumeSource],
+    apply: impl Fn(&mut SceneLayer, &T, Option<&Store>) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    for Setting { channel, value } in settings {
+        let mut is_used = false;
+        for i in 0..scene.layers.len() {
+            let Some(volume) = volumes.get(scene.store(i)) else { continue };
+            let layer = &mut scene.layers[i];
+            if channel.as_ref().is_none_or(|name| find(name, volume) == Some(layer.channel)) {
+                apply(layer, value, volume.store().map(|store| &**store))?;
+                is_used = true;
+            }
+        }
+        if let (false, Some(name)) = (is_used, channel) {
+            let known = volumes.first().map_or_else(String::new, known_channels);
+            return Err(Failure::usage(format!("{flag} {name}=...: no channel '{name}' is shown: {known}")));
+        }
+    }
+    Ok(())
+}
+
+/// The values that a window's ends stand for.
+fn found_window(bounds: [Bound; 2], store: Option<&Store>, channel: u32) -> Result<[f64; 2], Failure> {
+    let statistics = store.and_then(|store| store.info().channels.get(channel as usize));
+    let value = |bound| match (bound, statistics) {
+        (Bound::Value(value), _) => Some(value),
+        (Bound::Percent(percent), Some(statistics)) => Some(statistics.percentile(percent)),
+        (Bound::Percent(_), None) => None,
+    };
+    match bounds.map(value) {
+        [Some(low), Some(high)] if low < high => Ok([low, high]),
+        [Some(low), Some(high)] => Err(Failure::usage(format!(
+            "--window: of channel {channel} the lower end is {low} and the upper end {high}: give values, or percentiles further apart"
+        ))),
+        _ => Err(Failure::usage(format!("--window: percentiles of channel {channel} are not known: give values"))),
+    }
+}
+
+/// The channels of a volume that `--channel` names.
+fn chosen(text: &str, volume: &VolumeSource) -> Result<Vec<u32>, Failure> {
+    if text == "all" {
+        return Ok((0..volume.source.channels()).collect());
+    }
+    // A name may have a comma in it.
+    if let Some(channel) = find(text, volume) {
+        return Ok(vec![channel]);
+    }
+    let one = |name: &str| {
+        find(name, volume).ok_or_else(|| {
+            let near = near_name::hint(name, names(volume).into_iter().flatten());
+            Failure::usage(format!("--channel: no channel '{name}'{near}: {}", known_channels(volume)))
+        })
+    };
+    text.split(',').map(|name| one(name.trim())).collect()
+}
+
+/// The channel with this name, else with this number, else with this name in another case.
+fn find(text: &str, volume: &VolumeSource) -> Option<u32> {
+    let names = names(volume);
+    let named = |is_it: &dyn Fn(&str) -> bool| {
+        (0..).zip(&names).find(|(_, name)| name.is_some_and(is_it)).map(|(channel, _)| channel)
+    };
+    let numbered = || text.parse().ok().filter(|&channel| channel < volume.source.channels());
+    named(&|name| name == text).or_else(numbered).or_else(|| named(&|name| name.eq_ignore_ascii_case(text)))
+}
+
+/// The names of a volume's channels.
+fn names(volume: &VolumeSource) -> Vec<Option<&str>> {
+    match volume.store() {
+        Some(store) => store.channel_displays().iter().map(|display| display.name.as_deref()).collect(),
+        None => vec![None; volume.source.channels() as usize],
+    }
+}
+
+/// The channels that there are, in words.
+fn known_channels(volume: &VolumeSource) -> String {
+    let name = |(i, name): (usize, Option<&str>)| name.map_or_else(|| i.to_string(), |name| format!("{i} '{name}'"));
+    let each: Vec<_> = names(volume).into_iter().enumerate().map(name).collect();
+    format!("the store has {}", each.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_for_one_channel_or_for_all() {
+        let found = setting("a=b=1%,99.5%").unwrap();
+        assert_eq!(found, Setting { channel: Some("a=b".into()), value: [Bound::Percent(1.0), Bound::Percent(99.5)] });
+        let found = setting("-3:7").unwrap();
+        assert_eq!(found, Setting { channel: None, value: [Bound::Value(-3.0), Bound::Value(7.0)] });
+        let bad = [
+            ("7,3", "upside down"),
+            ("9%,3%", "upside down"),
+            ("-1%,99%", "0% to 100%"),
+            ("1%,101%", "0% to 100%"),
+            ("7", "LOW,HIGH"),
+            ("nan,3", "LOW,HIGH"),
+        ];
+        for (bad, word) in bad {
+            assert!(setting::<[Bound; 2]>(bad).unwrap_err().contains(word), "{bad}");
+        }
+    }
+
+    #[test]
+    fn colours_have_names_digits_or_numbers() {
+        let found = ["Cyan", "#0000ff", "1:0.5:0"].map(|text| Color::read(text).unwrap().0);
+        assert_eq!(found, [[0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.5, 0.0]]);
+        assert!(Color::read("gren").unwrap_err().contains("did you mean 'green'?"));
+        assert!(Color::read("1:0").is_err());
+    }
+}
