@@ -63,7 +63,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
 
 /// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.
 fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
-    match ExactRenderer::new(store.clone(), surfaces().needs(), SIZE, &options(1000, 1 << 20))
+    match ExactRenderer::new(store.clone(), 0, surfaces().needs(), SIZE, &options(1000, 1 << 20))
         .err()
         .expect("1000 bytes hold nothing")
     {
@@ -90,7 +90,7 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
     const HOST_BYTES: u64 = 2 << 20;
     for (gpu_bytes, passes) in [(least, 108..=108), (2 * least, 4..=50)] {
         let mut exact =
-            ExactRenderer::new(test.store.clone(), surfaces().needs(), SIZE, &options(gpu_bytes, HOST_BYTES))
+            ExactRenderer::new(test.store.clone(), 0, surfaces().needs(), SIZE, &options(gpu_bytes, HOST_BYTES))
                 .expect("it fits");
         for mode in [Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average] {
             let scene = scene(mode, LevelPolicy::Locked(0));

@@ -354,7 +354,7 @@ fn exact_pictures_have_meshes_too() {
     let scene = Scene { camera: Some(views(world)[0].1), meshes, level: LevelPolicy::Locked(0), ..scene };
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
     let options = options(way, BYTES, 4 << 20);
-    let mut exact = match ExactRenderer::new(test.store.clone(), scene.needs(), SIZE, &options) {
+    let mut exact = match ExactRenderer::new(test.store.clone(), 0, scene.needs(), SIZE, &options) {
         Ok(exact) => exact,
         Err(ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
             return leave_out("gpu", error);

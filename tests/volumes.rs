@@ -541,3 +541,37 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         assert!(!sandbox.path("no.png").exists());
     }
 }
+
+/// The codes of a channel's slots are for its own values: a channel of small values beside one of large ones is drawn as if it were alone.
+#[test]
+fn float_channels_of_unlike_ranges_equal_the_oracle() {
+    let extent = Extent::new(40, 36, 33);
+    let value = |channel: u32, [x, y, z]: [u32; 3]| {
+        let wave = (f64::from(x) * 0.21).sin() + (f64::from(y) * 0.17).cos() + (f64::from(z) * 0.13).sin();
+        (0.5 + wave / 6.0) as f32 * [1.0, 1e6][channel as usize]
+    };
+    let test = TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 1, 2, |_, c, v| value(c, v)), 16);
+    let fog = |channel: u32| {
+        let top = [1.0, 1e6][channel as usize];
+        let function = TransferFunction {
+            color: vec![[0.2 * top, 0.1, 0.2, 0.9], [0.8 * top, 1.0, 0.6, 0.1]],
+            opacity: vec![[0.4 * top, 0.0], [0.8 * top, 0.4]],
+            unit_distance: 3.0,
+            ..TransferFunction::default()
+        };
+        SceneLayer { source: Some(0), channel, ..function.into() }
+    };
+    let both = of(vec![fog(0), fog(1)]);
+    for way in [WAYS[0], WAYS[1], (BackendChoice::Gpu, CompositorChoice::Sorted)] {
+        // One session for all: the slots of one channel do not do for the other.
+        let options = SessionOptions { threads: 2, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open_session_of(volumes(std::slice::from_ref(&test)), options) else { continue };
+        for scene in [of(vec![fog(0)]), of(vec![fog(1)]), both.clone(), of(vec![fog(0)])] {
+            let resolved = session.resolve(&scene, SIZE).expect("a possible scene");
+            let expected = render_reference(&[&test.store], &resolved, 1 << 30).expect("the oracle's picture");
+            let rendered = session.render(&scene, SIZE).expect("a picture");
+            let channels: Vec<u32> = scene.layers.iter().map(|layer| layer.channel).collect();
+            assert_same(&rendered.picture, &expected, &format!("{way:?} {channels:?}"));
+        }
+    }
+}

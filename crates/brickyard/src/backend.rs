@@ -156,7 +156,7 @@ impl Renderer for SoftwareRenderer {
 }
 
 /// Returns what a layer with the bricks of a source needs of a renderer. `bricks` is what pictures need of the bricks.
-pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeeds {
+pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bricks: Needs) -> VolumeNeeds {
     let pyramid = source.pyramid();
     // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
     let count = pyramid.brick_count();
@@ -164,7 +164,7 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, bricks: Needs) -> VolumeNeed
     // All of the coarsest level, and one to refine with.
     let roots = pyramid.level(pyramid.coarsest()).bricks.volume();
     VolumeNeeds {
-        encoding: SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite()),
+        encoding,
         edge: pyramid.edge(),
         levels: pyramid.octree_levels(),
         bricks,

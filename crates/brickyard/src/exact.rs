@@ -8,7 +8,7 @@ use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
-use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
+use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View, encoding_of};
 use brickyard_render::{GpuError, GpuPreference, GpuRenderer};
 use brickyard_volume::{FrameSettings, Needs, Picture};
 use std::sync::Arc;
@@ -71,6 +71,7 @@ impl ExactRenderer {
     /// If the options ask for the CPU or for rays, there is no GPU, or a budget is too small.
     pub fn new(
         source: Arc<dyn BrickSource>,
+        channel: u32,
         bricks: Needs,
         max_size_px: (u32, u32),
         options: &SessionOptions,
@@ -80,7 +81,7 @@ impl ExactRenderer {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
-        let needs = layer_needs(&*source, bricks);
+        let needs = layer_needs(&*source, encoding_of(&*source, channel), bricks);
         let pictures = Pictures { size_px: max_size_px, has_expressions: false };
         let (renderer, backend_line) =
             open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;

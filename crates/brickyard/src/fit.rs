@@ -12,14 +12,14 @@ mod shown;
 use crate::backend::{self, BackendError, Pictures, Renderer, layer_needs};
 use crate::device::Device;
 use crate::options::SessionOptions;
-use crate::resolve::{ResolvedLayer, ResolvedScene};
+use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{
     BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status,
     UploadLimits, View, VolumeNeeds, pools, share,
 };
-use brickyard_volume::{Needs, Picture};
+use brickyard_volume::{Needs, Picture, SlotEncoding};
 #[cfg(feature = "gpu")]
 use shown::Shown;
 use std::sync::Arc;
@@ -38,8 +38,8 @@ const LIVE_SIZE_PX: u32 = 256;
 /// A scene's demand on slots, tables and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demand {
-    /// Each layer's place in scenes, and its volume's among the session's.
-    layers: Vec<(usize, usize)>,
+    /// The layers, in the order of their places.
+    layers: Vec<DemandLayer>,
     /// What the pictures need of bricks.
     pub(crate) bricks: Needs,
     /// The pictures that are drawn: the largest size, and whether they may show expressions.
@@ -50,9 +50,9 @@ impl Demand {
     /// Returns the demand of a scene. In a live session it includes the layers that the scene hides, which keep their
     /// coarsest bricks.
     pub(crate) fn of(scene: &ResolvedScene, is_live: bool) -> Self {
-        let hidden = scene.hidden.iter().filter(|_| is_live).map(|layer| (layer.place, layer.volume));
-        let mut layers: Vec<_> = scene.layers.iter().map(|layer| (layer.place, layer.volume)).chain(hidden).collect();
-        layers.sort_unstable();
+        let hidden = scene.hidden.iter().filter(|_| is_live).map(DemandLayer::hidden);
+        let mut layers: Vec<_> = scene.layers.iter().map(DemandLayer::shown).chain(hidden).collect();
+        layers.sort_unstable_by_key(|layer| layer.place);
         let whole = scene.layers[0].view.rays.whole();
         let room = |px: u32| if is_live { px.div_ceil(LIVE_SIZE_PX) * LIVE_SIZE_PX } else { px };
         Self {
@@ -77,11 +77,31 @@ impl Demand {
     }
 }
 
+/// A layer that a demand is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct DemandLayer {
+    /// The layer's place in scenes.
+    place: usize,
+    /// The index of the layer's volume in the session.
+    volume: usize,
+    /// How slot codes stand for the values of the layer's channel: another channel of a 32-bit type has other slots.
+    encoding: SlotEncoding,
+}
+
+impl DemandLayer {
+    fn shown(layer: &ResolvedLayer) -> Self {
+        Self { place: layer.place, volume: layer.volume, encoding: layer.frames[0].settings.encoding }
+    }
+
+    fn hidden(layer: &HiddenLayer) -> Self {
+        Self { place: layer.place, volume: layer.volume, encoding: layer.encoding }
+    }
+}
+
 /// A layer, and what of it is drawn now.
 struct FitLayer {
-    /// The layer's place in scenes, and the index of its volume in the session.
-    place: usize,
-    volume: usize,
+    /// What the layer was made for.
+    asked: DemandLayer,
     source: Arc<dyn BrickSource>,
     /// A list for each eye of the last step's view.
     draws: Vec<DrawList>,
@@ -119,8 +139,10 @@ impl Fit {
         options: &SessionOptions,
         (device, kept): (&mut Device, &mut Vec<KeptCores>),
     ) -> Result<Self, SessionError> {
-        let sources: Vec<_> = demand.layers.iter().map(|&(_, volume)| volumes[volume].source.clone()).collect();
-        let needs: Vec<VolumeNeeds> = sources.iter().map(|source| layer_needs(&**source, demand.bricks)).collect();
+        let sources: Vec<_> = demand.layers.iter().map(|layer| volumes[layer.volume].source.clone()).collect();
+        let needs = demand.layers.iter().zip(&sources);
+        let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks));
+        let needs: Vec<VolumeNeeds> = needs.collect();
         let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
         let pools = match pools_of(&needs, &sources, &*backend, options, kept) {
             Ok(pools) => pools,
@@ -129,7 +151,7 @@ impl Fit {
                 return Err(error);
             }
         };
-        let layer = |(&(place, volume), source)| FitLayer { place, volume, source, draws: Vec::new(), cut: 0 };
+        let layer = |(&asked, source)| FitLayer { asked, source, draws: Vec::new(), cut: 0 };
         let layers = demand.layers.iter().zip(sources).map(layer).collect();
         Ok(Self {
             demand,
@@ -145,12 +167,10 @@ impl Fit {
     /// Whether a scene with the demand `asked` can be shown with this fit.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
         let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
-        let is_of_volume = |own: &FitLayer, (place, volume)| (own.place, own.volume) == (place, volume);
-        let shown = scene.layers.iter().map(|layer| (layer.place, layer.volume));
-        let hidden = scene.hidden.iter().map(|layer| (layer.place, layer.volume));
-        let of_scene: Vec<_> = shown.chain(hidden).collect();
-        asked.layers.iter().all(|&layer| self.layers.iter().any(|own| is_of_volume(own, layer)))
-            && self.layers.iter().all(|own| of_scene.iter().any(|&layer| is_of_volume(own, layer)))
+        let shown = scene.layers.iter().map(DemandLayer::shown);
+        let of_scene: Vec<_> = shown.chain(scene.hidden.iter().map(DemandLayer::hidden)).collect();
+        asked.layers.iter().all(|layer| self.layers.iter().any(|own| own.asked == *layer))
+            && self.layers.iter().all(|own| of_scene.contains(&own.asked))
             && bricks.satisfy(&asked.bricks)
             && (has_expressions || scene.combination.is_none())
             && size_px.0 >= asked.pictures.size_px.0
@@ -166,8 +186,8 @@ impl Fit {
     /// Returns a scene's view for each layer of the fit, hidden layers included.
     pub(crate) fn views(&self, scene: &ResolvedScene) -> Vec<View> {
         let view = |own: &FitLayer| {
-            let shown = scene.layers.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
-            let hidden = || scene.hidden.iter().find(|layer| layer.place == own.place).map(|layer| &layer.view);
+            let shown = scene.layers.iter().find(|layer| layer.place == own.asked.place).map(|layer| &layer.view);
+            let hidden = || scene.hidden.iter().find(|layer| layer.place == own.asked.place).map(|layer| &layer.view);
             shown.or_else(hidden).cloned()
         };
         // A scene that it suffices for has them all.
@@ -283,7 +303,7 @@ impl Fit {
 /// A scene's layers with their draw lists of now, for one eye. Layers that the scene hides are left out.
 fn drawn<'a>(layers: &'a [FitLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
     let layer = |(volume, own): (usize, &'a FitLayer)| {
-        let shown: &ResolvedLayer = scene.layers.iter().find(|layer| layer.place == own.place)?;
+        let shown: &ResolvedLayer = scene.layers.iter().find(|layer| layer.place == own.asked.place)?;
         let draw = own.draws.get(eye).or(own.draws.first()).unwrap_or(&NOTHING);
         Some(Layer { volume, frame: &shown.frames[eye], pyramid: own.source.pyramid(), draw, cut: own.cut })
     };

@@ -59,6 +59,8 @@ pub struct HiddenLayer {
     pub place: usize,
     /// The place of the layer's store among all that the scene was resolved for.
     pub volume: usize,
+    /// How slot codes stand for the values of the layer's channel.
+    pub encoding: SlotEncoding,
     /// A view to which the layer has nothing to show: a pager keeps its coarsest bricks for when it is shown again.
     pub view: View,
 }
@@ -141,14 +143,15 @@ pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
     size_px: (u32, u32),
-    table: impl Fn(usize, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+    table: impl Fn((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
 ) -> Result<ResolvedScene, SessionError> {
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
     scene.check(&counts)?;
     let mut shown = shown_layers(volumes, scene)?;
     let combination = combination(volumes, scene)?;
     if let Some(combination) = &combination {
-        let windows: Vec<[f64; 2]> = shown.iter().map(|layer| layer.volume.source.value_range().into()).collect();
+        let windows: Vec<[f64; 2]> =
+            shown.iter().map(|layer| layer.volume.source.channel_range(layer.style.channel).into()).collect();
         shown.iter_mut().enumerate().for_each(|(i, layer)| layer.transfer = combination.of_volume(i, &windows));
     }
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
@@ -220,7 +223,7 @@ fn hidden_layer(place: usize, volumes: &[VolumeSource], scene: &Scene, eyes: &Ey
         appearance: 0,
         window: None,
     };
-    Ok(HiddenLayer { place, volume, view })
+    Ok(HiddenLayer { place, volume, encoding: volumes[volume].encoding(scene.layers[place].channel), view })
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
@@ -279,7 +282,7 @@ impl ShownLayer<'_> {
         scene: &Scene,
         eyes: &Eyes,
         lattice: Lattice,
-        table: impl FnOnce(usize, &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+        table: impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
     ) -> Result<ResolvedLayer, SceneError> {
         let Self { place, store, volume, placement, style, transfer } = self;
         let SceneLayer { channel, crop, opacity, blend, .. } = style;
@@ -287,8 +290,8 @@ impl ShownLayer<'_> {
         let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
         let crop = crop.map(|corners| corners.map(|corner| geometry.world_from_voxel(corner)));
         let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
-        let encoding = volume.encoding();
-        let table = table(store, &transfer, &encoding);
+        let encoding = volume.encoding(channel);
+        let table = table((store, channel), &transfer, &encoding);
         let surfaces = Surface::all(&style.isosurfaces, &transfer, &encoding);
         let meshes = scene.shown_meshes()?;
         let view = View {
@@ -342,7 +345,7 @@ fn opaque_bins(
     surfaces: &[Surface],
 ) -> Option<Occupancy> {
     // Quantisation moves a value by half a code.
-    let slack = (table.reach_codes() + 0.5) * volume.encoding().code_width();
+    let slack = (table.reach_codes() + 0.5) * volume.encoding(channel).code_width();
     let bins = volume.source.occupancy_bins(channel);
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
     let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));

@@ -17,7 +17,7 @@ pub use crate::options::SessionOptions;
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
-use crate::table_cache::Tables;
+use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
 use brickyard_volume::{FrameSettings, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
@@ -79,7 +79,7 @@ pub struct Session {
     volumes: Vec<VolumeSource>,
     pub(crate) options: SessionOptions,
     /// One for each volume.
-    tables: Vec<Tables>,
+    tables: Vec<VolumeTables>,
     pub(crate) device: Device,
     /// What was decoded for a device that is lost.
     kept: Vec<KeptCores>,
@@ -113,7 +113,7 @@ impl Session {
     /// the first step.
     pub fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Self {
         Self {
-            tables: volumes.iter().map(|volume| Tables::new(volume.encoding())).collect(),
+            tables: volumes.iter().map(VolumeSource::tables).collect(),
             volumes,
             options,
             device: Device::default(),
@@ -141,10 +141,13 @@ impl Session {
     /// # Errors
     /// As [`resolve`]; and if the compositor has no order for the scene's layers.
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
-        let table = |i: usize, transfer: &TransferFunction, _: &SlotEncoding| self.tables[i].table(transfer);
+        let table = |(volume, channel): (usize, u32), transfer: &TransferFunction, _: &SlotEncoding| {
+            self.tables[volume].of(channel).table(transfer)
+        };
         for (i, tables) in self.tables.iter().enumerate() {
-            let layers = (0..scene.layers.len()).filter(|&layer| scene.store(layer) == i).count();
-            tables.expect(layers, scene.sampling.method.is_pre_integrated());
+            let layers = (0..scene.layers.len()).filter(|&layer| scene.store(layer) == i);
+            let channels = layers.map(|layer| scene.layers[layer].channel);
+            tables.expect(channels, scene.sampling.method.is_pre_integrated());
         }
         let mut resolved = resolve_with(&self.volumes, scene, size_px, table)?;
         self.check_order(&resolved)?;
@@ -217,12 +220,12 @@ impl Session {
     /// drawn meanwhile; [`Session::is_prepared`] says when the tables are there. A scene with this function that is
     /// resolved sooner makes them itself, and takes as long.
     pub fn prepare(&self, transfer: &TransferFunction) {
-        self.tables.iter().for_each(|tables| tables.prepare(transfer));
+        self.tables.iter().flat_map(VolumeTables::in_use).for_each(|tables| tables.prepare(transfer));
     }
 
     /// Whether the tables of a transfer function are there, so that a scene with it resolves at once.
     pub fn is_prepared(&self, transfer: &TransferFunction) -> bool {
-        self.tables.iter().all(|tables| tables.is_prepared(transfer))
+        self.tables.iter().flat_map(VolumeTables::in_use).all(|tables| tables.is_prepared(transfer))
     }
 
     /// Prepares drawing a scene on another thread, for example by compiling shaders. Other scenes can be drawn

@@ -31,6 +31,47 @@ pub(crate) struct Tables {
     wanted: OnceLock<Sender<TransferFunction>>,
 }
 
+/// The transfer tables of one volume: those of its channels. Channels with the same codes share theirs.
+pub(crate) struct VolumeTables {
+    /// For each channel, which of `tables` is the channel's.
+    of_channel: Vec<usize>,
+    tables: Vec<Tables>,
+}
+
+impl VolumeTables {
+    /// Makes the tables of channels with these encodings, none of them filled.
+    pub(crate) fn new(encodings: impl Iterator<Item = SlotEncoding>) -> Self {
+        let (mut of_channel, mut tables): (_, Vec<Tables>) = (Vec::new(), Vec::new());
+        for encoding in encodings {
+            let known = tables.iter().position(|tables| tables.encoding == encoding);
+            of_channel.push(known.unwrap_or_else(|| {
+                tables.push(Tables::new(encoding));
+                tables.len() - 1
+            }));
+        }
+        Self { of_channel, tables }
+    }
+
+    /// The tables of a channel.
+    pub(crate) fn of(&self, channel: u32) -> &Tables {
+        &self.tables[self.of_channel[channel as usize]]
+    }
+
+    /// Says which channels the layers of the next scene show, and whether their tables need running integrals.
+    pub(crate) fn expect(&self, channels: impl Iterator<Item = u32> + Clone, has_integrals: bool) {
+        for (i, tables) in self.tables.iter().enumerate() {
+            let is_its_own = |channel: &u32| self.of_channel.get(*channel as usize) == Some(&i);
+            tables.expect(channels.clone().filter(is_its_own).count(), has_integrals);
+        }
+    }
+
+    /// The tables that the last scene shows; all of them before there is one.
+    pub(crate) fn in_use(&self) -> impl Iterator<Item = &Tables> {
+        let is_any = self.tables.iter().any(Tables::is_in_use);
+        self.tables.iter().filter(move |tables| !is_any || tables.is_in_use())
+    }
+}
+
 fn lock(kept: &Mutex<Kept>) -> MutexGuard<'_, Kept> {
     kept.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -44,6 +85,11 @@ impl Tables {
     pub(crate) fn expect(&self, layers: usize, has_integrals: bool) {
         let mut kept = lock(&self.kept);
         (kept.layers, kept.has_integrals) = (layers, has_integrals);
+    }
+
+    /// Whether the last scene shows a layer with these tables.
+    fn is_in_use(&self) -> bool {
+        lock(&self.kept).layers > 0
     }
 
     /// Returns a transfer function's table: one that was used lately or made ahead, or a new one.

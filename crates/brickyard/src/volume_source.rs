@@ -1,6 +1,7 @@
 //! A volume as sessions take it: where its bricks come from, and what transfer functions are to know of it.
 
-use brickyard_pager::BrickSource;
+use crate::table_cache::VolumeTables;
+use brickyard_pager::{BrickSource, encoding_of};
 use brickyard_store::{Downsample, IoMode, OpenError, Store};
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{Extent, Mode, Orientation, Placement, PlacementError, SlotEncoding, StoreCounts, Subject};
@@ -107,7 +108,7 @@ impl VolumeSource {
     }
 
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {
-        self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.value_range())
+        self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.channel_range(channel))
     }
 
     pub(crate) fn counts(&self) -> StoreCounts {
@@ -125,8 +126,12 @@ impl VolumeSource {
         VolumePlace { own_box, placement: self.placement, is_anatomical: self.orientation.is_some() }
     }
 
-    pub(crate) fn encoding(&self) -> SlotEncoding {
-        let source = &*self.source;
-        SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
+    /// The transfer tables of the volume's channels, none of them filled.
+    pub(crate) fn tables(&self) -> VolumeTables {
+        VolumeTables::new((0..self.source.channels()).map(|channel| self.encoding(channel)))
+    }
+
+    pub(crate) fn encoding(&self, channel: u32) -> SlotEncoding {
+        encoding_of(&*self.source, channel)
     }
 }

@@ -73,7 +73,7 @@ impl PaddedReader {
         if !gradients.is_empty() {
             let first = index.map(|i| i as i64 * layout.edge as i64);
             let inside = std::array::from_fn(|a| -first[a]..extent[a] as i64 - first[a]);
-            let SlotEncoding { format, has_invalid, .. } = self.cache.encoding();
+            let SlotEncoding { format, has_invalid, .. } = self.cache.encoding(id.channel);
             let brick = PaddedCodes { codes, format, has_invalid, apron: layout.apron as u32 };
             layout.gradients.fill(brick, &inside, gradients);
         }
@@ -382,7 +382,7 @@ mod tests {
             if let Some(index) = damaged {
                 source.failing.insert(BrickId { index: BrickIndex::from_array(index), ..id });
             }
-            let encoding = crate::ram_cache::encoding_of(&source);
+            let encoding = crate::ram_cache::encoding_of(&source, 0);
             let voxel_at = source.voxel_at;
             let out = padded(source, id, apron);
             let side = (edge + 2 * apron) as usize;

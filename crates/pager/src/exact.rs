@@ -12,7 +12,7 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::ram_cache::{RamCache, encoding_of, layout_of, scratch_bytes};
+use crate::ram_cache::{RamCache, layout_of, scratch_bytes};
 use crate::residency::Upload;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -115,7 +115,7 @@ impl ExactPasses {
             fixed: cells.len() as u64 * BYTES_PER_CELL
                 + slots.min(cells.len()) as u64 * TABLE_BYTES_PER_SLOT
                 + source.cache_bytes(),
-            scratch: scratch_bytes(&*source, &layout, &encoding_of(&*source)),
+            scratch: scratch_bytes(&*source, &layout),
             core: layout.cached_bytes() as u64,
             padded,
         };

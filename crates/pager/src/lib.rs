@@ -55,7 +55,7 @@ pub use layers::{BudgetRequest, Layer, VolumeNeeds, pools, share};
 pub use paged_volume::DrawnCells;
 pub use pager::{Frame, Pager, VolumeDraw};
 pub use planner::Planning;
-pub use ram_cache::{DecodeCounters, KeptCores, RamCache};
+pub use ram_cache::{DecodeCounters, KeptCores, RamCache, encoding_of};
 pub use residency::Upload;
 pub use source::{BrickError, BrickSource};
 pub use status::{Counters, Status};

@@ -6,7 +6,7 @@ use crate::draw_list::DrawList;
 use crate::layout::Layout;
 use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
-use crate::ram_cache::{KeptCores, RamCache, encoding_of, scratch_bytes};
+use crate::ram_cache::{KeptCores, RamCache, scratch_bytes};
 use crate::residency::{Residency, Wants};
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -302,7 +302,7 @@ pub(crate) fn buffer_sizes(
     };
     BufferSizes {
         fixed: source.cache_bytes() + pages,
-        scratch: scratch_bytes(source, layout, &encoding_of(source)),
+        scratch: scratch_bytes(source, layout),
         core: layout.cached_bytes() as u64,
         padded: layout.padded_bytes() as u64,
     }

@@ -29,7 +29,8 @@ use std::time::Duration;
 /// A cache in host memory of the decoded bricks of one source.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
-    encoding: SlotEncoding,
+    /// One for each channel, alike but for the values that their codes stand for.
+    encodings: Vec<SlotEncoding>,
     layout: Layout,
     inner: Mutex<Inner>,
     /// Somebody who made something is done with it.
@@ -110,8 +111,8 @@ impl RamCache {
             making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
-        let encoding = encoding_of(&*source);
-        Self { source, encoding, layout, inner: Mutex::new(inner), made: Condvar::new() }
+        let encodings = (0..source.channels().max(1)).map(|channel| encoding_of(&*source, channel)).collect();
+        Self { source, encodings, layout, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
     /// The cached cores, with their stored aprons where there are any; cores whose apron could not be read are left out. To be called once
@@ -142,8 +143,8 @@ impl RamCache {
     }
 
     /// How voxels become the codes that the cache holds.
-    pub fn encoding(&self) -> SlotEncoding {
-        self.encoding
+    pub fn encoding(&self, channel: u32) -> SlotEncoding {
+        self.encodings[channel as usize]
     }
 
     /// What the cache has decoded so far, and what it could not read.
@@ -158,7 +159,7 @@ impl RamCache {
     /// Bytes of the buffer that a thread needs to decode: the voxels of a core or of a stored apron, whichever are more; 0 where voxels are
     /// codes already.
     pub(crate) fn scratch_bytes(&self) -> usize {
-        scratch_bytes(&*self.source, &self.layout, &self.encoding) as usize
+        scratch_bytes(&*self.source, &self.layout) as usize
     }
 
     /// For each part of a padded brick, the cached codes to take it from: the brick's own core, or a neighbour's shell. `None` where these are
@@ -271,13 +272,13 @@ impl RamCache {
     ) -> Result<(), BrickError> {
         // A panic in a codec costs one brick, not a worker and everyone who waits for it.
         let decode = AssertUnwindSafe(|| {
-            if is_identity(&self.encoding) {
+            if is_identity(self.source.voxel_type()) {
                 return read(codes);
             }
             let voxels = codes.len() / self.layout.code_bytes;
             let scratch = &mut scratch[..voxels * self.source.voxel_type().bytes()];
             read(scratch)?;
-            self.encoding.encode(scratch, codes);
+            self.encodings[id.channel as usize].encode(scratch, codes);
             Ok(())
         });
         let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into(), is_passing: false });
@@ -361,8 +362,8 @@ impl Inner {
 }
 
 /// How a source's values are encoded as slot codes.
-pub(crate) fn encoding_of(source: &dyn BrickSource) -> SlotEncoding {
-    SlotEncoding::new(source.voxel_type(), source.value_range(), source.has_non_finite())
+pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
+    SlotEncoding::new(source.voxel_type(), source.channel_range(channel), source.has_non_finite())
 }
 
 /// The layout of a source's bricks with this apron and these layers of gradients.
@@ -378,21 +379,21 @@ pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u
     if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
         return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
     }
-    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source)))
+    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source, 0)))
 }
 
 /// Bytes of the scratch buffer that a decoding thread needs; 0 where voxels are codes already.
-pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout, encoding: &SlotEncoding) -> u64 {
+pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout) -> u64 {
     let voxels = layout.edge.pow(3).max(layout.stored_apron().voxels());
-    if is_identity(encoding) { 0 } else { voxel_bytes(source, voxels) }
+    if is_identity(source.voxel_type()) { 0 } else { voxel_bytes(source, voxels) }
 }
 
 fn voxel_bytes(source: &dyn BrickSource, voxels: usize) -> u64 {
     voxels as u64 * source.voxel_type().bytes() as u64
 }
 
-fn is_identity(encoding: &SlotEncoding) -> bool {
-    matches!(encoding.voxel_type, VoxelType::U8 | VoxelType::U16)
+fn is_identity(voxel_type: VoxelType) -> bool {
+    matches!(voxel_type, VoxelType::U8 | VoxelType::U16)
 }
 
 #[cfg(test)]

@@ -63,6 +63,11 @@ pub trait BrickSource: Send + Sync {
     fn voxel_type(&self) -> VoxelType;
     /// The least and greatest valid value of the volume, over all channels, time steps and levels. Values beyond them are shown as these.
     fn value_range(&self) -> (f64, f64);
+    /// The least and greatest valid value of a channel, over all time steps and levels. Values beyond are shown as these. Slots of
+    /// 32-bit types have 65,536 codes between them.
+    fn channel_range(&self, _channel: u32) -> (f64, f64) {
+        self.value_range()
+    }
     /// Whether some voxel may be NaN or infinite; such voxels count as having no value.
     fn has_non_finite(&self) -> bool {
         self.voxel_type().is_float()

@@ -21,6 +21,10 @@ impl BrickSource for Store {
         self.value_range()
     }
 
+    fn channel_range(&self, channel: u32) -> (f64, f64) {
+        self.channel_range(channel)
+    }
+
     fn has_non_finite(&self) -> bool {
         self.has_non_finite()
     }

@@ -157,6 +157,14 @@ impl Store {
         ranges.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
     }
 
+    /// The least and greatest valid value of a channel over all time steps; (0, 0) if it has no valid value.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn channel_range(&self, channel: u32) -> (f64, f64) {
+        self.info.channels[channel as usize].range.into()
+    }
+
     /// Whether some voxel of level 0 is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.info.channels.iter().any(|c| c.has_non_finite())

@@ -43,7 +43,7 @@ fn settle(pager: &mut Pager, views: &[View], atlas: &mut HashMap<u32, Vec<u8>>) 
 
 /// The first own voxel of the brick drawn for each cell is the source's.
 fn check_atlas(source: &TestSource, draw: &DrawList, atlas: &HashMap<u32, Vec<u8>>) {
-    let encoding = encoding_of(source);
+    let encoding = encoding_of(source, 0);
     let (edge, bytes) = (source.pyramid().edge() as usize, encoding.format.bytes());
     let side = edge + 2;
     for cell in &draw.cells {
