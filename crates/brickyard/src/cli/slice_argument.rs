@@ -20,18 +20,10 @@ pub(crate) enum SliceArgument {
     Voxels(usize, f64),
 }
 
-/// The planes that have names, each with its axis.
-const PLANES: [(&str, fn(usize, f64) -> SliceArgument, usize); 9] = [
-    ("x", SliceArgument::World, 0),
-    ("y", SliceArgument::World, 1),
-    ("z", SliceArgument::World, 2),
-    ("i", SliceArgument::Voxels, 0),
-    ("j", SliceArgument::Voxels, 1),
-    ("k", SliceArgument::Voxels, 2),
-    ("sagittal", SliceArgument::Patient, 0),
-    ("coronal", SliceArgument::Patient, 1),
-    ("axial", SliceArgument::Patient, 2),
-];
+/// The names of planes across the axes x, y, z of the world; of a volume; of a patient.
+const WORLD: [&str; 3] = ["x", "y", "z"];
+const VOXELS: [&str; 3] = ["i", "j", "k"];
+const PATIENT: [&str; 3] = ["sagittal", "coronal", "axial"];
 
 /// `AXIS=VALUE`, or a plane `X,Y,Z:NX,NY,NZ`.
 pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
@@ -43,15 +35,19 @@ pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
         };
     };
     let name = name.trim();
-    let Some((_, make, axis)) = PLANES.iter().find(|(known, ..)| *known == name) else {
-        let names = PLANES.map(|(name, ..)| name);
-        let near = near_name::hint(name, names.into_iter());
-        return Err(format!("'{text}': no axis or plane '{name}'{near}: expected one of {}", names.join(", ")));
+    let axis = |names: [&str; 3]| names.iter().position(|known| *known == name);
+    let plane = |at| {
+        let world = axis(WORLD).map(|axis| SliceArgument::World(axis, at));
+        let voxels = axis(VOXELS).map(|axis| SliceArgument::Voxels(axis, at));
+        world.or(voxels).or(axis(PATIENT).map(|axis| SliceArgument::Patient(axis, at)))
     };
-    match at.trim().parse::<f64>() {
-        Ok(at) if at.is_finite() => Ok(make(*axis, at)),
-        _ => Err(format!("'{text}': expected a finite number after '{name}='")),
+    if plane(0.0).is_none() {
+        let names = [WORLD, VOXELS, PATIENT].concat();
+        let near = near_name::hint(name, names.iter().copied());
+        return Err(format!("'{text}': no axis or plane '{name}'{near}: expected one of {}", names.join(", ")));
     }
+    let number = at.trim().parse().ok().filter(|at: &f64| at.is_finite());
+    number.and_then(plane).ok_or_else(|| format!("'{text}': expected a finite number after '{name}='"))
 }
 
 impl SliceArgument {
@@ -66,7 +62,7 @@ impl SliceArgument {
             Self::World(axis, at) | Self::Patient(axis, at) if is_anatomical => Ok(Slice::of_patient(axis, at)),
             Self::World(axis, at) => Ok(Slice::across(axis, at)),
             Self::Patient(axis, _) => {
-                let name = ["sagittal", "coronal", "axial"][axis];
+                let name = PATIENT[axis];
                 let others = ["x=VALUE or i=INDEX", "y=VALUE or j=INDEX", "z=VALUE or k=INDEX"][axis];
                 Err(unoriented(&format!("--slice {name}"), others))
             }
@@ -89,7 +85,7 @@ fn across_voxels(
     };
     let voxels = volume.source.pyramid().levels()[0].extent.to_array()[axis];
     if !(-0.5..=f64::from(voxels) - 0.5).contains(&index) {
-        let name = ["i", "j", "k"][axis];
+        let name = VOXELS[axis];
         let last = voxels - 1;
         return Err(Failure::usage(format!("--slice {name}={index}: outside of the volume: expected 0 to {last}")));
     }
