@@ -222,3 +222,26 @@ fn a_scan_askew_to_the_world_is_cut_by_every_plane() {
         assert_same(&settled(&mut session, &scene, SIZE).0, &expected, &format!("{way:?}"));
     }
 }
+
+/// A scan whose file counts in micrometres is the same scan: the patient's world is in millimetres, and so are the distances of default looks.
+#[test]
+fn the_unit_of_a_file_does_not_show() {
+    let in_unit = |unit: &str, per_mm: f64| {
+        let steps = along("LPS").map(|axis| axis * 0.8 * per_mm);
+        let matrix = DMat3::from_cols(steps[0], steps[1], steps[2]);
+        let first = MIDDLE * per_mm - matrix * DVec3::splat(24.5);
+        let rows = std::array::from_fn(|a| matrix.row(a).extend(first[a]).to_array());
+        let geometry = Geometry { spacing: DVec3::splat(0.8 * per_mm), unit: Some(unit.into()), ..Geometry::default() };
+        let value = |_, _, v: [u32; 3]| object(MIDDLE + (DVec3::from_array(v.map(f64::from)) - 24.5) * 0.8) as f32;
+        let source = FunctionSource::new(Extent::new(50, 50, 50), geometry, value);
+        TestStore::pack(&source.oriented(Orientation::new(rows).expect("a map")), 16)
+    };
+    let [mm, um] = [in_unit("millimeter", 1.0), in_unit("micrometer", 1000.0)];
+    for way in [WAYS[1], WAYS[3]] {
+        // Nothing is said of the look: the gray ramp and its distance are found.
+        let scene = Scene { camera: Some(camera()), ..Scene::default() };
+        let [Some(mut first), Some(mut second)] = [&mm, &um].map(|test| session(&test.store, way)) else { return };
+        let (expected, found) = (settled(&mut first, &scene, SIZE).0, settled(&mut second, &scene, SIZE).0);
+        assert_same(&found, &expected, &format!("{way:?}"));
+    }
+}

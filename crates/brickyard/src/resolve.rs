@@ -7,8 +7,8 @@ use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Needs, Occupancy, Picture, Placement, Region,
-    Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Subject, Surface,
-    TransferFunction, TransferTable, ViewRays, VolumeFrame,
+    Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Surface, TransferFunction,
+    TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -201,8 +201,7 @@ fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combina
     let (Some(read), Some(look)) = (scene.parsed_expression()?, &scene.expression) else { return Ok(None) };
     let volume = |place: usize| &volumes[scene.store(place)];
     let windows = scene.layers.iter().enumerate().map(|(i, layer)| volume(i).default_window(layer.channel));
-    let first = volume(read.volumes()[0]);
-    let subject = Subject::new(first.source.geometry(), first.extent(), read.window(windows));
+    let subject = volume(read.volumes()[0]).subject_of(read.window(windows));
     let transfer = look.function(&subject).map_err(SceneError::ExpressionTransfer)?;
     Ok(Some(Combination::new(read.of_its_own(), transfer)))
 }

@@ -104,7 +104,15 @@ impl VolumeSource {
 
     /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
     pub fn subject(&self, channel: u32) -> Subject {
-        Subject::new(self.source.geometry(), self.extent(), self.default_window(channel))
+        self.subject_of(self.default_window(channel))
+    }
+
+    /// The subject of a transfer function for values in a window. Its distances are of the world that scenes have; gradients are by the
+    /// volume's own.
+    pub(crate) fn subject_of(&self, window: (f64, f64)) -> Subject {
+        let own = Subject::new(self.source.geometry(), self.extent(), window);
+        let placed = self.placement.placed(self.source.geometry());
+        Subject { mean_spacing: own.mean_spacing, ..Subject::new(&placed, self.extent(), window) }
     }
 
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {

@@ -423,6 +423,22 @@ mod tests {
     }
 
     #[test]
+    fn steps_of_a_series_lie_in_one_place() {
+        let step = |shift: f32| {
+            let srow = [0.5, 0.0, 0.0, shift, 0.0, 0.75, 0.0, 10.5, 0.0, 0.0, 2.0, 3.25];
+            [Written { codes: [0, 1], srow, ..Written::new(&[1, 1, 1], 2, 8) }.header(), vec![7]].concat()
+        };
+        let (folder, first) = temp_file("a1.nii", &step(1.0));
+        let second = folder.path().join("a2.nii");
+        std::fs::write(&second, step(1.001)).unwrap();
+        let paths = [first, second];
+        assert_eq!(crate::open(&paths, &options()).unwrap().info().times, 2);
+        std::fs::write(&paths[1], step(1.1)).unwrap();
+        let message = crate::open(&paths, &options()).err().unwrap().to_string();
+        assert!(message.contains("a2.nii: lies otherwise in the patient than"), "{message}");
+    }
+
+    #[test]
     fn cut_and_damaged_files_are_refused_with_numbers() {
         let refusal = |name: &str, bytes: &[u8]| {
             let (_folder, path) = temp_file(name, bytes);

@@ -35,6 +35,17 @@ impl Series {
                 let problem = format!("is {}, but {} is {}", describe(step), paths[0].display(), describe(first));
                 return Err(ImportError::invalid(path, problem));
             }
+            let lies_there = match (&step.orientation, &first.orientation) {
+                (Some(own), Some(other)) => own.agrees(other, step.extent),
+                (own, other) => own == other,
+            };
+            if !lies_there {
+                let problem = format!(
+                    "lies otherwise in the patient than {}: register the steps to one place, or pack each by itself",
+                    paths[0].display()
+                );
+                return Err(ImportError::invalid(path, problem));
+            }
             info.identity += &step.identity;
             info.identity += "\n";
             for note in &step.notes {

@@ -2,7 +2,8 @@
 //!
 //! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The
 //! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in a
-//! renderer knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane.
+//! renderer knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
+//! GPU `shaders/wgsl/ray.wgsl` (`shown`) does the same.
 
 use crate::placement::Placement;
 use crate::ray::Ray;

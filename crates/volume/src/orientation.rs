@@ -4,6 +4,7 @@
 
 use crate::geometry::Geometry;
 use crate::placement::{Placement, PlacementError};
+use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +56,18 @@ impl Orientation {
     pub fn moved_to(&self, first_centre: DVec3) -> Self {
         let map = DAffine3 { translation: first_centre, ..self.0.map() };
         Self(Placement::new(map).expect("a finite place does not change how a map stretches"))
+    }
+
+    /// Whether another orientation puts every voxel of a volume of this extent in the same place, to a hundredth of a voxel.
+    pub fn agrees(&self, other: &Self, extent: Extent) -> bool {
+        let last = DVec3::from_array(extent.to_array().map(|n| f64::from(n) - 1.0));
+        let least_step = (0..3).map(|axis| self.step(axis).length()).fold(f64::INFINITY, f64::min);
+        // Maps are affine, so that a corner is the place where they differ most.
+        (0..8).all(|corner: usize| {
+            let at = DVec3::from_array(std::array::from_fn(|axis| last[axis] * f64::from((corner >> axis & 1) as u32)));
+            let off = self.0.world_from_volume(at) - other.0.world_from_volume(at);
+            off.length() <= 0.01 * least_step
+        })
     }
 
     /// Whether the volume's axes are the world's: x to the right, y to the front, z to the head.
@@ -217,6 +230,19 @@ mod tests {
         let elsewhere = Geometry { origin: DVec3::ZERO, ..geometry };
         assert!(!orientation.placement(&elsewhere).unwrap().is_identity());
         assert!(!Orientation::new(LPS).unwrap().is_upright());
+    }
+
+    #[test]
+    fn orientations_agree_to_a_hundredth_of_a_voxel_at_every_corner() {
+        let (lps, extent) = (Orientation::new(LPS).unwrap(), Extent::new(101, 20, 30));
+        let turned = |by: f64| {
+            let mut rows = LPS;
+            rows[1][0] += by;
+            Orientation::new(rows).unwrap()
+        };
+        // The last voxel along x is a hundred steps away; the shortest step is half a millimetre.
+        assert!(lps.agrees(&turned(4.9e-5), extent) && !lps.agrees(&turned(5.1e-5), extent));
+        assert!(!lps.agrees(&lps.moved_to(DVec3::new(90.0, 120.0, -29.0)), extent));
     }
 
     #[test]

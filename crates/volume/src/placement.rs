@@ -203,9 +203,14 @@ impl Placement {
 
     /// The [`Geometry::voxel_size`] of the placed volume, in the scene's world.
     pub fn voxel_size(&self, geometry: &Geometry, extent: Extent) -> f64 {
+        self.placed(geometry).voxel_size(extent)
+    }
+
+    /// A volume's geometry with the spacing that its voxels have in the scene's world, along the volume's own axes.
+    pub fn placed(&self, geometry: &Geometry) -> Geometry {
         let DMat3 { x_axis, y_axis, z_axis } = self.world_from_volume.matrix3;
         let stretches = DVec3::new(x_axis.length(), y_axis.length(), z_axis.length());
-        Geometry { spacing: geometry.spacing * stretches, ..geometry.clone() }.voxel_size(extent)
+        Geometry { spacing: geometry.spacing * stretches, ..geometry.clone() }
     }
 }
 

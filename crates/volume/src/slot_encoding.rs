@@ -1,7 +1,7 @@
 //! Slot codes: how voxel values become the 8- or 16-bit codes that slots hold, in RAM and on the GPU.
 //!
 //! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over
-//! the store's value range: an error of at most range / 131,068. Where a store holds NaN or infinities, code 0 is kept
+//! the channel's value range: an error of at most range / 131,068. Where a store holds NaN or infinities, code 0 is kept
 //! for them and means *invalid*: not drawn, and left out of interpolation.
 
 use crate::voxel_type::{Voxel, VoxelType};

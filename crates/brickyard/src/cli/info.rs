@@ -1,12 +1,13 @@
 //! `brickyard info`: what a store holds.
 
 use super::failure::Failure;
-use super::values;
+use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, ReadError, Store};
 use brickyard::volume::channel::hex;
-use brickyard::volume::{Level, Orientation, Side, counted};
+use brickyard::volume::{Level, Side, counted};
 use clap::Args;
+use glam::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -99,7 +100,7 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
         format!("  {}, {}", counted(info.times.into(), "time step"), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
-        orientation(info.store.orientation.as_ref()),
+        orientation(store),
         format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
     ];
     for (c, channel) in info.store.channels.iter().enumerate() {
@@ -145,15 +146,17 @@ fn look(display: &ChannelDisplay) -> String {
 }
 
 /// How the volume lies in a patient, in words.
-fn orientation(orientation: Option<&Orientation>) -> String {
-    let Some(orientation) = orientation else {
+fn orientation(store: &Store) -> String {
+    let (placement, geometry) = (store.placement(), store.geometry());
+    let Some(orientation) = &store.info().orientation else {
         return "  orientation not known: the world's axes are the volume's own".into();
     };
     let towards = [0, 1, 2].map(|axis| Side::of(orientation.step(axis)).name());
     let code = orientation.code();
-    let first = triple(orientation.first_centre().to_array());
+    let first = placement.world_from_volume(geometry.world_from_voxel(DVec3::splat(0.5)));
+    let [x, y, z] = first.to_array().map(short);
     format!(
-        "  in a patient: axes run to {code} (x nearest to {}, y to {}, z to {}), first voxel centre at {first} right, front, head",
+        "  in a patient: axes run to {code} (x nearest to {}, y to {}, z to {}), first voxel centre at {x} x {y} x {z} mm right, front, head",
         towards[0], towards[1], towards[2]
     )
 }

@@ -1,7 +1,8 @@
 //! `brickyard probe`: the values of all channels at one place.
 
 use super::failure::Failure;
-use super::{print_json, print_line, store_errors, values};
+use super::values::{self, short};
+use super::{print_json, print_line, store_errors};
 use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
@@ -64,7 +65,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
         let channels = names.zip(&found.values).map(value).collect();
         return print_json(&Found { voxel: found.voxel, world: found.world.to_array(), unit, channels });
     }
-    let [[x, y, z], [i, j, k]] = [found.world.to_array().map(|p| format!("{p}")), found.voxel.map(|v| v.to_string())];
+    let [[x, y, z], [i, j, k]] = [found.world.to_array().map(short), found.voxel.map(|v| v.to_string())];
     print_line(&format!("voxel {i},{j},{k}, centre at {x},{y},{z} {}", unit.unwrap_or("(no unit)")))?;
     for (channel, (name, value)) in names.zip(&found.values).enumerate() {
         let name = name.map_or_else(String::new, |name| format!(" '{name}'"));

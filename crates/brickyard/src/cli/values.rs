@@ -202,6 +202,12 @@ pub(crate) fn human_bytes(bytes: u64) -> String {
     if unit == 0 { format!("{bytes} B") } else { format!("{value:.1} {}", units[unit]) }
 }
 
+/// A coordinate without the last digits, which are noise of additions.
+pub(crate) fn short(coordinate: f64) -> String {
+    let rounded = format!("{coordinate:.11e}").parse::<f64>();
+    rounded.unwrap_or(coordinate).to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -302,5 +308,11 @@ mod tests {
         assert!(spacing("1,-1,1").is_err() && vec3("1,nan,1").is_err() && positive("0").is_err());
         assert!(color("0,0,2").is_err() && size_px("0x5").is_err());
         assert_eq!(size_px("640x480"), Ok((640, 480)));
+    }
+
+    #[test]
+    fn coordinates_have_no_noise_in_their_last_digits() {
+        let found = [67.0 * 0.3, -0.1 - 0.2, 0.0, 1e-7, 123456.75].map(short);
+        assert_eq!(found, ["20.1", "-0.3", "0", "0.0000001", "123456.75"]);
     }
 }
