@@ -418,6 +418,14 @@ mod tests {
         assert_eq!(info.orientation.unwrap().code(), "ALS");
         assert_eq!(info.notes, Vec::<String>::new());
 
+        // A matrix that cannot be used is left out, and said.
+        for unusable in [[0.0; 12], [f32::NAN; 12]] {
+            let (_folder, path) = write(Written { codes: [0, 1], srow: unusable, ..plain() });
+            let info = open(&path, &options()).unwrap().info().clone();
+            assert_eq!(info.orientation, None);
+            assert!(info.notes.len() == 1 && info.notes[0].contains("shown along its own axes"), "{:?}", info.notes);
+        }
+
         let (_folder, path) = write(Written { pixdim: [1.0, 0.0, 1.0, 1.0], ..plain() });
         assert!(!open(&path, &options()).unwrap().info().calibrated);
     }

@@ -2,12 +2,6 @@
 
 use crate::source::SourceInfo;
 use brickyard_volume::Orientation;
-use glam::DVec3;
-
-/// Column `a` (0 to 3) of a matrix that is stored by rows.
-pub(crate) fn column(matrix: &[[f64; 4]; 3], a: usize) -> DVec3 {
-    DVec3::new(matrix[0][a], matrix[1][a], matrix[2][a])
-}
 
 /// Fills the orientation of a volume whose spacing is set, from world-from-voxel-centre of a world of x to the right, y to the front, z to the
 /// head; and the origin, where spacing and origin say the same. A matrix that cannot be used is left out, with a note.

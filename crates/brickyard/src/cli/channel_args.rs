@@ -143,6 +143,12 @@ impl ChannelArguments {
         }
         let Some(text) = self.channel.as_deref() else {
             scene.layers = default_layers(volumes, scene.mode);
+            let channels: u64 = volumes.iter().map(|volume| u64::from(volume.source.channels())).sum();
+            if scene.layers.len() == MAX_VOLUMES && channels > MAX_VOLUMES as u64 {
+                eprintln!(
+                    "note: a picture has at most {MAX_VOLUMES} layers, of {channels} channels: --channel chooses others"
+                );
+            }
             return Ok(());
         };
         scene.layers.clear();

@@ -1,7 +1,7 @@
 //! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform.
 
 use super::header::Header;
-use crate::placement::{column, set_matrix};
+use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use glam::DVec3;
 
@@ -27,20 +27,19 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Stri
         3 => Some("micrometer".into()),
         _ => None,
     };
-    let Some(world_from_index) = affine(header, spacing).filter(|m| m.iter().flatten().all(|v| v.is_finite())) else {
-        return;
-    };
+    let Some(world_from_index) = affine(header, spacing) else { return };
+    set_matrix(world_from_index, info, notes);
+    let Some(orientation) = info.orientation else { return };
     for a in 0..3 {
-        let length = column(&world_from_index, a).length();
+        let length = orientation.step(a).length();
         if info.calibrated && (length - spacing[a]).abs() > SPACING_TOLERANCE * spacing[a] {
             let axis = ['x', 'y', 'z'][a];
             notes.push(format!(
-                "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; pixdim is used.",
+                "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; pixdim is the spacing, and pictures go by the matrix.",
                 spacing[a]
             ));
         }
     }
-    set_matrix(world_from_index, info, notes);
 }
 
 /// Rows of world-from-index, if the header has them.
