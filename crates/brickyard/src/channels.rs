@@ -5,11 +5,12 @@ use crate::volume_source::VolumeSource;
 use brickyard_store::Kind;
 use brickyard_volume::{Blend, MAX_VOLUMES, Mode, SceneLayer};
 
-/// The layers that show every visible channel of every volume, in volumes' and channels' order; at most
-/// [`MAX_VOLUMES`].
+/// The layers that show every visible channel of every volume, in volumes' and channels' order. Of a single volume they are the first
+/// [`MAX_VOLUMES`]; of several volumes none is left out, even if there are more than a scene may have.
 pub fn default_layers(volumes: &[VolumeSource], mode: Mode) -> Vec<SceneLayer> {
     let of_volume = |(i, volume): (usize, &VolumeSource)| channel_layers(i, volume, &visible_channels(volume), mode);
-    volumes.iter().enumerate().flat_map(of_volume).take(MAX_VOLUMES).collect()
+    let most = if volumes.len() == 1 { MAX_VOLUMES } else { usize::MAX };
+    volumes.iter().enumerate().flat_map(of_volume).take(most).collect()
 }
 
 /// The layers that show these channels of the volume with this index among the session's. The channels of an image that has several have
