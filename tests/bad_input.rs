@@ -551,6 +551,7 @@ fn bad_scenes_and_transfer_functions() {
         sandbox.write(name, text);
     }
     sandbox.write("binary.json", [0xff, 0xfe, 0x00, 0x80]);
+    sandbox.write("no-layers.json", r#"{"layers": []}"#);
     let render = |flags: &str| format!("render good.zarr -o o.png {flags}");
     check(
         &sandbox,
@@ -611,6 +612,7 @@ fn bad_scenes_and_transfer_functions() {
             (&render("--slice w=3"), USAGE, &["w=3", "x, y, z, i, j, k"]),
             (&render("--slice axail=3"), USAGE, &["did you mean 'axial'?"]),
             (&render("--slice axial=3"), USAGE, &["--slice axial", "lies in a patient", "z=VALUE or k=INDEX"]),
+            (&render("--scene no-layers.json --slice k=3"), USAGE, &["--slice", "no first layer"]),
             (&render("--slice k=900"), USAGE, &["--slice k=900", "expected 0 to "]),
             (&render("--view lefft"), USAGE, &["no view 'lefft', did you mean 'left'?"]),
             (&render("--view anterior"), USAGE, &["--view anterior", "lies in a patient", "+x, -y"]),

@@ -1,4 +1,4 @@
-//! What a volume is at one place: the exact values of all channels in the voxel of the finest level that holds it. It reads one brick for each
+//! Values at one place: the exact values of all of a volume's channels in the voxel of the finest level that holds it. It reads one brick for each
 //! channel.
 
 use crate::volume_source::VolumeSource;
@@ -6,7 +6,7 @@ use brickyard_pager::BrickError;
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement};
 use glam::DVec3;
 
-/// What a volume is at one place.
+/// The values of all channels of a volume in one voxel of the finest level.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probe {
     /// The voxel of level 0, `[x, y, z]` from 0.

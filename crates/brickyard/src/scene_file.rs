@@ -36,7 +36,7 @@ pub enum SceneFileError {
     Transfer {
         /// The transfer function's file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Why the file is no transfer function of that name.
         source: TransferError,
     },
 }

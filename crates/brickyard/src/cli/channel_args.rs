@@ -64,7 +64,7 @@ const COLORS: [(&str, [f64; 3]); 9] = [
     ("orange", [1.0, 0.5, 0.0]),
 ];
 
-/// What a flag for channels can be set to.
+/// A value that a flag for channels takes.
 trait Value: Sized {
     fn read(text: &str) -> Result<Self, String>;
 }

@@ -79,9 +79,11 @@ fn across_voxels(
     axis: usize,
     index: f64,
 ) -> Result<Slice, Failure> {
-    let store = scene.layers.first().map_or(0, |_| scene.store(0));
-    let Some(volume) = volumes.get(store) else {
-        return Err(Failure::usage("--slice: the scene's first layer shows no store"));
+    let first = (!scene.layers.is_empty()).then(|| scene.store(0));
+    let Some(volume) = first.and_then(|store| volumes.get(store)) else {
+        return Err(Failure::usage(
+            "--slice: the scene has no first layer that shows a store, whose voxels it could count",
+        ));
     };
     let voxels = volume.source.pyramid().levels()[0].extent.to_array()[axis];
     if !(-0.5..=f64::from(voxels) - 0.5).contains(&index) {

@@ -9,7 +9,7 @@ use brickyard_render::Answer;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-/// What is known of the pictures that a fit has shown.
+/// The GPU's answers about the pictures that a fit has shown.
 #[derive(Default)]
 pub(crate) struct Shown {
     /// How many there were.
