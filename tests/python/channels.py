@@ -107,6 +107,13 @@ def photographs():
     tifffile.imwrite(FOLDER / "rgb.tif", data, photometric="rgb")
     pack("rgb.tif")
     close(shown("--slice", "k=5"), data[5].astype(float), "rgb")
+    fog = shown()
+    # How opaque its pixels are is no light, and takes none.
+    opaque = np.concatenate([data, np.full((*SHAPE, 1), 255, "u1")], axis=-1)
+    tifffile.imwrite(FOLDER / "rgba.tif", opaque, photometric="rgb", extrasamples=["unassalpha"])
+    pack("rgba.tif")
+    close(shown("--slice", "k=5"), data[5].astype(float), "rgba")
+    check((shown() == fog).all(), "the same fog")
 
 
 def edited_metadata():

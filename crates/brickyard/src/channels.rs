@@ -36,7 +36,12 @@ fn visible_channels(volume: &VolumeSource) -> Vec<u32> {
         return vec![0];
     }
     let displays = store.channel_displays();
-    let active: Vec<u32> = all.clone().filter(|&channel| displays[channel as usize].is_visible).collect();
+    // A black channel, such as the opacity of a photograph, shows nothing, and would only take light.
+    let is_shown = |&channel: &u32| {
+        let display = &displays[channel as usize];
+        display.is_visible && display.color != [0; 3]
+    };
+    let active: Vec<u32> = all.clone().filter(is_shown).collect();
     if active.is_empty() { all.collect() } else { active }
 }
 
