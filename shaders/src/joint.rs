@@ -5,8 +5,8 @@
 //! code is called once for each layer, and no loop goes over layers, so that drivers fold what is constant.
 
 use crate::compose::Parts;
-use crate::{Curve, Light, Medium, Surfaces, margin, sample};
-use std::collections::BTreeMap;
+use crate::{AtlasShader, Curve, Light, Medium, Surfaces, margin};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 /// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
@@ -29,6 +29,8 @@ pub struct LayerShader {
     pub pool: u32,
     /// Whether code 0 means that a voxel has no value.
     pub has_invalid: bool,
+    /// Whether values are labels, which are read at the nearest voxel. Layers of labels share a pool with no others.
+    pub is_labels: bool,
     /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
@@ -83,13 +85,7 @@ impl JointVariant {
     pub(crate) fn parts(&self) -> Parts {
         let parts = Parts::new()
             .text("context", self.context())
-            .text(
-                "atlas",
-                atlases(
-                    &self.layers.iter().map(|layer| (layer.pool, layer.has_invalid)).collect::<Vec<_>>(),
-                    self.is_cubic,
-                ),
-            )
+            .text("atlas", atlases(&self.layers.iter().map(LayerShader::atlas).collect::<Vec<_>>(), self.is_cubic))
             .text("layers", self.layers())
             .text("asking", self.asking())
             .file("world", "axes")
@@ -117,7 +113,7 @@ impl JointVariant {
              const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
-             var<private> HAS_INVALID: bool;\nvar<private> ADDS: bool;\n\
+             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> ADDS: bool;\n\
              var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
             self.layers.len(),
             margin(self.is_cubic),
@@ -200,9 +196,12 @@ impl JointVariant {
         let mut text = String::from("//!import expression\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
+            let value = format!("{low:?}f + way_{i}.value * {width:?}f");
+            // Labels are whole numbers, which expressions compare.
+            let value = if layer.is_labels { format!("round({value})") } else { value };
             let _ = write!(
                 text,
-                "    read.values[{i}] = {low:?}f + way_{i}.value * {width:?}f;\n    \
+                "    read.values[{i}] = {value};\n    \
                  read.are_valid[{i}] = way_{i}.value >= 0.0;\n    \
                  read.longest = max(read.longest, select(0.0, way_{i}.length, way_{i}.value >= 0.0));\n"
             );
@@ -215,17 +214,21 @@ impl JointVariant {
 }
 
 impl LayerShader {
+    fn atlas(&self) -> AtlasShader {
+        AtlasShader { pool: self.pool, has_invalid: self.has_invalid, is_labels: self.is_labels }
+    }
+
     /// WGSL of layer `i` in the part `layers`: its frame, its way, and the function `become_i`, which makes it the
     /// layer that shared code is about.
     fn declarations(&self, i: usize, light: Light) -> String {
-        let Self { has_invalid, adds, has_surfaces, has_grid, first, .. } = *self;
+        let Self { has_invalid, is_labels, adds, has_surfaces, has_grid, first, .. } = *self;
         let FirstPlaces { range, place, count } = first;
         let light = if adds { Light::Unlit } else { light };
         format!(
             "var<private> frame_{i}: Frame;\nvar<private> way_{i}: Way;\n\n\
              fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = frame_{i}.list_at.x;\n    \
              FIRST_BRICK = frame_{i}.list_at.y;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
-             HAS_INVALID = {has_invalid};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
+             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
              HAS_SURFACES = {has_surfaces};\n    HAS_GRID = {has_grid};\n}}\n\n",
             light as u32
         )
@@ -251,14 +254,14 @@ impl ExpressionShader {
 }
 
 /// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the
-/// layer that shared code is about. `layers` says of each layer its pool, and whether code 0 means that a voxel has no
-/// value.
-pub(crate) fn atlases(layers: &[(u32, bool)], is_cubic: bool) -> String {
+/// layer that shared code is about. `layers` says of each layer what its atlas is.
+pub(crate) fn atlases(layers: &[AtlasShader], is_cubic: bool) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
-    for has_invalid in [false, true].into_iter().filter(|has| layers.iter().any(|(_, own)| own == has)) {
-        let _ = writeln!(text, "//!import {}", sample(is_cubic, has_invalid));
+    let files: BTreeSet<&str> = layers.iter().map(|layer| layer.sample(is_cubic).0).collect();
+    for file in files {
+        let _ = writeln!(text, "//!import {file}");
     }
-    let pools: BTreeMap<u32, bool> = layers.iter().copied().collect();
+    let pools: BTreeMap<u32, AtlasShader> = layers.iter().map(|layer| (layer.pool, *layer)).collect();
     for i in pools.keys() {
         let _ = writeln!(
             text,
@@ -266,30 +269,33 @@ pub(crate) fn atlases(layers: &[(u32, bool)], is_cubic: bool) -> String {
              @group(0) @binding(FIRST_GRADIENTS + {i}u) var gradients_{i}: texture_3d<f32>;"
         );
     }
-    let value = |i: u32| {
-        let function = if pools[&i] { "sample_valid" } else { "sample_full" };
-        format!("return {function}(atlas_{i}, point);")
-    };
+    let value = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].sample(is_cubic).1);
     let gradient = |i: u32| {
         let size = format!("vec3f(textureDimensions(gradients_{i}))");
         format!("return textureSampleLevel(gradients_{i}, atlas_sampler, node / {size}, 0.0).xyz;")
     };
+    let share = |i: u32| match pools[&i].is_labels {
+        true => format!("return share_in_atlas(atlas_{i}, point, label);"),
+        false => "return 0.0;".to_string(),
+    };
     let _ = write!(
         text,
-        "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n",
+        "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n\n\
+         fn share_of_label(point: vec3f, label: f32) -> f32 {{\n    {}\n}}\n",
         of_pool(layers, value),
-        of_pool(layers, gradient)
+        of_pool(layers, gradient),
+        of_pool(layers, share),
     );
     text
 }
 
 /// WGSL that runs the statement of the pool of the layer that shared code is about. It is a `switch` over layers, or
 /// the statement alone where all layers share a pool. The statement has to return.
-fn of_pool(layers: &[(u32, bool)], statement: impl Fn(u32) -> String) -> String {
-    let first = layers[0].0;
-    let others = layers.iter().zip(0..).filter(|((pool, _), _)| *pool != first);
+fn of_pool(layers: &[AtlasShader], statement: impl Fn(u32) -> String) -> String {
+    let first = layers[0].pool;
+    let others = layers.iter().zip(0..).filter(|(layer, _)| layer.pool != first);
     let cases: String =
-        others.map(|((pool, _), i)| format!("        case {i}u: {{ {} }}\n", statement(*pool))).collect();
+        others.map(|(layer, i)| format!("        case {i}u: {{ {} }}\n", statement(layer.pool))).collect();
     match cases.is_empty() {
         true => statement(first),
         false => format!("switch layer {{\n{cases}        default: {{ {} }}\n    }}", statement(first)),

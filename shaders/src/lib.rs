@@ -177,6 +177,8 @@ pub struct Variant {
     pub gather: Gather,
     /// Whether code 0 means that a voxel has no value. Such voxels are left out of what is filtered.
     pub has_invalid: bool,
+    /// Whether values are labels, which are read at the nearest voxel, whatever the filter is.
+    pub is_labels: bool,
     /// Whether the field is the tricubic spline of its voxels. If not, it is trilinear.
     pub is_cubic: bool,
     /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
@@ -287,19 +289,24 @@ impl JointVariant {
 }
 
 impl Variant {
+    fn atlas(&self) -> AtlasShader {
+        AtlasShader { pool: 0, has_invalid: self.has_invalid, is_labels: self.is_labels }
+    }
+
     /// The parts that all marches through one layer share: the layer's context, and what its samples add up to.
     fn parts(&self) -> Parts {
         let pixel = match self.gather {
             Gather::Composite if self.is_plain() => "composite",
             Gather::Composite => "through",
+            Gather::Project if self.is_labels => "project_labels",
             Gather::Project => "project",
             Gather::Average => "average",
             Gather::Isosurface => "surface",
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         Parts::new()
-            .text("context", context(self.has_invalid, self.is_cubic) + &self.medium.constants())
-            .text("atlas", joint::atlases(&[(0, self.has_invalid)], self.is_cubic))
+            .text("context", context(self.has_invalid, self.is_labels, self.is_cubic) + &self.medium.constants())
+            .text("atlas", joint::atlases(&[self.atlas()], self.is_cubic))
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
             .file("gradient", self.medium.gradient.file())
@@ -309,12 +316,12 @@ impl Variant {
 }
 
 /// The part `context` of a layer that is alone: constants.
-fn context(has_invalid: bool, is_cubic: bool) -> String {
+fn context(has_invalid: bool, is_labels: bool, is_cubic: bool) -> String {
     let firsts: String =
         ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
     format!(
         "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
-         const MARGIN: f32 = {:?};\n",
+         const IS_LABELS: bool = {is_labels};\nconst MARGIN: f32 = {:?};\n",
         margin(is_cubic)
     )
 }
@@ -331,6 +338,28 @@ impl Gradient {
             Self::Central => "gradient_central",
             Self::Sobel => "gradient_sobel",
             Self::Stored => "gradient_stored",
+        }
+    }
+}
+
+/// What a shader has to know of the atlas that a layer's bricks are in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct AtlasShader {
+    /// Index of the layer's pool, and so of the atlas.
+    pool: u32,
+    /// Whether code 0 means that a voxel has no value.
+    has_invalid: bool,
+    /// Whether values are labels.
+    is_labels: bool,
+}
+
+impl AtlasShader {
+    /// The name of the file that samples the atlas, and of the file's function that does.
+    fn sample(&self, is_cubic: bool) -> (&'static str, &'static str) {
+        match (self.is_labels, self.has_invalid) {
+            (true, _) => ("sample_label", "sample_label"),
+            (false, true) => (sample(is_cubic, true), "sample_valid"),
+            (false, false) => (sample(is_cubic, false), "sample_full"),
         }
     }
 }
@@ -365,6 +394,8 @@ pub enum Shown {
     Slab,
     /// A layer's part of the sums of joined projections. There are two targets: one for what mixes, one for what adds.
     Sums,
+    /// A layer that lies over the others, in the targets of [`Shown::Sums`]: what adds is dimmed by it, and covered.
+    Over,
 }
 
 /// WGSL source of a resolving pass, which makes colours of what was gathered. Its entry points are `fullscreen` and
@@ -380,8 +411,9 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
         Shown::Picture => "resolve_picture",
         Shown::Slab => "resolve_slab",
         Shown::Sums => "resolve_join",
+        Shown::Over => "resolve_over",
     };
-    Parts::new().text("context", context(false, false)).file("seen", seen).compose(&[resolve])
+    Parts::new().text("context", context(false, false, false)).file("seen", seen).compose(&[resolve])
 }
 
 /// How the pictures of eyes share one picture.
@@ -427,7 +459,7 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
 
 /// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
 pub fn peel() -> String {
-    Parts::new().text("context", context(false, false)).compose(&["peel"])
+    Parts::new().text("context", context(false, false, false)).compose(&["peel"])
 }
 
 #[cfg(test)]
@@ -472,9 +504,17 @@ mod tests {
         for gather in Gather::ALL {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
-                for (has_invalid, is_cubic) in [(false, false), (true, false), (false, true), (true, true)] {
-                    let has_meshes = is_cubic;
-                    let variant = Variant { gather, has_invalid, is_cubic, medium, has_meshes, is_placed: has_invalid };
+                let (full, valid) = ((false, false), (true, false));
+                for ((has_invalid, is_labels), is_cubic) in [
+                    (full, false),
+                    (valid, false),
+                    (full, true),
+                    (valid, true),
+                    ((false, true), false),
+                    ((true, true), true),
+                ] {
+                    let (has_meshes, is_placed) = (is_cubic, has_invalid);
+                    let variant = Variant { gather, has_invalid, is_labels, is_cubic, medium, has_meshes, is_placed };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
                     all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
@@ -484,10 +524,17 @@ mod tests {
                 }
             }
             let medium = Medium::PLAIN;
-            let plain =
-                Variant { gather, has_invalid: false, is_cubic: false, medium, has_meshes: false, is_placed: false };
+            let plain = Variant {
+                gather,
+                has_invalid: false,
+                is_labels: false,
+                is_cubic: false,
+                medium,
+                has_meshes: false,
+                is_placed: false,
+            };
             all.push((format!("raycast {gather:?} without marks"), raycast(&plain, Stage::Fragment, false)));
-            for shown in [Shown::Picture, Shown::Slab, Shown::Sums] {
+            for shown in [Shown::Picture, Shown::Slab, Shown::Sums, Shown::Over] {
                 all.push((format!("resolve {gather:?}, {shown:?}"), resolve(Seen::Gathered(gather), shown)));
             }
         }
@@ -506,6 +553,7 @@ mod tests {
         LayerShader {
             pool: i % 4,
             has_invalid: i % 2 == 1,
+            is_labels: i % 4 == 2,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
@@ -566,6 +614,7 @@ mod tests {
         let of = |gather, medium| Variant {
             gather,
             has_invalid: false,
+            is_labels: false,
             is_cubic: false,
             medium,
             has_meshes: false,
@@ -576,6 +625,7 @@ mod tests {
             (of(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
             (of(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
             (of(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
+            (Variant { is_labels: true, ..of(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (of(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
         let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
@@ -691,6 +741,7 @@ mod tests {
         let variant = |gather, medium| Variant {
             gather,
             has_invalid: false,
+            is_labels: false,
             is_cubic: false,
             medium,
             has_meshes: false,

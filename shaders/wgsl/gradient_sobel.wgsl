@@ -1,6 +1,6 @@
 // Differences of values across two voxels along each axis, about a place with a value, by the 3D Sobel operator.
 //!import field neighbour
-fn differences(field: Field, t: f32, middle: f32) -> vec3f {
+fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     var sum = vec3f(0.0);
     for (var i = 0u; i < 27u; i++) {

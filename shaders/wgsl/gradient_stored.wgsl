@@ -2,7 +2,7 @@
 //!import atlas field
 const GRADIENT_SCALE: f32 = 256.0;
 
-fn differences(field: Field, t: f32, middle: f32) -> vec3f {
+fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     let slot = floor(field.low / frame.slot_edge);
     // Two texels of the slot to a node.

@@ -2,7 +2,7 @@
 // twins, the volume crate's `sampling`, `preintegration` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
 // `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
 // Values of CURVE.
-//!import classify context field gradient grid pixel shade world
+//!import classify context differences field grid pixel shade world
 const MIDDLE: u32 = 0u;
 const LINE: u32 = 1u;
 const CUBIC: u32 = 2u;
@@ -169,11 +169,11 @@ struct Taken {
 // Takes the fog of a segment, given what is known of the field from the one before it in the same brick.
 fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var pixel = before;
-    var known = known_next(so_far, field, start, end);
     let length = end - start;
-    if (CURVE == MIDDLE) {
-        return Taken(add_sampled(pixel, field, ray, 0.5 * (start + end), length), known);
+    if (CURVE == MIDDLE || IS_LABELS) {
+        return Taken(add_sampled(pixel, field, ray, 0.5 * (start + end), length), so_far);
     }
+    var known = known_next(so_far, field, start, end);
     // Where only one end has a value, it stands for the other.
     var values = known.values;
     if (HAS_INVALID) {

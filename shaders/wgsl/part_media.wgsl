@@ -1,5 +1,5 @@
 // What a layer shows of its part of a segment, piece by piece between its own surfaces.
-//!import gradient layers medium search joint_medium way
+//!import differences layers medium search joint_medium way
 fn show_nothing() {
     way.crossing = 1e30;
     way.piece = vec2f(0.0, 1.0);

@@ -1,5 +1,5 @@
 // What an expression reads of a layer's part of a segment: the value in the middle, and the gradient there if the expression is lit.
-//!import context field frame gradient shade way world
+//!import context differences field frame shade way world
 fn show_nothing() {
     way.value = -1.0;
     way.length = 0.0;
@@ -9,7 +9,9 @@ fn show_part(start: f32, end: f32) {
     let middle = 0.5 * (start + end);
     way.value = inside(way.field, middle);
     way.length = end - start;
-    if (LIGHTING != UNLIT) {
+    way.gradient = vec3f(0.0);
+    // Between their borders labels are even.
+    if (LIGHTING != UNLIT && !IS_LABELS) {
         let across = differences(way.field, middle, way.value);
         let is_flat = length(across) * frame.last_code < FLAT_CODES;
         way.gradient = select(gradient_to_world(across * way.field.scale) * frame.slopes[0].w, vec3f(0.0), is_flat);

@@ -1,7 +1,7 @@
 // Isosurfaces, in fog or alone: each cuts its segment, and what is in front of it and behind it are segments of their own. The rule is
 // written down beside its CPU twin, the volume crate's `surface`.
 // Takes a segment, given what is known of the field from the one before it in the same brick.
-//!import gradient medium search
+//!import differences medium search
 fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var taken = Taken(before, so_far);
     if (taken.pixel.rank < 0) {

@@ -214,7 +214,7 @@ fn a_projection_may_be_half_there() {
     let walled = FrameSettings { meshes: vec![slanted_wall()], ..settings.clone() };
     for way in [RAYCAST, CPU] {
         let Some(whole) = render(&mut one, way, &[mixed(&settings)]) else { continue };
-        for (blend, share) in [(Blend::Mix, 0.5), (Blend::Add, 1.0)] {
+        for (blend, share) in [(Blend::Mix, 0.5), (Blend::Add, 1.0), (Blend::Over, 0.5)] {
             let half = VolumeFrame { settings: settings.clone(), blend, opacity: 0.5 };
             let half = render(&mut one, way, &[half]).expect("an adapter");
             for (found, all) in half.rgb.iter().zip(&whole.rgb).filter(|(_, all)| **all != behind) {

@@ -14,9 +14,13 @@ pub fn default_layers(volumes: &[VolumeSource], mode: Mode) -> Vec<SceneLayer> {
 }
 
 /// The layers that show these channels of the volume with this index among the session's. The channels of an image that has several have
-/// their colours; in a projection they add, else they mix as media do.
+/// their colours; in a projection they add, else they mix as media do. Labels lie over what others show.
 pub fn channel_layers(index: usize, volume: &VolumeSource, channels: &[u32], mode: Mode) -> Vec<SceneLayer> {
-    let blend = if mode.is_projection() && channels.len() > 1 { Blend::Add } else { Blend::Mix };
+    let blend = match volume.source.is_labels() {
+        true => Blend::Over,
+        false if mode.is_projection() && channels.len() > 1 => Blend::Add,
+        false => Blend::Mix,
+    };
     let layer = |&channel: &u32| SceneLayer {
         source: Some(index),
         channel,

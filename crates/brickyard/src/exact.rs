@@ -3,6 +3,7 @@
 
 use crate::backend::Pictures;
 use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs};
+use crate::coded_labels::coded;
 use crate::device::Device;
 use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
@@ -157,24 +158,25 @@ impl ExactRenderer {
             return Err(ExactPictureError::Mixed);
         }
         let layer = &scene.layers[0];
+        let source = coded(&self.source, layer.codes.as_ref());
         scene.picture(|eye| {
             let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
-            self.try_render(&view, &layer.frames[eye].settings, begun, max_wait, stats)
+            self.try_render((&source, &view), &layer.frames[eye].settings, begun, max_wait, stats)
         })
     }
 
     fn try_render(
         &mut self,
-        view: &View,
+        (source, view): (&Arc<dyn BrickSource>, &View),
         frame: &FrameSettings,
         begun: Instant,
         max_wait: Duration,
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
-        let pyramid = self.source.pyramid();
+        let pyramid = source.pyramid();
         let mut picture = self.renderer.passes(frame, pyramid)?;
         loop {
-            let mut passes = ExactPasses::new(self.source.clone(), view, &self.config)?;
+            let mut passes = ExactPasses::new(source.clone(), view, &self.config)?;
             let mut level_cells = vec![0; pyramid.levels().len()];
             let mut stand_ins = 0;
             loop {

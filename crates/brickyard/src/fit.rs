@@ -10,6 +10,7 @@
 mod shown;
 
 use crate::backend::{self, BackendError, Pictures, Renderer, layer_needs};
+use crate::coded_labels::coded;
 use crate::device::Device;
 use crate::options::SessionOptions;
 use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene};
@@ -19,7 +20,7 @@ use brickyard_pager::{
     BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status,
     UploadLimits, View, VolumeNeeds, pools, share,
 };
-use brickyard_volume::{Needs, Picture, SlotEncoding};
+use brickyard_volume::{LabelCodes, Needs, Picture, SlotEncoding};
 #[cfg(feature = "gpu")]
 use shown::Shown;
 use std::sync::Arc;
@@ -78,7 +79,7 @@ impl Demand {
 }
 
 /// A layer that a demand is for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct DemandLayer {
     /// The layer's place in scenes.
     place: usize,
@@ -86,15 +87,18 @@ struct DemandLayer {
     volume: usize,
     /// How slot codes stand for the values of the layer's channel: another channel of a 32-bit type has other slots.
     encoding: SlotEncoding,
+    /// The codes of the layer's labels, where they have codes by their look.
+    codes: Option<Arc<LabelCodes>>,
 }
 
 impl DemandLayer {
     fn shown(layer: &ResolvedLayer) -> Self {
-        Self { place: layer.place, volume: layer.volume, encoding: layer.frames[0].settings.encoding }
+        let (encoding, codes) = (layer.frames[0].settings.encoding, layer.codes.clone());
+        Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
 
     fn hidden(layer: &HiddenLayer) -> Self {
-        Self { place: layer.place, volume: layer.volume, encoding: layer.encoding }
+        Self { place: layer.place, volume: layer.volume, encoding: layer.encoding, codes: layer.codes.clone() }
     }
 }
 
@@ -139,7 +143,8 @@ impl Fit {
         options: &SessionOptions,
         (device, kept): (&mut Device, &mut Vec<KeptCores>),
     ) -> Result<Self, SessionError> {
-        let sources: Vec<_> = demand.layers.iter().map(|layer| volumes[layer.volume].source.clone()).collect();
+        let sources: Vec<_> =
+            demand.layers.iter().map(|layer| coded(&volumes[layer.volume].source, layer.codes.as_ref())).collect();
         let needs = demand.layers.iter().zip(&sources);
         let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks));
         let needs: Vec<VolumeNeeds> = needs.collect();
@@ -151,8 +156,8 @@ impl Fit {
                 return Err(error);
             }
         };
-        let layer = |(&asked, source)| FitLayer { asked, source, draws: Vec::new(), cut: 0 };
-        let layers = demand.layers.iter().zip(sources).map(layer).collect();
+        let layer = |(asked, source)| FitLayer { asked, source, draws: Vec::new(), cut: 0 };
+        let layers = demand.layers.iter().cloned().zip(sources).map(layer).collect();
         Ok(Self {
             demand,
             layers,

@@ -73,6 +73,7 @@
 
 pub mod backend;
 pub mod channels;
+mod coded_labels;
 mod device;
 mod device_losses;
 #[cfg(feature = "gpu")]

@@ -6,9 +6,9 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FrameSettings, Lattice, LevelPolicy, Mode, Needs, Occupancy, Picture, Placement, Region,
-    Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts, Surface, TransferFunction,
-    TransferTable, ViewRays, VolumeFrame,
+    Camera, Clip, Combination, FrameSettings, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs, Occupancy,
+    Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts,
+    Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -50,6 +50,8 @@ pub struct ResolvedLayer {
     pub frames: Vec<VolumeFrame>,
     /// The transfer function in use, with the layer's opacity applied.
     pub transfer: TransferFunction,
+    /// The codes of the layer's labels, where these are further apart than 16 bits reach.
+    pub(crate) codes: Option<Arc<LabelCodes>>,
 }
 
 /// A layer of a resolved scene that is not shown.
@@ -61,6 +63,8 @@ pub struct HiddenLayer {
     pub volume: usize,
     /// How slot codes stand for the values of the layer's channel.
     pub encoding: SlotEncoding,
+    /// The codes of the layer's labels, where these are further apart than 16 bits reach.
+    pub(crate) codes: Option<Arc<LabelCodes>>,
     /// A view to which the layer has nothing to show: a pager keeps its coarsest bricks for when it is shown again.
     pub view: View,
 }
@@ -186,12 +190,16 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
     let shown = |place: usize| {
         let (layer, store) = (&scene.layers[place], scene.store(place));
         let volume = &volumes[store];
-        let function = layer.function(&volume.subject(layer.channel));
-        let function = function.map_err(|error| SceneError::Layer { layer: place, error })?;
+        let refused = |error| SceneError::Layer { layer: place, error };
+        let function = volume.function(layer).map_err(refused)?;
+        let codes = volume.label_codes(layer.channel, &function).map_err(refused)?;
+        if scene.expression.is_some() && codes.is_some() {
+            return Err(refused(LayerError::HashedLabels));
+        }
         let transfer = function.scaled(layer.opacity);
         let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
         let placement = scene.placement(place, &volume.place())?;
-        Ok(ShownLayer { place, store, volume, placement, style, transfer })
+        Ok(ShownLayer { place, store, volume, placement, style, transfer, codes })
     };
     scene.shown_layers()?.into_iter().map(shown).collect()
 }
@@ -222,7 +230,10 @@ fn hidden_layer(place: usize, volumes: &[VolumeSource], scene: &Scene, eyes: &Ey
         appearance: 0,
         window: None,
     };
-    Ok(HiddenLayer { place, volume, encoding: volumes[volume].encoding(scene.layers[place].channel), view })
+    let (layer, source) = (&scene.layers[place], &volumes[volume]);
+    let codes = source.function(layer).and_then(|function| source.label_codes(layer.channel, &function));
+    let codes = codes.map_err(|error| SceneError::Layer { layer: place, error })?.map(Arc::new);
+    Ok(HiddenLayer { place, volume, encoding: source.encoding(layer.channel), codes, view })
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
@@ -268,6 +279,7 @@ struct ShownLayer<'a> {
     placement: Placement,
     style: SceneLayer,
     transfer: TransferFunction,
+    codes: Option<LabelCodes>,
 }
 
 impl ShownLayer<'_> {
@@ -283,7 +295,7 @@ impl ShownLayer<'_> {
         lattice: Lattice,
         table: impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
     ) -> Result<ResolvedLayer, SceneError> {
-        let Self { place, store, volume, placement, style, transfer } = self;
+        let Self { place, store, volume, placement, style, transfer, codes } = self;
         let SceneLayer { channel, crop, opacity, blend, .. } = style;
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
         let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
@@ -318,7 +330,7 @@ impl ShownLayer<'_> {
             placement,
             encoding,
             table,
-            mode: scene.mode,
+            mode: layer_mode(scene.mode, &encoding),
             surfaces,
             sampling: scene.sampling,
             lighting: scene.lighting.clone(),
@@ -330,8 +342,14 @@ impl ShownLayer<'_> {
         let frame =
             |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend, opacity };
         let frames = eyes.rays.iter().map(frame).collect();
-        Ok(ResolvedLayer { place, volume: store, style, view, frames, transfer })
+        let codes = codes.map(Arc::new);
+        Ok(ResolvedLayer { place, volume: store, style, view, frames, transfer, codes })
     }
+}
+
+/// How a layer's samples become a pixel. Labels are projected in one way: the greatest that is shown is seen.
+fn layer_mode(mode: Mode, encoding: &SlotEncoding) -> Mode {
+    if encoding.is_labels && mode.is_projection() { Mode::Mip } else { mode }
 }
 
 /// The bins of values of which a brick must have one to show anything; `None` where all may.

@@ -163,7 +163,10 @@ impl Session {
         let is_on_its_grid = |layer: &ResolvedLayer| {
             let [pyramid, of_first] = [layer, first].map(|layer| self.volumes[layer.volume].source.pyramid());
             let [own, other] = [layer, first].map(|layer| &layer.frames[0].settings);
-            let slots = |settings: &FrameSettings| (settings.encoding.format, settings.encoding.has_invalid);
+            let slots = |settings: &FrameSettings| {
+                let SlotEncoding { format, has_invalid, is_labels, .. } = settings.encoding;
+                (format, has_invalid, is_labels)
+            };
             let is_one_place = own.geometry == other.geometry && own.placement == other.placement;
             pyramid == of_first && is_one_place && slots(own) == slots(other)
         };

@@ -4,7 +4,10 @@ use crate::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
 use brickyard_store::{Downsample, IoMode, OpenError, Store};
 use brickyard_volume::scene::VolumePlace;
-use brickyard_volume::{Extent, Mode, Orientation, Placement, PlacementError, SlotEncoding, StoreCounts, Subject};
+use brickyard_volume::{
+    Extent, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, SceneLayer, SlotEncoding,
+    StoreCounts, Subject, TransferFunction,
+};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -104,7 +107,8 @@ impl VolumeSource {
 
     /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
     pub fn subject(&self, channel: u32) -> Subject {
-        self.subject_of(self.default_window(channel))
+        let is_labels = self.source.is_labels();
+        Subject { is_labels, ..self.subject_of(self.default_window(channel)) }
     }
 
     /// The subject of a transfer function for values in a window. Its distances are of the world that scenes have; gradients are by the
@@ -115,13 +119,37 @@ impl VolumeSource {
         Subject { mean_spacing: own.mean_spacing, ..Subject::new(&placed, self.extent(), window) }
     }
 
+    /// The transfer function that a layer's style gives for this volume. Labels that have colours in their store's metadata, and no others by the
+    /// style, have those.
+    ///
+    /// # Errors
+    /// As [`SceneLayer::function`].
+    pub fn function(&self, layer: &SceneLayer) -> Result<TransferFunction, LayerError> {
+        let mut function = layer.function(&self.subject(layer.channel))?;
+        let own = self.store.as_ref().map_or(&[][..], |store| store.label_colors());
+        if let Some(colors) = function.labels.as_mut().and_then(|look| look.colors.as_mut()).filter(|c| c.is_empty()) {
+            colors.extend_from_slice(own);
+        }
+        Ok(function)
+    }
+
+    /// The codes that a function asks of a channel's labels; `None` if they have the codes that all functions share.
+    pub(crate) fn label_codes(
+        &self,
+        channel: u32,
+        function: &TransferFunction,
+    ) -> Result<Option<LabelCodes>, LayerError> {
+        LabelCodes::for_function(function, &self.encoding(channel))
+    }
+
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {
         self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.channel_range(channel))
     }
 
     pub(crate) fn counts(&self) -> StoreCounts {
         let levels = self.source.pyramid().levels().len();
-        StoreCounts { levels, times: self.source.times(), channels: self.source.channels() }
+        let (times, channels) = (self.source.times(), self.source.channels());
+        StoreCounts { levels, times, channels, is_labels: self.source.is_labels() }
     }
 
     pub(crate) fn extent(&self) -> Extent {

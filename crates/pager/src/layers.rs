@@ -27,7 +27,10 @@ impl VolumeNeeds {
     /// Whether bricks of another volume fit this volume's slots. If so, the two volumes share one pool of slots, and each slot can hold a
     /// brick of either.
     pub fn shares_slots_with(&self, other: &Self) -> bool {
-        let slot = |needs: &Self| (needs.encoding.format, needs.encoding.has_invalid, needs.edge, needs.bricks);
+        let slot = |needs: &Self| {
+            let SlotEncoding { format, has_invalid, is_labels, .. } = needs.encoding;
+            (format, has_invalid, is_labels, needs.edge, needs.bricks)
+        };
         slot(self) == slot(other)
     }
 }

@@ -168,6 +168,9 @@ impl BrickSource for PagedOccupancy {
     fn value_range(&self) -> (f64, f64) {
         self.source.value_range()
     }
+    fn is_labels(&self) -> bool {
+        self.source.is_labels()
+    }
     fn has_non_finite(&self) -> bool {
         self.source.has_non_finite()
     }

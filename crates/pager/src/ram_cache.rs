@@ -363,7 +363,8 @@ impl Inner {
 
 /// How a source's values are encoded as slot codes.
 pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
-    SlotEncoding::new(source.voxel_type(), source.channel_range(channel), source.has_non_finite())
+    let make = if source.is_labels() { SlotEncoding::of_labels } else { SlotEncoding::new };
+    make(source.voxel_type(), source.channel_range(channel), source.has_non_finite())
 }
 
 /// The layout of a source's bricks with this apron and these layers of gradients.

@@ -68,6 +68,10 @@ pub trait BrickSource: Send + Sync {
     fn channel_range(&self, _channel: u32) -> (f64, f64) {
         self.value_range()
     }
+    /// Whether values are labels, which name things and are never mixed.
+    fn is_labels(&self) -> bool {
+        false
+    }
     /// Whether some voxel may be NaN or infinite; such voxels count as having no value.
     fn has_non_finite(&self) -> bool {
         self.voxel_type().is_float()

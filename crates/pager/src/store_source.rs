@@ -1,7 +1,7 @@
 //! A brick store as the pager's source: every question is answered by [`Store`].
 
 use crate::source::{BrickError, BrickSource};
-use brickyard_store::{ReadError, Store};
+use brickyard_store::{Kind, ReadError, Store};
 use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
 impl BrickSource for Store {
@@ -23,6 +23,10 @@ impl BrickSource for Store {
 
     fn channel_range(&self, channel: u32) -> (f64, f64) {
         self.channel_range(channel)
+    }
+
+    fn is_labels(&self) -> bool {
+        self.info().kind == Kind::Labels
     }
 
     fn has_non_finite(&self) -> bool {

@@ -81,6 +81,26 @@ impl Array {
         DVec3::new(along(0), along(1), along(2))
     }
 
+    /// The label at a point of voxel space (level-0 voxels): that of the voxel which the point is in. `None` where the voxel is invalid. Past a
+    /// face, the last voxels repeat.
+    pub fn label(&self, point: DVec3) -> Option<f64> {
+        let index = std::array::from_fn(|a| (point[a] / self.factor[a] as f64).floor() as i64);
+        Some(self.voxel(index)).filter(|label| label.is_finite())
+    }
+
+    /// How much of the surroundings of a point of voxel space has a label: the field that is 1 in voxels of that label and 0 in all others,
+    /// filtered linearly.
+    pub fn indicator(&self, point: DVec3, label: f64) -> f64 {
+        let p = DVec3::from_array(std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5));
+        let (base, t) = (p.floor(), p - p.floor());
+        let share = |corner: [i64; 3]| {
+            let weight: f64 = (0..3).map(|a| if corner[a] == 1 { t[a] } else { 1.0 - t[a] }).product();
+            let voxel = self.voxel(std::array::from_fn(|a| base[a] as i64 + corner[a]));
+            if voxel == label { weight } else { 0.0 }
+        };
+        (0..8).map(|i| share([i & 1, i >> 1 & 1, i >> 2])).sum()
+    }
+
     /// The filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` where they
     /// hold more than half the weight. Past a face, the last voxels repeat.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {

@@ -22,7 +22,11 @@ fn projections(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
     let mut together = JointMedium::default();
     for way in ways {
         if let Some(value) = way.projection(limits) {
-            together.put(way.frame.blend, way.volume.transfer.rgb(value), way.frame.opacity, 1.0);
+            let rgb = way.volume.transfer.rgb(value);
+            match way.frame.blend {
+                Blend::Over => together.put_over(rgb, way.frame.opacity),
+                blend => together.put(blend, rgb, way.frame.opacity, 1.0),
+            }
         }
     }
     together.flat()
@@ -412,7 +416,7 @@ mod tests {
                 let found = DVec3::from_array(pixel(&[frame(0), frame(1)], &volumes, None, 16, 16));
                 let colors = transfers.each_ref().map(|t| DVec3::from_array(t.rgb(0.0)));
                 let expected = match blend {
-                    Blend::Mix => {
+                    Blend::Mix | Blend::Over => {
                         let depth = depths[0] + depths[1];
                         (colors[0] * depths[0] + colors[1] * depths[1]) / depth * (1.0 - (-depth * 16.0).exp2())
                     }

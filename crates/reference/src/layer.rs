@@ -97,6 +97,10 @@ impl<'a> Way<'a> {
     /// The gradient in the scene's world in the middle of the layer's part of a segment, where the field has this
     /// value. Zero where the field is flat, or where nothing depends on gradients.
     pub(crate) fn gradient(&self, segment: Segment, value: f64) -> DVec3 {
+        // Between their borders labels are even.
+        if self.frame.settings.encoding.is_labels {
+            return DVec3::ZERO;
+        }
         let gradient = |(part, field): (Segment, Field<'_>)| field.gradient(field.differences(part.middle(), value));
         self.part(segment).and_then(gradient).unwrap_or(DVec3::ZERO)
     }
@@ -132,7 +136,9 @@ impl<'a> Way<'a> {
     /// The greatest, the least or the mean value between two distances, as the mode says; `None` where there is no value.
     pub(crate) fn projection(&self, limits: [f64; 2]) -> Option<f64> {
         let samples = segments(std::slice::from_ref(self), limits).filter_map(|segment| self.middle(segment));
-        let samples: Vec<(Segment, f64)> = samples.collect();
+        // Labels that are not shown hide nothing.
+        let is_shown = |value: f64| !self.frame.settings.encoding.is_labels || self.volume.transfer.alpha(value) > 0.0;
+        let samples: Vec<(Segment, f64)> = samples.filter(|(_, value)| is_shown(*value)).collect();
         let values = || samples.iter().map(|(_, value)| *value);
         match self.frame.settings.mode {
             Mode::Mip => values().reduce(f64::max),

@@ -34,12 +34,15 @@ pub(crate) struct Field<'a> {
 
 impl Field<'_> {
     pub(crate) fn value(&self, t: f64) -> Option<f64> {
+        if self.frame.encoding.is_labels {
+            return self.level.label(self.path.at(t));
+        }
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
 
     /// What the layer shows by itself in a piece of a segment.
     pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> LayerMedium {
-        let integrals = self.frame.sampling.method.is_pre_integrated().then(|| self.frame.table.integrals());
+        let integrals = self.frame.method().is_pre_integrated().then(|| self.frame.table.integrals());
         let mut alone = LayerMedium::default();
         for part in self.parts(piece) {
             let medium = match (integrals, part.ends) {
@@ -67,7 +70,7 @@ impl Field<'_> {
 
     /// The parts of a segment; none where there is no value.
     fn parts(&self, segment: Segment) -> Vec<Part> {
-        let method = self.frame.sampling.method;
+        let method = self.frame.method();
         let (a, length) = (segment.start, segment.length());
         if method.curve() == Curve::Middle {
             return self.value(segment.middle()).map(|value| self.sampled(segment, value)).into_iter().collect();
@@ -120,13 +123,18 @@ impl Field<'_> {
     }
 
     /// Differences of the field across two voxels along each axis, at distance `t`, where it has this value. The value
-    /// also stands for places without one. Zero where nothing depends on differences.
+    /// also stands for places without one. Zero where nothing depends on differences. Of labels, differences are those of the label's
+    /// [indicator](crate::Array::indicator), by central differences.
     pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
         if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
         }
         let voxel = DVec3::from_array(self.level.factor.map(f64::from));
+        let is_labels = self.frame.encoding.is_labels;
         let around = |offset: DVec3| {
+            if is_labels {
+                return self.level.indicator(self.path.at(t) + offset * voxel, value);
+            }
             self.level.sample(self.path.at(t) + offset * voxel, self.frame.sampling.filter).unwrap_or(value)
         };
         let difference = |a: usize, side: DVec3| around(side + DVec3::AXES[a]) - around(side - DVec3::AXES[a]);
@@ -137,6 +145,7 @@ impl Field<'_> {
             across.map(|(i, j)| SMOOTH[i] * SMOOTH[j] * difference(a, side(i, j))).sum()
         };
         match self.lighting.gradient {
+            _ if is_labels => DVec3::from_array([0, 1, 2].map(|a| difference(a, DVec3::ZERO))),
             Gradient::Central => DVec3::from_array([0, 1, 2].map(|a| difference(a, DVec3::ZERO))),
             Gradient::Sobel => DVec3::from_array([0, 1, 2].map(smoothed)),
             Gradient::Stored => self.level.stored_differences(self.path.at(t)),

@@ -55,7 +55,7 @@ impl<'a> Framed<'a> {
 
     /// Whether the layer's colours are lit. Layers that add to others are not.
     pub(crate) fn is_lit(&self) -> bool {
-        self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
+        self.blend != Blend::Add && self.settings.lighting.model != LightingModel::None
     }
 }
 

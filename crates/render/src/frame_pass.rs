@@ -5,7 +5,7 @@ use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::buffer_parts::{Part, Parts};
 use crate::error::GpuError;
 use crate::frame::Framed;
-use crate::gather_plan::Course;
+use crate::gather_plan::{Course, Projected};
 use crate::layer::GpuLayer;
 use crate::leaf_octree::Tree;
 use crate::march::{Gathering, attachment, draw_over_all};
@@ -247,10 +247,10 @@ impl Passes<'_> {
         }
         match &self.course {
             Course::Single(shader) => self.march(0, shader, draws[0])?,
-            Course::Each(_, shaders) => {
-                for (i, (shader, draw)) in shaders.iter().zip(draws).enumerate() {
-                    self.march(i, shader, draw)?;
-                    self.join(i)?;
+            Course::Each(all) => {
+                for (i, projected) in all.iter().enumerate() {
+                    self.march(projected.layer, &projected.shader, draws[projected.layer])?;
+                    self.join(projected, i == 0)?;
                 }
             }
             Course::Joint(shader) => self.march_joint(shader, draws)?,
@@ -322,14 +322,15 @@ impl Passes<'_> {
         frame_part(&self.renderer.layers, &self.framed, &self.course, i)
     }
 
-    /// Adds what has been gathered of a layer to the sums.
-    fn join(&self, i: usize) -> Result<(), GpuError> {
+    /// Adds what has been gathered of a layer to the sums, or puts it over them; the first layer begins them.
+    fn join(&self, projected: &Projected, is_first: bool) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let targets = self.targets()?;
-        let pipeline = self.resolve(Seen::Gathered(self.course.gather()), Shown::Sums)?;
+        let (seen, shown) = projected.resolved();
+        let pipeline = self.resolve(seen, shown)?;
         let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
-        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(i).parts, targets);
-        let load = if i == 0 { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+        let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(projected.layer).parts, targets);
+        let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         draw_over_all(
             &mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {

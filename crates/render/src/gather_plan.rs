@@ -21,9 +21,27 @@ pub(crate) enum Course {
     /// The only layer is gathered by a shader for one layer.
     Single(Shader),
     /// Projections of several layers: each layer is gathered by itself into the same target, and added to the sums.
-    Each(Gather, Vec<Shader>),
+    Each(Vec<Projected>),
     /// All layers are gathered together by one shader.
     Joint(Shader),
+}
+
+/// How one of several projections is gathered and joined.
+#[derive(Clone, Debug)]
+pub(crate) struct Projected {
+    /// The layer's number among those of the picture.
+    pub(crate) layer: usize,
+    pub(crate) shader: Shader,
+    gather: Gather,
+    /// Whether the layer lies over the others.
+    is_over: bool,
+}
+
+impl Projected {
+    /// What the pass that joins the layer to the others makes colours of, and what it draws.
+    pub(crate) fn resolved(&self) -> (Seen, Shown) {
+        (Seen::Gathered(self.gather), if self.is_over { Shown::Over } else { Shown::Sums })
+    }
 }
 
 impl Course {
@@ -45,7 +63,16 @@ impl Course {
         match framed {
             [only] if combination.is_none() && (is_projected || is_plain(only)) => Ok(Self::Single(single(only))),
             several if combination.is_none() && is_projected => {
-                Ok(Self::Each(gather_of(several[0].settings), several.iter().map(single).collect()))
+                let projected = |(layer, framed): (usize, &Framed<'_>)| Projected {
+                    layer,
+                    shader: single(framed),
+                    gather: gather_of(framed.settings),
+                    is_over: framed.blend == Blend::Over,
+                };
+                let mut all: Vec<_> = several.iter().enumerate().map(projected).collect();
+                // What is put on top comes when all else is there.
+                all.sort_by_key(|projected| projected.is_over);
+                Ok(Self::Each(all))
             }
             [first, others @ ..]
                 if compositor == Compositor::Sorted && !others.iter().all(|other| other.shares_cells_with(first)) =>
@@ -70,16 +97,17 @@ impl Course {
     pub(crate) fn gather(&self) -> Gather {
         match self {
             Self::Single(Shader::Single(Variant { gather, .. })) => *gather,
-            Self::Each(gather, _) => *gather,
+            // All projections have the same targets.
+            Self::Each(_) => Gather::Project,
             Self::Single(Shader::Joint(_)) | Self::Joint(_) => Gather::Composite,
         }
     }
 
     /// The marches.
-    fn shaders(&self) -> &[Shader] {
+    fn shaders(&self) -> Vec<&Shader> {
         match self {
-            Self::Single(shader) | Self::Joint(shader) => std::slice::from_ref(shader),
-            Self::Each(_, shaders) => shaders,
+            Self::Single(shader) | Self::Joint(shader) => vec![shader],
+            Self::Each(all) => all.iter().map(|projected| &projected.shader).collect(),
         }
     }
 
@@ -95,10 +123,12 @@ impl Course {
 
     /// Lists all pipelines that the picture is drawn with.
     pub(crate) fn wanted(&self) -> Vec<Wanted> {
-        let has_meshes = self.shaders().iter().any(Shader::has_meshes);
+        let shaders = self.shaders();
+        let has_meshes = shaders.iter().any(|shader| shader.has_meshes());
         let last = Wanted::Resolve(self.seen(), if has_meshes { Shown::Slab } else { Shown::Picture });
-        let join = self.is_joined().then(|| Wanted::Resolve(Seen::Gathered(self.gather()), Shown::Sums));
-        self.shaders().iter().cloned().map(Wanted::March).chain([last]).chain(join).collect()
+        let projected = if let Self::Each(all) = self { &all[..] } else { &[] };
+        let joins = projected.iter().map(Projected::resolved).map(|(seen, shown)| Wanted::Resolve(seen, shown));
+        shaders.into_iter().cloned().map(Wanted::March).chain([last]).chain(joins).collect()
     }
 
     /// Returns what the resolve pass makes colours of: the gathered samples, or the sums of joined layers.
@@ -109,7 +139,7 @@ impl Course {
 
 /// Whether a layer is what shaders of one layer take it for.
 fn is_plain(framed: &Framed<'_>) -> bool {
-    framed.blend == Blend::Mix && framed.settings.placement.is_identity()
+    framed.blend != Blend::Add && framed.settings.placement.is_identity()
 }
 
 /// An expression in place of the layers' media.
@@ -119,8 +149,7 @@ fn expression(
     first_place: u32,
 ) -> Result<ExpressionShader, GpuError> {
     let is_cut = |framed: &Framed<'_>| !framed.settings.surfaces.is_empty() || framed.settings.grid().is_some();
-    let is_plain =
-        |framed: &Framed<'_>| framed.settings.mode == Mode::Dvr && framed.settings.sampling.method == Method::Udvr;
+    let is_plain = |framed: &Framed<'_>| framed.settings.mode == Mode::Dvr && framed.settings.method() == Method::Udvr;
     if framed.iter().any(is_cut) || !framed.iter().all(is_plain) {
         let problem = "an expression is drawn as fog, classified by value and sampled plainly";
         return Err(GpuError::Mismatch(problem.into()));
@@ -151,6 +180,7 @@ fn joint(
     JointVariant {
         medium: medium_of(
             settings,
+            settings.sampling,
             framed.iter().any(|framed| !framed.settings.surfaces.is_empty()),
             framed.iter().any(|framed| framed.settings.grid().is_some()),
         ),

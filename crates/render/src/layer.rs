@@ -100,6 +100,7 @@ impl GpuLayer {
         LayerShader {
             pool: self.pool as u32,
             has_invalid: self.needs.encoding.has_invalid,
+            is_labels: self.needs.encoding.is_labels,
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),
             has_grid: framed.settings.grid().is_some(),

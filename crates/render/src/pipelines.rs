@@ -88,6 +88,9 @@ const SUM: wgpu::BlendState = {
     wgpu::BlendState { color: component, alpha: component }
 };
 
+/// What comes over what is there, premultiplied.
+const OVER: wgpu::BlendState = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
+
 fn write(format: TextureFormat, blend: Option<wgpu::BlendState>) -> wgpu::ColorTargetState {
     wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL }
 }
@@ -170,7 +173,8 @@ impl Maker {
         let targets = match shown {
             Shown::Picture => vec![DISPLAY_FORMAT.into()],
             Shown::Slab => vec![write(composite, Some(BEHIND))],
-            Shown::Sums => vec![write(composite, Some(SUM)); 2],
+            // What adds has no opacity.
+            Shown::Sums | Shown::Over => vec![write(composite, Some(SUM)), write(composite, Some(OVER))],
         };
         let (source, entries) = (resolve(seen, shown), ["fullscreen", "resolve"]);
         Pipeline::Render(pipeline(&self.gpu, &source, &layouts, entries, Shape::default(), &targets))

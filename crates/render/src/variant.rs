@@ -2,7 +2,9 @@
 
 use crate::frame::Framed;
 use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
-use brickyard_volume::{Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, sampling};
+use brickyard_volume::{
+    Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, sampling,
+};
 
 /// The variant of a march's shader: for one layer, or for several layers together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -31,10 +33,10 @@ pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     }
 }
 
-/// Returns how ray segments become media in a composite. `has_surfaces` says whether there are isosurfaces, `has_grid`
+/// Returns how ray segments become media in a composite, sampled in this way. `has_surfaces` says whether there are isosurfaces, `has_grid`
 /// whether transfer functions depend on gradients.
-pub(crate) fn medium_of(frame: &FrameSettings, has_surfaces: bool, has_grid: bool) -> Medium {
-    let method = frame.sampling.method;
+pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces: bool, has_grid: bool) -> Medium {
+    let method = sampling.method;
     let curve = match method.curve() {
         sampling::Curve::Middle => Curve::Middle,
         sampling::Curve::Line => Curve::Line,
@@ -54,7 +56,7 @@ pub(crate) fn medium_of(frame: &FrameSettings, has_surfaces: bool, has_grid: boo
         // Nor a method without fog.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
-    let (parts, is_pre_integrated) = (frame.sampling.parts(0.0) as u32, method.is_pre_integrated());
+    let (parts, is_pre_integrated) = (sampling.parts(0.0) as u32, method.is_pre_integrated());
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
 }
 
@@ -80,13 +82,14 @@ fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient
 /// Returns the shader variant of a march through one layer by itself.
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
-    let gather = gather_of(frame);
+    let (gather, sampling) = (gather_of(frame), Sampling { method: frame.method(), ..frame.sampling });
     let medium = match gather {
-        Gather::Composite => medium_of(frame, !frame.surfaces.is_empty(), frame.grid().is_some()),
+        Gather::Composite => medium_of(frame, sampling, !frame.surfaces.is_empty(), frame.grid().is_some()),
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
     let is_cubic = frame.sampling.filter == Filter::Tricubic;
     let has_meshes = !frame.meshes.is_empty();
-    let (has_invalid, is_placed) = (frame.encoding.has_invalid, !frame.placement.is_identity());
-    Variant { gather, has_invalid, is_cubic, medium, has_meshes, is_placed }
+    let SlotEncoding { has_invalid, is_labels, .. } = frame.encoding;
+    let is_placed = !frame.placement.is_identity();
+    Variant { gather, has_invalid, is_labels, is_cubic, medium, has_meshes, is_placed }
 }

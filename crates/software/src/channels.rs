@@ -12,6 +12,7 @@ use crate::media::Media;
 use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{FAINTEST, Ray};
+use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Code8, Code16, Grid, Portable, SampleChunk, Unit};
@@ -79,7 +80,8 @@ impl Channels {
     /// How these layers, which share a cut and have no surfaces, are drawn side by side. `None` if there is only one layer, or if one of them is
     /// more than fog that is sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
-        let is_fog = |frame: &Frame<'_>| gather::is_plain(frame) && frame.settings.sampling.filter == Filter::Trilinear;
+        let is_fog =
+            |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
         (frames.len() > 1 && frames.iter().all(is_fog))
             .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
     }

@@ -1,51 +1,18 @@
 //! Tricubic B-spline samples of a padded brick: 64 voxels each, in rows of four. As in `sample`, codes stay codes, and invalid ones
 //! are left out of the sum and of the weight.
 
-use crate::packet::{LANES, PACKETS, Packet};
-use crate::sample::{Brick, Code, SampleChunk, Unit};
-use brickyard_volume::Filter;
+use crate::packet::{LANES, Packet};
+use crate::sample::{Brick, Code};
 use glam::Vec4;
 
 impl Brick<'_> {
-    /// Samples as [`Brick::sample`] does, but through a given filter.
-    #[inline(always)]
-    pub(crate) fn filtered<C: Code, U: Unit, const INVALID: bool>(
+    /// The codes at eight slot coordinates through the spline. The weights of those without a value become 0.
+    #[inline(never)]
+    pub(crate) fn cubic_points<C: Code, const INVALID: bool>(
         &self,
-        filter: Filter,
-        origin: [f32; 3],
-        step: [f32; 3],
-        chunk: &mut SampleChunk,
-    ) {
-        if filter == Filter::Trilinear {
-            return self.sample::<C, U, INVALID>(origin, step, chunk);
-        }
-        for p in 0..chunk.packets.min(PACKETS) {
-            let mut points = [[0.0; LANES]; 3];
-            for a in 0..3 {
-                for i in 0..LANES {
-                    points[a][i] = origin[a] + chunk.along[p][i] * step[a];
-                }
-            }
-            chunk.code[p] = self.cubic_points::<C, INVALID>(&points, &mut chunk.weight[p]);
-        }
-    }
-
-    /// Samples as [`Brick::sample_points`] does, but through a given filter.
-    #[inline(always)]
-    pub(crate) fn filtered_points<C: Code, U: Unit, const INVALID: bool>(
-        &self,
-        filter: Filter,
         points: &[Packet; 3],
         weight: &mut Packet,
     ) -> Packet {
-        match filter {
-            Filter::Trilinear => self.sample_points::<C, U, INVALID>(points, weight),
-            Filter::Tricubic => self.cubic_points::<C, INVALID>(points, weight),
-        }
-    }
-
-    #[inline(never)]
-    fn cubic_points<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
             let (sum, valid) = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);

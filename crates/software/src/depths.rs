@@ -151,7 +151,7 @@ impl DepthTable {
 /// A unit distance of a medium of this straight colour and opacity: its part of the medium that all layers are together.
 fn unit(blend: Blend, entry: Vec4) -> Vec4 {
     match blend {
-        Blend::Mix => entry.with_w(1.0) * (-(-entry.w).ln_1p()).min(OPAQUE),
+        Blend::Mix | Blend::Over => entry.with_w(1.0) * (-(-entry.w).ln_1p()).min(OPAQUE),
         Blend::Add => entry.with_w(0.0) * entry.w,
     }
 }
@@ -191,7 +191,7 @@ mod tests {
                 let [r, g, b, alpha] = table.lookup(code / max as f32).map(f64::from);
                 assert!(if i < 190 { !shows } else { shows || alpha == 0.0 }, "{voxel_type} {code}");
                 let expected = match blend {
-                    Blend::Mix => [r, g, b, 1.0].map(|v| v * -(-alpha).ln_1p()),
+                    Blend::Mix | Blend::Over => [r, g, b, 1.0].map(|v| v * -(-alpha).ln_1p()),
                     Blend::Add => [r, g, b, 0.0].map(|v| v * alpha),
                 };
                 bent += bends as usize;

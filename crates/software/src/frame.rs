@@ -4,6 +4,7 @@
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
+use crate::reading::Reading;
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
@@ -36,6 +37,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) light: Box<[AtomicU32]>,
     /// The cells, front to back. In a maximum or minimum projection, the cells that will likely decide come first.
     pub(crate) cells: Vec<Cell<'a>>,
+    /// How bricks are read at a place.
+    pub(crate) reading: Reading,
     /// Voxels along the edge of a brick's core; `apron` is the number of voxels on each side of it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
@@ -175,13 +178,14 @@ impl<'a> Frame<'a> {
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
             adaptive_step: settings.table.adaptive_step(),
             grid: settings.grid(),
-            integrals: settings.sampling.method.is_pre_integrated().then(|| settings.table.integrals()),
+            integrals: settings.method().is_pre_integrated().then(|| settings.table.integrals()),
             steps: StepTables::new(&settings.table, &settings.lattice, format, zones),
             depths,
             ticks,
             shown_low,
             shown_high,
             cells,
+            reading: Reading::of(settings),
             edge,
             apron,
             gradients: needs.gradients(edge),

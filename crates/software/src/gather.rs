@@ -11,6 +11,7 @@ use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::path::Path;
 use crate::pieces::Pieces;
 use crate::ray::Ray;
+use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
@@ -18,7 +19,7 @@ use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Method, Mode, SlotFormat};
-use glam::Vec4;
+use glam::{DVec3, Vec4};
 use std::ops::Range;
 
 /// A ray's way through one layer's cells.
@@ -120,7 +121,7 @@ trait Look {
 /// values.
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
-        let method = frame.settings.sampling.method;
+        let method = frame.settings.method();
         if is_read {
             return for_machine::<C, Read, INVALID>();
         }
@@ -145,7 +146,7 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
 pub(crate) fn is_plain(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_bare = !frame.is_lit && frame.grid.is_none() && settings.surfaces.is_empty();
-    is_bare && settings.mode == Mode::Dvr && settings.sampling.method == Method::Udvr
+    is_bare && settings.mode == Mode::Dvr && settings.method() == Method::Udvr
 }
 
 fn for_machine<C: Code, L: Look, const INVALID: bool>() -> Gather {
@@ -327,10 +328,17 @@ impl Look for Read {
             if weight > 0.0 {
                 let place = (at + segment) as usize;
                 let value = march.frame.settings.encoding.value(code as f64 / C::MAX as f64);
+                // Labels are whole numbers, which expressions compare.
+                let value = if march.frame.reading == Reading::Label { value.round() } else { value };
                 media.values[place * read + way.layer] = value;
                 media.longest[place] = media.longest[place].max(weight);
                 if let Some(path) = &path {
-                    media.gradients[place * read + way.layer] = path.gradient::<C, U, INVALID>(segment, code);
+                    let gradient = match march.frame.reading {
+                        // Between their borders labels are even.
+                        Reading::Label => DVec3::ZERO,
+                        Reading::Filtered(_) => path.gradient::<C, U, INVALID>(segment, code),
+                    };
+                    media.gradients[place * read + way.layer] = gradient;
                 }
             }
         }
@@ -345,7 +353,7 @@ fn sample<C: Code, U: Unit, const INVALID: bool>(
     segments: Range<i32>,
     chunk: &mut SampleChunk,
 ) {
-    let (Stretch { origin, step, .. }, filter) = (*stretch, march.frame.settings.sampling.filter);
+    let Stretch { origin, step, .. } = *stretch;
     stretch.place_samples::<INVALID>(march.frame, ray, chunk, segments);
-    march.brick.filtered::<C, U, INVALID>(filter, origin, step, chunk);
+    march.brick.read::<C, U, INVALID>(march.frame.reading, origin, step, chunk);
 }

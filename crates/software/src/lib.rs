@@ -38,6 +38,7 @@ mod packet;
 mod path;
 mod pieces;
 mod ray;
+mod reading;
 mod renderer;
 mod row;
 mod sample;

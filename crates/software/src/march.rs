@@ -7,6 +7,7 @@ use crate::meshes::MeshLayers;
 use crate::modes::{Accumulate, Average, Dvr, MinIp, Mip};
 use crate::packet::LANES;
 use crate::ray::Ray;
+use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
@@ -14,7 +15,7 @@ use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::{Filter, Method, Mode, Sampling, SlotFormat};
+use brickyard_volume::{Filter, Method, Mode, SlotFormat};
 use glam::Vec4;
 
 /// What is seen by a tile's rays: premultiplied colour, and how much light passes.
@@ -26,9 +27,9 @@ pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work
 /// The function that takes rays through this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
-        let Sampling { method, filter, .. } = frame.settings.sampling;
+        let method = frame.settings.method();
         let is_bare = !frame.is_lit && frame.grid.is_none();
-        let is_plain = method == Method::Udvr && filter == Filter::Trilinear && is_bare;
+        let is_plain = method == Method::Udvr && frame.reading != Reading::Filtered(Filter::Tricubic) && is_bare;
         match frame.settings.mode {
             Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface, INVALID>(),
             Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),

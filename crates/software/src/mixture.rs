@@ -116,7 +116,7 @@ impl LayerMediumChunk {
         let place = self.place(segment);
         let alone = &mut self.segments[place];
         match self.blend {
-            Blend::Mix => {
+            Blend::Mix | Blend::Over => {
                 let depth = depth.min(OPAQUE as f64) * length;
                 let hidden = (1.0 - alone.hidden) * (1.0 - (-depth).exp2()) as f32;
                 alone.color += color * hidden;
@@ -135,6 +135,8 @@ pub(crate) struct Projections {
     mixed: Vec4,
     /// The colour of the layers that add.
     pub(crate) emission: Vec4,
+    /// Premultiplied colour and opacity of the layers that lie over the others.
+    over: Vec4,
 }
 
 impl Projections {
@@ -143,11 +145,17 @@ impl Projections {
         self.mixed += color.with_w(1.0) * depth;
     }
 
-    /// The premultiplied colour that the projections show together, and the light that passes. The colour of layers that add is not dimmed.
+    /// Puts a projection's colour, with this opacity, on top of all others.
+    pub(crate) fn put_over(&mut self, color: Vec4, opacity: f32) {
+        self.over = self.over * (1.0 - opacity) + color.with_w(1.0) * opacity;
+    }
+
+    /// The premultiplied colour that the projections show together, and the light that passes. The colour of layers that add is dimmed by those
+    /// alone that lie over them.
     pub(crate) fn seen(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
-        (mixed + self.emission.xyz()).extend(left)
+        self.over.with_w(0.0) + (mixed + self.emission.xyz()).extend(left) * (1.0 - self.over.w)
     }
 }
 

@@ -7,6 +7,7 @@ use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
 use crate::ray::{FAINTEST, Ray};
+use crate::reading::Reading;
 use crate::sample::{Code, SampleChunk, Unit};
 use crate::steps::StepTable;
 use crate::stretch::{March, Stretch};
@@ -80,8 +81,7 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     let mut done = from;
     while done < to {
         stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
-        let filter = frame.settings.sampling.filter;
-        brick.filtered::<C, U, INVALID>(filter, stretch.origin, stretch.step, chunk);
+        brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
         sum = B::add::<C>(frame, sum, chunk);
         if B::is_final::<C>(sum) {
             break;
@@ -241,7 +241,10 @@ impl Accumulate for Mip {
 
 impl Sum for Mip {
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
+    fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
+        if frame.reading == Reading::Label {
+            leave_out_hidden(frame, chunk);
+        }
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
@@ -356,6 +359,19 @@ impl Sum for Average {
         sum.x += codes.element_sum();
         sum.y += weights.element_sum();
         sum
+    }
+}
+
+/// Takes the weight of samples of labels that are not shown: they hide nothing.
+#[inline(never)]
+fn leave_out_hidden(frame: &Frame<'_>, chunk: &mut SampleChunk) {
+    let entries = Entries::of(frame);
+    for p in 0..chunk.packets.min(PACKETS) {
+        for i in 0..LANES {
+            if entries.lookup(chunk.code[p][i] * frame.positions_per_code).w <= 0.0 {
+                chunk.weight[p][i] = 0.0;
+            }
+        }
     }
 }
 

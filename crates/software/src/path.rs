@@ -8,6 +8,7 @@
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
+use crate::reading::Reading;
 use crate::row::{Passed, Row};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
@@ -130,8 +131,7 @@ impl<'a> Path<'a> {
 
     #[inline(always)]
     fn filtered<C: Code, U: Unit, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        let filter = self.march.frame.settings.sampling.filter;
-        self.march.brick.filtered_points::<C, U, INVALID>(filter, points, weight)
+        self.march.brick.read_points::<C, U, INVALID>(self.march.frame.reading, points, weight)
     }
 
     /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment that was not taken. The work is not
@@ -160,7 +160,7 @@ impl<'a> Path<'a> {
 
     #[inline(always)]
     fn row_on<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
-        match self.march.frame.settings.sampling.method.curve() {
+        match self.march.frame.settings.method().curve() {
             Curve::Middle => self.middles::<C, U, INVALID>(segments, media),
             Curve::Line => self.curves::<C, U, INVALID>(segments, 0, media),
             Curve::Cubic => self.curves::<C, U, INVALID>(segments, 1, media),
@@ -419,9 +419,13 @@ impl<'a> Path<'a> {
         self.in_world(differences).map_or(DVec3::ZERO, |gradient| gradient * self.half_code)
     }
 
-    /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code.
+    /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code. Of labels, differences
+    /// of the label's indicator.
     #[inline(always)]
     fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
+        if self.march.frame.reading == Reading::Label {
+            return self.label_differences::<C>(along, middle);
+        }
         let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
             // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
             Gradient::Central => (false, 6),
@@ -441,6 +445,18 @@ impl<'a> Path<'a> {
             }
         }
         differences
+    }
+
+    /// Differences across two voxels along each axis of the indicator of a label: as large as one code between the label and others.
+    #[inline(never)]
+    fn label_differences<C: Code>(&self, along: f32, label: f32) -> Vec3 {
+        let centre = self.slot_place(along);
+        let at = |axis: usize, side: f32| {
+            let mut place = centre;
+            place[axis] += side;
+            self.march.brick.indicator::<C>(place, label)
+        };
+        Vec3::from_array([0, 1, 2].map(|axis| at(axis, 1.0) - at(axis, -1.0)))
     }
 
     /// The stored differences, as shares of the greatest code. Out of line for the same reason.

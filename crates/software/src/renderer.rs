@@ -259,7 +259,7 @@ fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), So
     })?;
     let (asked, given) = (settings.needs(), needs.bricks);
     expect(given.satisfy(&asked), || format!("a frame of {asked:?}: its bricks have {given:?}"))?;
-    let is_plain = settings.mode == Mode::Dvr && settings.sampling.method == Method::Udvr;
+    let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr;
     let is_bare = settings.surfaces.is_empty() && settings.grid().is_none();
     expect(!is_read || (is_plain && is_bare), || "an expression over other than values, sampled plainly".into())
 }

@@ -84,12 +84,7 @@ impl Accumulate for Isosurface {
                 let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
                 chunk.along[last / LANES][last % LANES] = inside(stretch.along(ray.ends(ticks, tick).1));
             }
-            march.brick.filtered::<C, U, INVALID>(
-                march.frame.settings.sampling.filter,
-                stretch.origin,
-                stretch.step,
-                chunk,
-            );
+            march.brick.read::<C, U, INVALID>(march.frame.reading, stretch.origin, stretch.step, chunk);
             for p in 0..chunk.packets.min(TOGETHER) {
                 let lanes = left - (p * LANES) as i32;
                 let Some(i) =
@@ -211,7 +206,7 @@ impl Line<'_> {
             points[a] = [at; LANES];
             (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
         }
-        let mut code = brick.filtered_points::<C, U, INVALID>(frame.settings.sampling.filter, &points, &mut weight);
+        let mut code = brick.read_points::<C, U, INVALID>(frame.reading, &points, &mut weight);
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {
@@ -237,11 +232,7 @@ impl Line<'_> {
                 points[a][i] = self.stretch.origin[a] + along[i] * self.stretch.step[a];
             }
         }
-        let code = self.march.brick.filtered_points::<C, U, INVALID>(
-            self.march.frame.settings.sampling.filter,
-            &points,
-            &mut weight,
-        );
+        let code = self.march.brick.read_points::<C, U, INVALID>(self.march.frame.reading, &points, &mut weight);
         (code, weight)
     }
 }

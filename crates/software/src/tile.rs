@@ -100,6 +100,7 @@ impl<'a> Scene<'a> {
                         match frame.blend {
                             Blend::Mix => shown[i].mix(seen[i], depth),
                             Blend::Add => shown[i].emission += seen[i] * frame.opacity,
+                            Blend::Over => shown[i].put_over(seen[i], frame.opacity),
                         }
                     }
                 }

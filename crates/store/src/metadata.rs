@@ -9,6 +9,7 @@ use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
 pub use crate::version::FORMAT_VERSION;
+use brickyard_volume::LabelColor;
 use brickyard_volume::channel;
 use brickyard_volume::{
     Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid, VoxelType,
@@ -16,6 +17,7 @@ use brickyard_volume::{
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Number of bins of a [`Histogram`].
@@ -526,6 +528,20 @@ pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDispl
         }
     };
     info.channels.iter().enumerate().map(display).collect()
+}
+
+/// The colours of labels that OME's metadata of the store give, sorted by label; the last of a label's counts. What cannot be used is left out.
+pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
+    let said = root["attributes"]["ome"]["image-label"]["colors"].as_array();
+    let color = |entry: &Value| {
+        let rgba: Vec<u64> = entry["rgba"].as_array()?.iter().filter_map(Value::as_u64).collect();
+        let &[r, g, b, _] = &rgba[..] else { return None };
+        let is_color = [r, g, b].iter().all(|&part| part <= 255);
+        let color = [r, g, b].map(|part| part as f64 / 255.0);
+        is_color.then_some((entry["label-value"].as_i64()?, color))
+    };
+    let colors: BTreeMap<i64, [f64; 3]> = said.into_iter().flatten().filter_map(color).collect();
+    colors.into_iter().map(|(label, color)| LabelColor { label, color }).collect()
 }
 
 /// Where the volume stands, from its own world of spacing and origin: in the world of the patient, where the store has an orientation.

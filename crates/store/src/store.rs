@@ -10,14 +10,14 @@ use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    ChannelDisplay, StoreInfo, apron_document, check_array, level_document, parse_displays, parse_geometry, parse_info,
-    parse_layout, parse_placement,
+    ChannelDisplay, ChannelStatistics, StoreInfo, apron_document, check_array, level_document, parse_displays,
+    parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
 use brickyard_volume::{
-    Apron, BrickId, BrickIndex, Geometry, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid, VoxelBox,
-    VoxelType,
+    Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
+    VoxelBox, VoxelType,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,7 @@ pub struct Store {
     info: StoreInfo,
     /// One for each channel.
     displays: Vec<ChannelDisplay>,
+    label_colors: Vec<LabelColor>,
     sides: SidePages,
     cores: Chunks,
     /// If they are stored.
@@ -88,11 +89,12 @@ impl Store {
             level_arrays(&path, &layout, level, info.voxel_type).iter().try_for_each(SideArray::check)?;
         }
         let displays = parse_displays(&root, &info);
+        let label_colors = parse_label_colors(&root);
         let aprons = open_aprons(&path, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let sides = SidePages::new(&path, &layout, info.voxel_type);
         let cores = Chunks::new(&path, layout, codec, mode);
-        Ok(Self { path, geometry, placement, info, displays, sides, cores, aprons })
+        Ok(Self { path, geometry, placement, info, displays, label_colors, sides, cores, aprons })
     }
 
     /// The store's directory.
@@ -181,6 +183,25 @@ impl Store {
     /// How each channel is shown unless somebody says otherwise: by OME's metadata, which other tools can edit.
     pub fn channel_displays(&self) -> &[ChannelDisplay] {
         &self.displays
+    }
+
+    /// The colours of a store of labels, sorted by label, that OME's metadata give (`image-label`), which other tools can write.
+    pub fn label_colors(&self) -> &[LabelColor] {
+        &self.label_colors
+    }
+
+    /// Whether a voxel of a channel may have this label, as far as the channel's range and histogram tell.
+    ///
+    /// # Panics
+    /// If there is no such channel.
+    pub fn may_have_label(&self, channel: u32, label: i64) -> bool {
+        let ChannelStatistics { range: [low, high], histogram, .. } = &self.info.channels[channel as usize];
+        let label = label as f64;
+        // Where values are counted in classes, a bin's share of a class may be rounded to nothing.
+        let is_exact = self.info.voxel_type.bytes() <= 2 || histogram.width <= 1.0;
+        let bin = ((label - histogram.low) / histogram.width) as usize;
+        let count = histogram.counts.get(bin.min(histogram.counts.len() - 1));
+        *low <= label && label <= *high && (!is_exact || count.is_none_or(|&count| count > 0))
     }
 
     /// The bins that occupancy masks have for a channel's values.

@@ -31,8 +31,15 @@ impl Combination {
         let (low, high) = transfer.span();
         // Of one point, or of none, all is alike.
         let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
-        let encoding =
-            SlotEncoding { voxel_type: VoxelType::F32, format: SlotFormat::U16, low, high, has_invalid: false };
+        let encoding = SlotEncoding {
+            voxel_type: VoxelType::F32,
+            format: SlotFormat::U16,
+            low,
+            high,
+            has_invalid: false,
+            is_labels: false,
+            is_hashed: false,
+        };
         let table = TransferTable::new(&transfer, &encoding);
         Self { expression, transfer, table, encoding }
     }

@@ -14,12 +14,13 @@
 //!
 //! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Layers that mix are joined as media of the
 //! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide what is behind. Layers that add give their
-//! colour times their opacity on top ([`JointMedium::flat`]).
+//! colour times their opacity on top ([`JointMedium::flat`]). Layers that lie *over* the others, as labels do over an image, are put on top of all that
+//! with their opacities, the last of them on top ([`JointMedium::put_over`]). In fog they mix.
 
 use crate::enum_all::every;
 use crate::lighting::LightingModel;
 use crate::picture::FrameSettings;
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 use serde::{Deserialize, Serialize};
 
 /// How a volume joins others in the same place.
@@ -31,9 +32,11 @@ pub enum Blend {
     Mix,
     /// As light alone: the volume's colour is added, and it hides nothing.
     Add,
+    /// In projections, on top of the others with the volume's opacity; in fog, as a medium.
+    Over,
 }
 
-every!(Blend: Mix Add);
+every!(Blend: Mix Add Over);
 
 /// The settings of one volume in a frame of several volumes.
 #[derive(Clone, Debug)]
@@ -54,12 +57,12 @@ impl VolumeFrame {
 
     /// Whether this volume, as the only one of a frame, makes the picture of its settings: neither blend nor opacity changes it.
     pub fn is_plain(&self) -> bool {
-        self.blend == Blend::Mix && (self.opacity >= 1.0 || !self.settings.mode.is_projection())
+        self.blend != Blend::Add && (self.opacity >= 1.0 || !self.settings.mode.is_projection())
     }
 
-    /// Whether the volume's fog is lit: the frame has a lighting model, and the volume mixes.
+    /// Whether the volume's fog is lit: the frame has a lighting model, and the volume does not add.
     pub fn is_lit(&self) -> bool {
-        self.blend == Blend::Mix && self.settings.lighting.model != LightingModel::None
+        self.blend != Blend::Add && self.settings.lighting.model != LightingModel::None
     }
 }
 
@@ -83,7 +86,7 @@ impl LayerMedium {
     pub fn add(&mut self, blend: Blend, rgb: DVec3, depth: f64, length: f64) {
         let depth = depth.min(OPAQUE);
         match blend {
-            Blend::Mix => {
+            Blend::Mix | Blend::Over => {
                 let left = (-depth * length).exp2();
                 self.color += rgb * ((-self.depth).exp2() * (1.0 - left));
                 self.depth += depth * length;
@@ -101,6 +104,8 @@ pub struct JointMedium {
     depth: f64,
     /// Emission of the layers that add.
     emission: DVec3,
+    /// Premultiplied colour and opacity of the projections that lie over the others.
+    over: DVec4,
 }
 
 impl JointMedium {
@@ -109,6 +114,11 @@ impl JointMedium {
         let mut alone = LayerMedium::default();
         alone.add(blend, DVec3::from_array(rgb), -(1.0 - alpha).log2(), length);
         self.put_share(&alone, 1.0);
+    }
+
+    /// Puts a projection's straight colour, with this opacity, on top of all others.
+    pub fn put_over(&mut self, rgb: [f64; 3], alpha: f64) {
+        self.over = self.over * (1.0 - alpha) + (DVec3::from_array(rgb) * alpha).extend(alpha);
     }
 
     /// Adds a share, 0 to 1, of what a layer shows of a piece.
@@ -131,10 +141,11 @@ impl JointMedium {
     }
 
     /// The premultiplied colour that projections show together, and the share of the light that passes them. The light of layers that add is not
-    /// dimmed.
+    /// dimmed but by those that lie over them.
     pub fn flat(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
-        (mixed + self.emission, left)
+        let below = 1.0 - self.over.w;
+        (self.over.truncate() + (mixed + self.emission) * below, left * below)
     }
 
     /// What those that mix show.
@@ -180,5 +191,20 @@ mod tests {
         let mut opaque = JointMedium::default();
         opaque.put(Blend::Mix, [0.4, 0.8, 0.1], 1.0, 0.5);
         assert_eq!(opaque.seen().1, 0.0);
+    }
+
+    #[test]
+    fn what_lies_over_others_hides_them_by_its_opacity() {
+        let mut together = JointMedium::default();
+        together.put_over([1.0, 0.0, 0.0], 0.25);
+        together.put(Blend::Mix, [0.0, 1.0, 0.0], 0.5, 1.0);
+        together.put(Blend::Add, [0.0, 0.0, 1.0], 0.5, 1.0);
+        together.put_over([1.0, 1.0, 1.0], 0.5);
+        let (seen, left) = together.flat();
+        let below = DVec3::new(0.25, 0.75 * 0.5, 0.75 * 0.5);
+        assert!(
+            (seen - (below * 0.5 + 0.5)).length() < 1e-12 && (left - 0.5 * 0.75 * 0.5).abs() < 1e-12,
+            "{seen} {left}"
+        );
     }
 }

@@ -2,6 +2,7 @@
 //! function, at the cost of a copy of the points.
 
 use crate::compositing::Blend;
+use crate::labels::LabelLook;
 use crate::placement::Placement;
 use crate::scene_error::LayerError;
 use crate::surface::Isosurface;
@@ -28,6 +29,8 @@ pub struct SceneLayer {
     pub color: Option<[f64; 3]>,
     /// The power by which colours and opacities are bent over the window; less than 1 shows more of the lesser values.
     pub gamma: f64,
+    /// The labels that are shown, of a volume of labels; `None` shows all but the background.
+    pub show_labels: Option<Vec<i64>>,
     /// Factor of the transfer function's opacities, in 0..=1. In projections it is the opacity of the whole layer.
     pub opacity: f64,
     /// How the layer joins others in the same place.
@@ -52,6 +55,7 @@ impl Default for SceneLayer {
             window: None,
             color: None,
             gamma: 1.0,
+            show_labels: None,
             opacity: 1.0,
             blend: Blend::Mix,
             isosurfaces: Vec::new(),
@@ -87,15 +91,50 @@ impl SceneLayer {
             }
             function = function.stretched((low, high), window);
         }
+        if subject.is_labels {
+            return Ok(self.of_labels(function));
+        }
         if let Some([r, g, b]) = self.color {
             function.color = vec![[window.0, 0.0, 0.0, 0.0], [window.1, r, g, b]];
         }
         Ok(function.bent(window, self.gamma))
     }
 
-    /// This layer with its transfer function written out, in the place of choice, window, colour and gamma.
+    /// A transfer function of labels, of which it shows those that the layer does, in the layer's colour if it has one.
+    fn of_labels(&self, mut function: TransferFunction) -> TransferFunction {
+        if let Some([r, g, b]) = self.color {
+            function.color = vec![[0.0, r, g, b]];
+            function.labels = Some(LabelLook::default());
+        }
+        if self.show_labels.is_some() {
+            function.labels.get_or_insert_default().shown.clone_from(&self.show_labels);
+        }
+        function
+    }
+
+    /// This layer with its transfer function written out, in the place of choice, window, colour, gamma and labels.
     pub fn written_out(&self, function: TransferFunction) -> Self {
-        Self { transfer: Some(function.into()), window: None, color: None, gamma: 1.0, ..self.clone() }
+        let transfer = Some(function.into());
+        Self { transfer, window: None, color: None, gamma: 1.0, show_labels: None, ..self.clone() }
+    }
+
+    /// Checks that the layer's style is one for labels, if it shows labels, and one for measurements if not.
+    ///
+    /// # Errors
+    /// The first part of the style that is not.
+    pub(crate) fn check_kind(&self, is_labels: bool) -> Result<(), LayerError> {
+        let has_own = matches!(&self.transfer, Some(TransferChoice::Function(function)) if function.labels.is_some());
+        let styles = [
+            ("window", self.window.is_some() && self.transfer.is_none()),
+            ("gamma", self.gamma != 1.0),
+            ("isosurfaces", !self.isosurfaces.is_empty()),
+            ("gradient_opacity or regions", self.transfer.as_ref().is_some_and(TransferChoice::is_by_gradient)),
+        ];
+        match styles.into_iter().find(|(_, is_there)| *is_there) {
+            _ if !is_labels && (self.show_labels.is_some() || has_own) => Err(LayerError::NoLabels),
+            Some((style, _)) if is_labels => Err(LayerError::OfLabels(style)),
+            _ => Ok(()),
+        }
     }
 
     /// Whether an expression's value could take the place of the layer's own: nothing is said of how the layer looks.
@@ -109,7 +148,8 @@ impl SceneLayer {
 mod tests {
     use super::*;
 
-    const SUBJECT: Subject = Subject { window: (0.0, 200.0), unit_distance: 3.0, cell_length: 1.0, mean_spacing: 1.0 };
+    const SUBJECT: Subject =
+        Subject { window: (0.0, 200.0), unit_distance: 3.0, cell_length: 1.0, mean_spacing: 1.0, is_labels: false };
 
     #[test]
     fn a_style_comes_to_one_function() {
@@ -134,6 +174,29 @@ mod tests {
         assert!((bent.rgb(100.0)[0] - 0.25).abs() < 2e-3, "a half squared: {:?}", bent.rgb(100.0));
         let flat = SceneLayer { window, ..TransferFunction::default().into() };
         assert!(matches!(flat.function(&SUBJECT), Err(LayerError::Flat(0.0))));
+    }
+
+    #[test]
+    fn labels_have_colours_of_their_own_and_no_windows() {
+        let of = |layer: &SceneLayer| layer.function(&Subject { is_labels: true, ..SUBJECT }).unwrap();
+        let plain = SceneLayer::default();
+        let hashed = of(&plain);
+        assert_eq!((hashed.alpha(0.0), hashed.alpha(3.0), hashed.unit_distance), (0.0, 1.0, 3.0));
+        assert_ne!(hashed.rgb(3.0), hashed.rgb(4.0));
+        let some = of(&SceneLayer { show_labels: Some(vec![3]), ..plain.clone() });
+        assert_eq!((some.alpha(3.0), some.alpha(4.0), some.rgb(3.0)), (1.0, 0.0, hashed.rgb(3.0)));
+        let red = of(&SceneLayer { color: Some([1.0, 0.0, 0.0]), ..plain.clone() });
+        assert_eq!((red.rgb(3.0), red.rgb(4.0), red.alpha(0.0)), ([1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0));
+        let preset = of(&SceneLayer { transfer: Some(TransferChoice::preset("gray")), ..plain.clone() });
+        assert_eq!(preset.labels, None, "a transfer function over the labels' numbers");
+        let window = SceneLayer { window: Some([0.0, 9.0]), ..plain.clone() };
+        assert!(
+            matches!(window.check_kind(true), Err(LayerError::OfLabels("window"))) && window.check_kind(false).is_ok()
+        );
+        let some = SceneLayer { show_labels: Some(vec![3]), ..plain };
+        assert!(matches!(some.check_kind(false), Err(LayerError::NoLabels)) && some.check_kind(true).is_ok());
+        let written = some.written_out(of(&some));
+        assert!(written.check_kind(true).is_ok() && matches!(written.check_kind(false), Err(LayerError::NoLabels)));
     }
 
     #[test]

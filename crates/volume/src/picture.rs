@@ -8,7 +8,7 @@ use crate::lighting::Lighting;
 use crate::mesh::{MeshCapacity, ShownMesh};
 use crate::mode::Mode;
 use crate::placement::Placement;
-use crate::sampling::{Needs, Sampling};
+use crate::sampling::{Method, Needs, Sampling};
 use crate::slot_encoding::SlotEncoding;
 use crate::space::Extent;
 use crate::surface::Surface;
@@ -54,6 +54,11 @@ impl FrameSettings {
         let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));
         let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
+    }
+
+    /// How segments of fog become media: labels are read in the middle of a segment, whatever the scene's method is.
+    pub fn method(&self) -> Method {
+        if self.encoding.is_labels { Method::Udvr } else { self.sampling.method }
     }
 
     /// The table of value and gradient magnitude that fog is classified by. `None` if it is classified by value alone, or the

@@ -309,6 +309,7 @@ mod tests {
                     window: Some([-3.0, 4.5]),
                     color: Some([0.25, 1.0, 0.0]),
                     gamma: 0.75,
+                    show_labels: Some(vec![3, -7]),
                     opacity: 0.5,
                     blend: Blend::Add,
                     isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],

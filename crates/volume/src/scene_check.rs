@@ -16,7 +16,7 @@ use crate::surface::{Isosurface, MAX_SURFACES};
 use crate::transfer::GAMMAS;
 use crate::transfer::{Subject, TransferChoice};
 
-/// How many levels, time steps and channels a store has.
+/// How many levels, time steps and channels a store has, and what its values are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StoreCounts {
     /// Number of levels.
@@ -25,6 +25,8 @@ pub struct StoreCounts {
     pub times: u32,
     /// Number of channels.
     pub channels: u32,
+    /// Whether the store's values are labels.
+    pub is_labels: bool,
 }
 
 impl Scene {
@@ -95,11 +97,14 @@ impl Scene {
     fn check_store(&self, layer: usize, stores: &[StoreCounts]) -> Result<(), LayerError> {
         let (store, channel, time) = (self.store(layer), self.layers[layer].channel, self.time);
         let missing = LayerError::Store { store, stores: stores.len() };
-        let &StoreCounts { times, channels, .. } = stores.get(store).ok_or(missing)?;
+        let &StoreCounts { times, channels, is_labels, .. } = stores.get(store).ok_or(missing)?;
         if channel >= channels {
             return Err(LayerError::Channel { channel, channels });
         }
-        if time < times { Ok(()) } else { Err(LayerError::Time { time, times }) }
+        if time >= times {
+            return Err(LayerError::Time { time, times });
+        }
+        self.layers[layer].check_kind(is_labels)
     }
 
     fn check_layer(&self, layer: &SceneLayer) -> Result<(), LayerError> {

@@ -3,6 +3,7 @@
 
 use crate::clip::ClipError;
 use crate::expression::{ExpressionError, MAX_VOLUMES};
+use crate::labels::LabelCodes;
 use crate::lighting::{LightingModel, MAX_LIGHTS};
 use crate::mesh::MeshLookError;
 use crate::mode::Mode;
@@ -162,6 +163,23 @@ pub enum LayerError {
         "all points of the transfer function have the value {0}, and cannot be moved to a window: leave the window out"
     )]
     Flat(f64),
+    /// The layer's style is about labels, and its store's values are measurements.
+    #[error(
+        "the layer says which labels it shows, and the store has no labels: pack it with `kind` labels, or leave `show-labels` out"
+    )]
+    NoLabels,
+    /// The layer's style has a part, named here, that labels do not have: they have no order, and nothing is between two of them.
+    #[error("labels have no {0}: leave it out; `show-labels`, `color` and `opacity` are for labels")]
+    OfLabels(&'static str),
+    /// The layer's labels have codes by their looks, since they are further apart than 16 bits reach, and the transfer function is one of their
+    /// numbers, or an expression reads them.
+    #[error(
+        "its labels are too far apart for a picture that computes with their numbers: leave the transfer function or expression out"
+    )]
+    HashedLabels,
+    /// The layer's labels have codes by their looks, since they are further apart than 16 bits reach, and too many have looks of their own.
+    #[error("more than {most} labels have looks of their own: show fewer, or give fewer colors", most = LabelCodes::MOST)]
+    ManyLabels,
     /// The sampling method pre-integrates over values, and the layer's transfer function is one of value and gradient.
     #[error(
         "the sampling method {0:?} integrates over values, and the transfer function is one of value and gradient: use method udvr, lvs, \

@@ -47,6 +47,11 @@ pub struct SlotEncoding {
     pub high: f64,
     /// Whether code 0 means *invalid* instead of `low`.
     pub has_invalid: bool,
+    /// Whether values are labels: a place has the label of the voxel that it is in, and labels are not interpolated.
+    pub is_labels: bool,
+    /// Whether codes are those of [`LabelCodes`](crate::LabelCodes), and so of the layer's look: labels that are further apart than 16 bits
+    /// reach. [`value`](Self::value) does not know their labels.
+    pub is_hashed: bool,
 }
 
 impl SlotEncoding {
@@ -56,13 +61,27 @@ impl SlotEncoding {
         let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
         if voxel_type.bytes() <= 2 {
             let (low, high) = voxel_type.limits();
-            return Self { voxel_type, format, low, high, has_invalid: false };
+            return Self { voxel_type, format, low, high, has_invalid: false, is_labels: false, is_hashed: false };
         }
         // One value takes a range in which it is told from its neighbours, however large it is.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
-        Self { voxel_type, format, low, high, has_invalid: has_non_finite }
+        Self { voxel_type, format, low, high, has_invalid: has_non_finite, is_labels: false, is_hashed: false }
+    }
+
+    /// The encoding of labels in `range`: a code for each label where 65,536 codes reach from the least to the greatest, else those of
+    /// [`LabelCodes`](crate::LabelCodes).
+    pub fn of_labels(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool) -> Self {
+        let plain = Self { is_labels: true, ..Self::new(voxel_type, range, has_non_finite) };
+        if voxel_type.bytes() <= 2 {
+            return plain;
+        }
+        let low = range.0.floor() - f64::from(u8::from(has_non_finite));
+        if range.1 - low <= f64::from(u16::MAX) {
+            return Self { low, high: low + f64::from(u16::MAX), ..plain };
+        }
+        Self { low: 0.0, high: f64::from(u16::MAX), is_hashed: true, ..plain }
     }
 
     /// Data units per code.
@@ -83,8 +102,9 @@ impl SlotEncoding {
     /// Encodes little-endian voxels into `codes`. Costs a copy for unsigned 8- and 16-bit data.
     ///
     /// # Panics
-    /// If the two lengths do not hold the same number of voxels.
+    /// If the two lengths do not hold the same number of voxels, or codes are those of a look.
     pub fn encode(&self, voxels: &[u8], codes: &mut [u8]) {
+        assert!(!self.is_hashed, "codes by looks are made by LabelCodes");
         assert_eq!(voxels.len() / self.voxel_type.bytes(), codes.len() / self.format.bytes());
         match self.voxel_type {
             VoxelType::U8 | VoxelType::U16 => codes.copy_from_slice(voxels),
@@ -157,6 +177,21 @@ mod tests {
         for (v, b) in values.iter().zip(back) {
             assert!((*v as f64 - b).abs() <= 7.0 / 131_068.0 * 1.001);
         }
+    }
+
+    #[test]
+    fn labels_have_a_code_each_or_are_hashed() {
+        let near = SlotEncoding::of_labels(VoxelType::U32, (70_000.0, 70_900.0), false);
+        let labels = [70_000u32, 70_001, 70_900];
+        let bytes: Vec<u8> = labels.iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(round_trip(&near, &bytes), labels.map(f64::from));
+        assert!(near.is_labels && !near.is_hashed);
+        let gaps = SlotEncoding::of_labels(VoxelType::F32, (-3.0, 9.0), true);
+        let bytes: Vec<u8> = [-3.0f32, 9.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(round_trip(&gaps, &bytes), [-3.0, 9.0]);
+        assert!(SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false).is_hashed);
+        let bytes = SlotEncoding::of_labels(VoxelType::U8, (1.0, 3.0), false);
+        assert_eq!((bytes.low, bytes.high, bytes.is_hashed), (0.0, 255.0, false));
     }
 
     #[test]

@@ -27,6 +27,7 @@ pub use imported::{Imported, Subject, shown_window};
 pub use region::{Region, Shape};
 pub use table::TransferTable;
 
+use crate::labels::{self, LabelLook};
 use crate::preintegration::depth;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -56,13 +57,17 @@ pub struct TransferFunction {
     /// Further media, each in a region of the plane of values and gradient magnitudes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<Region>,
+    /// How values look that are labels; `None` for values that are measurements. Labels that are shown have the opacity of their
+    /// values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub labels: Option<LabelLook>,
 }
 
 impl Default for TransferFunction {
     /// White and clear everywhere.
     fn default() -> Self {
         let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]]);
-        Self { color, opacity, unit_distance: unit(), gradient_opacity: Vec::new(), regions: Vec::new() }
+        Self { color, opacity, unit_distance: unit(), gradient_opacity: Vec::new(), regions: Vec::new(), labels: None }
     }
 }
 
@@ -160,6 +165,7 @@ impl TransferFunction {
         if self.is_by_gradient() {
             self.check_gradients()?;
         }
+        self.labels.iter().try_for_each(LabelLook::validate)?;
         if !(self.unit_distance.is_finite() && self.unit_distance > 0.0) {
             return Err(TransferError::UnitDistance(self.unit_distance));
         }
@@ -186,8 +192,26 @@ impl TransferFunction {
 
     /// Straight colour `[r, g, b]` at a value; regions are left out.
     pub fn rgb(&self, value: f64) -> [f64; 3] {
+        if let Some(color) = self.labels.as_ref().and_then(|labels| labels.color(value.round() as i64)) {
+            return color;
+        }
         let [_, r, g, b] = interpolate(&self.color, value);
         [r, g, b]
+    }
+
+    /// Straight colour, and opacity over `unit_distance`, of labels that the function does not name, by their
+    /// [hashed colour](crate::labels::color_index): `[r, g, b, alpha]`.
+    pub(crate) fn of_other_labels(&self, color: u32) -> [f64; 4] {
+        let (has_hashed, is_shown) =
+            self.labels.as_ref().map_or((false, true), |look| (look.colors.is_some(), look.shown.is_none()));
+        let [_, r, g, b] = self.color[0];
+        let [r, g, b] = if has_hashed { labels::hashed_color(color) } else { [r, g, b] };
+        [r, g, b, if is_shown { self.opacity[0][1] } else { 0.0 }]
+    }
+
+    /// Whether colour and opacity are the same at all values, but for what labels have of their own.
+    pub fn is_even(&self) -> bool {
+        self.color.len() == 1 && self.opacity.len() == 1
     }
 
     /// What opacity is multiplied by at a gradient magnitude, in data units per world unit.
@@ -205,14 +229,21 @@ impl TransferFunction {
 
     /// Opacity over `unit_distance` at a value; gradient factor and regions are left out.
     pub fn alpha(&self, value: f64) -> f64 {
+        if self.labels.as_ref().is_some_and(|labels| !labels.shows(value.round() as i64)) {
+            return 0.0;
+        }
         interpolate(&self.opacity, value)[1]
     }
 
     /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions that meet
     /// the interval count with all of their opacity, as if they were in one place, so that with regions it is an upper bound.
     pub fn max_alpha(&self, low: f64, high: f64) -> f64 {
+        if self.labels.as_ref().is_some_and(|labels| !labels.shows_between(low.round(), high.round())) {
+            return 0.0;
+        }
         let inside = self.opacity.iter().filter(|p| low <= p[0] && p[0] <= high).map(|p| p[1]);
-        let alpha = inside.fold(self.alpha(low).max(self.alpha(high)), f64::max);
+        let ends = [low, high].map(|value| interpolate(&self.opacity, value)[1]);
+        let alpha = inside.chain(ends).fold(0.0, f64::max);
         let factor = self.gradient_opacity.iter().map(|point| point[1]).reduce(f64::max).unwrap_or(1.0);
         let regions = self.regions.iter().filter(|region| region.value[0] <= high && low <= region.value[1]);
         let clear = regions.map(|region| 1.0 - region.opacity).product::<f64>();

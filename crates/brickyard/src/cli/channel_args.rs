@@ -28,6 +28,9 @@ pub(crate) struct ChannelArguments {
     /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values
     #[arg(long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
     gamma: Vec<Setting<f64>>,
+    /// Labels to show, with commas between them; of labels [default: all but the background, 0]
+    #[arg(long, value_name = "[CHANNEL=]LABEL,...", value_parser = setting::<Labels>, allow_hyphen_values = true)]
+    show_labels: Vec<Setting<Labels>>,
 }
 
 /// A value for the layers of one channel, or of all.
@@ -50,6 +53,10 @@ enum Bound {
 /// Red, green and blue, each 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Color([f64; 3]);
+
+/// Labels to be shown.
+#[derive(Clone, Debug, PartialEq)]
+struct Labels(Vec<i64>);
 
 /// The colours that have names.
 const COLORS: [(&str, [f64; 3]); 9] = [
@@ -75,6 +82,12 @@ impl Value for f64 {
             .ok()
             .filter(|number: &f64| number.is_finite())
             .ok_or_else(|| format!("'{text}': expected a number"))
+    }
+}
+
+impl Value for Labels {
+    fn read(text: &str) -> Result<Self, String> {
+        values::labels(text).map(Self)
     }
 }
 
@@ -152,8 +165,11 @@ impl ChannelArguments {
             return Ok(());
         };
         scene.layers.clear();
+        let has_image = volumes.iter().any(|volume| !volume.source.is_labels());
         for (i, volume) in volumes.iter().enumerate() {
-            scene.layers.extend(channel_layers(i, volume, &chosen(text, volume)?, scene.mode));
+            // Channels are those of images, where labels are shown over them.
+            let channels = if has_image && volume.source.is_labels() { vec![0] } else { chosen(text, volume)? };
+            scene.layers.extend(channel_layers(i, volume, &channels, scene.mode));
         }
         match scene.layers.len() {
             count if count > MAX_VOLUMES => {
@@ -177,49 +193,99 @@ impl ChannelArguments {
         Ok(())
     }
 
-    /// Sets windows, colours, opacities and gammas of a scene's layers.
+    /// Sets windows, colours, opacities, gammas and labels of a scene's layers. Windows and gammas that name no channel are those of
+    /// measurements, where the scene shows both measurements and labels.
     ///
     /// # Errors
-    /// If no layer shows a channel that is named, or percentiles are one value.
+    /// If no layer shows a channel that is named, percentiles are one value, or labels are shown that there are not.
     pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
-        let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], store: Option<&Store>| {
-            layer.window = Some(found_window(*bounds, store, layer.channel)?);
+        let store = |volume: &VolumeSource| volume.store().cloned();
+        let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], volume: &VolumeSource| {
+            layer.window = Some(found_window(*bounds, store(volume).as_deref(), layer.channel)?);
             Ok(())
         };
-        each(&self.window, "--window", scene, volumes, window)?;
-        let color = |layer: &mut SceneLayer, Color(color): &Color, _: Option<&Store>| {
+        each(&self.window, "--window", Suits::Measurements, scene, volumes, window)?;
+        let color = |layer: &mut SceneLayer, Color(color): &Color, _: &VolumeSource| {
             layer.color = Some(*color);
             Ok(())
         };
-        each(&self.color, "--color", scene, volumes, color)?;
-        let opacity = |layer: &mut SceneLayer, opacity: &f64, _: Option<&Store>| {
+        each(&self.color, "--color", Suits::All, scene, volumes, color)?;
+        let opacity = |layer: &mut SceneLayer, opacity: &f64, _: &VolumeSource| {
             layer.opacity = *opacity;
             Ok(())
         };
-        each(&self.opacity, "--opacity", scene, volumes, opacity)?;
-        let gamma = |layer: &mut SceneLayer, gamma: &f64, _: Option<&Store>| {
+        each(&self.opacity, "--opacity", Suits::All, scene, volumes, opacity)?;
+        let gamma = |layer: &mut SceneLayer, gamma: &f64, _: &VolumeSource| {
             layer.gamma = *gamma;
             Ok(())
         };
-        each(&self.gamma, "--gamma", scene, volumes, gamma)
+        each(&self.gamma, "--gamma", Suits::Measurements, scene, volumes, gamma)?;
+        let show_labels = |layer: &mut SceneLayer, Labels(labels): &Labels, volume: &VolumeSource| {
+            check_labels(labels, volume, layer.channel)?;
+            layer.show_labels = Some(labels.clone());
+            Ok(())
+        };
+        each(&self.show_labels, "--show-labels", Suits::Labels, scene, volumes, show_labels)
     }
 }
 
-/// Applies settings to the layers that they are about; a layer comes with its store.
+/// The layers that a flag is for if it names no channel.
+#[derive(Clone, Copy, PartialEq)]
+enum Suits {
+    All,
+    Measurements,
+    Labels,
+}
+
+/// The layers of a scene that a flag for measurements, or for labels, is for: all of that kind, or all if there are none of it, so that they are refused
+/// by name.
+pub(super) fn layers_of_kind(scene: &Scene, volumes: &[VolumeSource], is_labels: bool) -> Vec<usize> {
+    let is_it = |&i: &usize| volumes.get(scene.store(i)).is_some_and(|volume| volume.source.is_labels() == is_labels);
+    let all = 0..scene.layers.len();
+    let found: Vec<usize> = all.clone().filter(is_it).collect();
+    if found.is_empty() { all.collect() } else { found }
+}
+
+/// Checks that a channel may have these labels, as far as its range and its counts by value tell.
+fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(), Failure> {
+    let Some(store) = volume.store().filter(|_| volume.source.is_labels()) else { return Ok(()) };
+    let Some(label) = labels.iter().find(|&&label| !store.may_have_label(channel, label)) else { return Ok(()) };
+    let (low, high) = volume.source.channel_range(channel);
+    let [below, above] = [-1i64, 1].map(|step| {
+        let mut others = (1..=LABELS_AROUND).map(|i| label.saturating_add(i * step));
+        others.find(|&other| other != 0 && store.may_have_label(channel, other))
+    });
+    let near = match (below, above) {
+        (Some(a), Some(b)) => format!(", did you mean {a} or {b}?"),
+        (Some(a), None) | (None, Some(a)) => format!(", did you mean {a}?"),
+        (None, None) => String::new(),
+    };
+    Err(Failure::usage(format!("--show-labels: no label {label}{near}: the store has labels from {low} to {high}")))
+}
+
+/// How far from a label that there is not another one is looked for.
+const LABELS_AROUND: i64 = 100;
+
+/// Applies settings to the layers that they are about; a layer comes with its volume.
 fn each<T>(
     settings: &[Setting<T>],
     flag: &str,
+    suits: Suits,
     scene: &mut Scene,
     volumes: &[VolumeSource],
-    apply: impl Fn(&mut SceneLayer, &T, Option<&Store>) -> Result<(), Failure>,
+    apply: impl Fn(&mut SceneLayer, &T, &VolumeSource) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     for Setting { channel, value } in settings {
         let mut is_used = false;
-        for i in 0..scene.layers.len() {
+        let layers = match suits {
+            _ if suits == Suits::All || channel.is_some() => (0..scene.layers.len()).collect(),
+            _ => layers_of_kind(scene, volumes, suits == Suits::Labels),
+        };
+        for i in layers {
             let Some(volume) = volumes.get(scene.store(i)) else { continue };
             let layer = &mut scene.layers[i];
             if channel.as_ref().is_none_or(|name| find(name, volume) == Some(layer.channel)) {
-                apply(layer, value, volume.store().map(|store| &**store))?;
+                apply(layer, value, volume)?;
                 is_used = true;
             }
         }

@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
-use brickyard::store::{ChannelDisplay, ReadError, Store};
+use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
 use brickyard::volume::{Level, Side, counted};
 use clap::Args;
@@ -103,7 +103,15 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         orientation(store),
         format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
     ];
+    let is_labels = info.store.kind == Kind::Labels;
+    if is_labels && !store.label_colors().is_empty() {
+        lines.push(format!("  {} with colors of their own", counted(store.label_colors().len() as u64, "label")));
+    }
     for (c, channel) in info.store.channels.iter().enumerate() {
+        if is_labels {
+            lines.push(format!("  channel {c}: labels from {} to {}", channel.range[0], channel.range[1]));
+            continue;
+        }
         let window = store.default_window(c as u32);
         lines.push(format!(
             "  channel {c}{}: values {} to {}, mean {:.4}, window {} to {}, {} not finite",

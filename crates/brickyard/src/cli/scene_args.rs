@@ -1,6 +1,6 @@
 //! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
 
-use super::channel_args::ChannelArguments;
+use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
 use super::slice_argument::{self, SliceArgument, ViewArgument};
 use super::values::{self, GradientOpacity};
@@ -193,7 +193,7 @@ impl SceneArguments {
         show_all(&mut scene, volumes.len());
         self.set_picture(&mut scene)?;
         self.channels.set_layers(&mut scene, volumes, lists_layers)?;
-        self.set_layers(&mut scene)?;
+        self.set_layers(&mut scene, volumes)?;
         if scene.expression.is_some() && !lists_layers {
             // What an expression takes the place of has no look of its own.
             for layer in &mut scene.layers {
@@ -234,20 +234,21 @@ impl SceneArguments {
         Ok(())
     }
 
-    /// The layers, all of them and then each; and the expression over them.
-    fn set_layers(&self, scene: &mut Scene) -> Result<(), Failure> {
+    /// The layers, all of them and then each; and the expression over them. What is for all is for those of measurements, where there are labels, too.
+    fn set_layers(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         scene.expression = self.expr.clone().map(SceneExpression::from).or(scene.expression.take());
         // A projection's flag takes the file's surfaces away with its mode; those that are given must suit.
         let is_of_file = self.mode.is_none() && self.slice.is_none();
         let has_no_surfaces = !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface);
-        for layer in &mut scene.layers {
+        let measured = layers_of_kind(scene, volumes, false);
+        for &i in &measured {
             if has_no_surfaces || !self.isovalue.is_empty() {
-                layer.isosurfaces.clone_from(&self.isovalue);
+                scene.layers[i].isosurfaces.clone_from(&self.isovalue);
             }
         }
         match (self.transfer.as_deref().map(transfer_choice), &mut scene.expression) {
             (Some(choice), Some(expression)) => expression.transfer = Some(choice),
-            (Some(choice), None) => scene.layers.iter_mut().for_each(|layer| set_transfer(layer, choice.clone())),
+            (Some(choice), None) => measured.iter().for_each(|&i| set_transfer(&mut scene.layers[i], choice.clone())),
             (None, _) => {}
         }
         // Flags take a file's surfaces away, layer by layer.
@@ -276,7 +277,7 @@ impl SceneArguments {
         if scene.expression.is_some() {
             return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
         }
-        for i in 0..scene.layers.len() {
+        for i in layers_of_kind(scene, volumes, false) {
             let Some(subject) = scene_file::subject(scene, i, volumes) else { continue };
             let layer = &mut scene.layers[i];
             let function = layer.function(&subject).map_err(|error| Failure::usage(format!("layer {i}: {error}")))?;

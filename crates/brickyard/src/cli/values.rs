@@ -178,6 +178,13 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Labels, with commas between them.
+pub(crate) fn labels(text: &str) -> Result<Vec<i64>, String> {
+    let label = |part: &str| part.trim().parse();
+    let labels: Result<Vec<i64>, _> = text.split(',').map(label).collect();
+    labels.map_err(|_| format!("'{text}': expected labels, whole numbers with commas between them, as in 3,7"))
+}
+
 /// `none`, `white`, `white:SEED` or `blue`.
 pub(crate) fn jitter(text: &str) -> Result<Jitter, String> {
     let seed = |text: &str| text.parse().ok().map(Jitter::White);

@@ -22,6 +22,7 @@ pub(crate) enum VolumeKey {
     Window,
     Color,
     Gamma,
+    ShowLabels,
     Blend,
     Opacity,
     Isovalue,
@@ -30,12 +31,13 @@ pub(crate) enum VolumeKey {
     Visible,
 }
 
-const KEYS: [(&str, VolumeKey); 11] = [
+const KEYS: [(&str, VolumeKey); 12] = [
     ("transfer", VolumeKey::Transfer),
     ("matrix", VolumeKey::Matrix),
     ("window", VolumeKey::Window),
     ("color", VolumeKey::Color),
     ("gamma", VolumeKey::Gamma),
+    ("show-labels", VolumeKey::ShowLabels),
     ("blend", VolumeKey::Blend),
     ("opacity", VolumeKey::Opacity),
     ("isovalue", VolumeKey::Isovalue),
@@ -119,11 +121,13 @@ impl VolumeKey {
             Self::Window => layer.window = Some(values::window(value)?),
             Self::Color => layer.color = Some(values::color(&value.replace(':', ","))?),
             Self::Gamma => layer.gamma = values::positive(value)?,
+            Self::ShowLabels => layer.show_labels = Some(values::labels(value)?),
             Self::Blend => {
                 layer.blend = match value {
                     "mix" => Blend::Mix,
                     "add" => Blend::Add,
-                    _ => return Err(format!("blend '{value}': expected mix or add")),
+                    "over" => Blend::Over,
+                    _ => return Err(format!("blend '{value}': expected mix, add or over")),
                 }
             }
             Self::Opacity => {
@@ -163,6 +167,7 @@ mod tests {
             "0:window=-4.5:30",
             "0:color=1:0.5:0",
             "0:gamma=0.5",
+            "0:show-labels=3, 7",
             "0:channel=2",
             "0:visible=false",
         ] {
@@ -171,7 +176,7 @@ mod tests {
         }
         assert_eq!((layer.blend, layer.opacity, layer.channel, layer.visible), (Blend::Add, 0.25, 2, false));
         assert_eq!((layer.window, layer.color, layer.gamma), (Some([-4.5, 30.0]), Some([1.0, 0.5, 0.0]), 0.5));
-        assert!(layer.crop.is_some());
+        assert!(layer.crop.is_some() && layer.show_labels == Some(vec![3, 7]));
         assert_eq!(
             layer.isosurfaces.iter().map(|s| (s.value, s.opacity)).collect::<Vec<_>>(),
             [(-300.0, 0.3), (350.0, 1.0)]
@@ -181,7 +186,7 @@ mod tests {
             ("x:blend=add", "N:KEY=VALUE"),
             ("0:blend", "N:KEY=VALUE"),
             ("0:bland=add", "expected one of transfer, matrix"),
-            ("0:blend=over", "mix or add"),
+            ("0:blend=under", "mix, add or over"),
             ("0:opacity=2", "0 to 1"),
             ("0:opacity=nan", "0 to 1"),
             ("0:isovalue=300,opacity=x", "0..1"),
@@ -191,6 +196,7 @@ mod tests {
             ("0:window=3", "LOW:HIGH"),
             ("0:color=1:0", "R,G,B"),
             ("0:gamma=0", "positive"),
+            ("0:show-labels=3;7", "whole numbers"),
             ("0:channel=-1", "from 0"),
             ("0:visible=maybe", "true or false"),
         ] {

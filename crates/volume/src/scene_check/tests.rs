@@ -1,14 +1,17 @@
 use super::*;
-use crate::Placement;
 use crate::lighting::LightingModel;
 use crate::scene::VolumePlace;
 use crate::transfer::TransferFunction;
+use crate::{LabelCodes, LabelLook, Placement, SlotEncoding, VoxelType};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// Two channels and four levels; one channel, two levels, and a time step more.
-const STORES: [StoreCounts; 2] =
-    [StoreCounts { levels: 4, times: 1, channels: 2 }, StoreCounts { levels: 2, times: 2, channels: 1 }];
+/// Two channels and four levels; one channel, two levels, and a time step more; labels.
+const STORES: [StoreCounts; 3] = [
+    StoreCounts { levels: 4, times: 1, channels: 2, is_labels: false },
+    StoreCounts { levels: 2, times: 2, channels: 1, is_labels: false },
+    StoreCounts { levels: 1, times: 1, channels: 1, is_labels: true },
+];
 
 fn read(text: &str) -> Scene {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"))
@@ -70,8 +73,10 @@ fn impossible() -> Vec<(&'static str, &'static str, Scene)> {
             "did you mean 'fire'",
             expression(r#""expression": {"text": "a", "transfer": {"preset": "fir"}}"#),
         ),
-        ("Store", "layer 1: store 2 does not exist: there are 2", layer(r#"{"source": 2}"#)),
-        ("Store", "layer 2: store 2", Scene { layers: vec![SceneLayer::default(); 3], ..default() }),
+        ("Store", "layer 1: store 3 does not exist: there are 3", layer(r#"{"source": 3}"#)),
+        ("NoLabels", "the store has no labels", layer(r#"{"show_labels": [3]}"#)),
+        ("OfLabels", "labels have no window", layer(r#"{"source": 2, "window": [0, 9]}"#)),
+        ("Store", "layer 3: store 3", Scene { layers: vec![SceneLayer::default(); 4], ..default() }),
         ("Channel", "channel 1 does not exist: the store has 1", layer(r#"{"channel": 1}"#)),
         ("Time", "layer 0: time step 1", Scene { time: 1, ..layer("{}") }),
         ("Opacity", "1.5", layer(r#"{"opacity": 1.5}"#)),
@@ -136,6 +141,15 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
     let error = scene.world_box(&[place]).expect_err("a map that cannot be used");
     assert!(error.to_string().contains("layer 0: the matrix stretches"), "{error}");
     found.insert("Placement");
+    // What depends on the labels' codes is found when these are.
+    let encoding = SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false);
+    let look = LabelLook { shown: Some((0..40_000).collect()), colors: None };
+    for (name, labels, word) in [("HashedLabels", None, "too far apart"), ("ManyLabels", Some(look), "32767 labels")] {
+        let function = TransferFunction { labels, ..TransferFunction::default() };
+        let error = LabelCodes::for_function(&function, &encoding).expect_err(name);
+        assert!(format!("{error:?}") == name && error.to_string().contains(word), "{error}");
+        found.insert(name);
+    }
     assert_eq!(found, variants(), "each has its scene");
 }
 

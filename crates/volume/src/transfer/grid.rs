@@ -240,7 +240,7 @@ mod tests {
             opacity: vec![[-20.0, 0.0], [40.0, 0.2], [60.0, 0.8]],
             unit_distance: 1.0,
             gradient_opacity: vec![[0.0, 0.0], [25.5, 0.5], [51.0, 1.0]],
-            regions: Vec::new(),
+            ..TransferFunction::default()
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::TransferFunction;
 use crate::geometry::Geometry;
+use crate::labels::LabelLook;
 use crate::space::Extent;
 
 /// What a transfer function is made for: it fills in what a preset or a file does not say.
@@ -16,11 +17,14 @@ pub struct Subject {
     pub cell_length: f64,
     /// Mean of the volume's three voxel spacings, in world units: VTK's unit of length for gradients.
     pub mean_spacing: f64,
+    /// Whether the volume's values are labels.
+    pub is_labels: bool,
 }
 
 impl Subject {
     /// No volume: whether a function can be used does not depend on what it is for.
-    pub(crate) const NONE: Self = Self { window: (0.0, 1.0), unit_distance: 1.0, cell_length: 1.0, mean_spacing: 1.0 };
+    pub(crate) const NONE: Self =
+        Self { window: (0.0, 1.0), unit_distance: 1.0, cell_length: 1.0, mean_spacing: 1.0, is_labels: false };
 
     /// The subject for a volume and the window to be shown of it, which becomes the [`shown_window`]: so a volume of one value has the
     /// middle of the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the volume's longest side.
@@ -32,11 +36,21 @@ impl Subject {
             unit_distance: size.max_element() / 100.0,
             cell_length: size.length() / (extent.volume() as f64).cbrt(),
             mean_spacing: geometry.spacing.element_sum() / 3.0,
+            is_labels: false,
         }
     }
 
-    /// The gray ramp over the window, which is shown unless a scene says otherwise.
+    /// What is shown unless a scene says otherwise: the gray ramp over the window; of labels, each opaque in its own colour.
     pub fn default_function(&self) -> TransferFunction {
+        if self.is_labels {
+            let (opacity, labels) = (vec![[0.0, 1.0]], Some(LabelLook::hashed()));
+            return TransferFunction {
+                opacity,
+                unit_distance: self.unit_distance,
+                labels,
+                ..TransferFunction::default()
+            };
+        }
         TransferFunction::preset("gray", self.window, self.unit_distance).expect("'gray' is a preset")
     }
 }

@@ -50,7 +50,7 @@ pub(super) fn read_text(text: &str, subject: &Subject) -> Result<Imported, Trans
         opacity: curve::points(straight(opacity)),
         unit_distance: 1.0,
         gradient_opacity: by_world_unit(straight(gradient), subject),
-        regions: Vec::new(),
+        ..TransferFunction::default()
     };
     imported(transfer, Vec::new())
 }
@@ -167,7 +167,7 @@ pub(super) fn read_json(file: Value, subject: &Subject) -> Result<Imported, Tran
         opacity: curve::points(opacity),
         unit_distance: distance,
         gradient_opacity: by_world_unit(gradient, subject),
-        regions: Vec::new(),
+        ..TransferFunction::default()
     };
     imported(transfer, remarks)
 }

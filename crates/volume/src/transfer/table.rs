@@ -1,6 +1,7 @@
 //! The table that renderers look samples up in.
 
 use super::{TransferFunction, TransferGrid};
+use crate::labels::{Coded, LabelCodes};
 use crate::preintegration::Integrals;
 use crate::sampling::ADAPTIVE_SHARE;
 use crate::slot_encoding::SlotEncoding;
@@ -34,10 +35,20 @@ impl TransferTable {
     /// Samples the function at every code of the encoding.
     pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
         let max = encoding.format.max_code();
-        let entry = |code: u32| {
-            let value = encoding.value(code as f64 / max as f64);
+        // A frame whose codes do not suffice for its look's labels is refused before.
+        let codes = transfer.labels.as_ref().and_then(LabelCodes::of).unwrap_or_default();
+        let at = |value: f64| {
             let [r, g, b] = transfer.rgb(value);
-            [r, g, b, transfer.alpha(value)].map(|v| v as f32)
+            [r, g, b, transfer.alpha(value)]
+        };
+        let entry = |code: u32| {
+            let entry = match codes.coded(code) {
+                _ if !encoding.is_hashed => at(encoding.value(code as f64 / max as f64)),
+                Coded::Label(label) => at(label as f64),
+                Coded::Color(color) => transfer.of_other_labels(color),
+                Coded::Nothing => [0.0; 4],
+            };
+            entry.map(|v| v as f32)
         };
         let mut entries: Vec<_> = (0..=max).map(entry).collect();
         let grid = transfer.is_by_gradient().then(|| TransferGrid::new(transfer, encoding));

@@ -1,0 +1,147 @@
+//! How a padded brick is read at a place: through a filter, or, where it holds labels, as the label of the voxel that the place is in.
+
+use crate::packet::{LANES, PACKETS, Packet};
+use crate::sample::{Brick, Code, SampleChunk, Unit};
+use brickyard_volume::{Filter, FrameSettings};
+
+/// How a padded brick is read at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reading {
+    /// The code of the voxel that the place is in: a label.
+    Label,
+    /// The codes around the place, filtered.
+    Filtered(Filter),
+}
+
+impl Reading {
+    /// How bricks are read for a frame.
+    pub(crate) fn of(settings: &FrameSettings) -> Self {
+        match settings.encoding.is_labels {
+            true => Self::Label,
+            false => Self::Filtered(settings.sampling.filter),
+        }
+    }
+}
+
+impl Brick<'_> {
+    /// Samples as [`Brick::sample`] does, but reading in a given way.
+    #[inline(always)]
+    pub(crate) fn read<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        reading: Reading,
+        origin: [f32; 3],
+        step: [f32; 3],
+        chunk: &mut SampleChunk,
+    ) {
+        if reading == Reading::Filtered(Filter::Trilinear) {
+            return self.sample::<C, U, INVALID>(origin, step, chunk);
+        }
+        for p in 0..chunk.packets.min(PACKETS) {
+            let mut points = [[0.0; LANES]; 3];
+            for a in 0..3 {
+                for i in 0..LANES {
+                    points[a][i] = origin[a] + chunk.along[p][i] * step[a];
+                }
+            }
+            chunk.code[p] = self.read_points::<C, U, INVALID>(reading, &points, &mut chunk.weight[p]);
+        }
+    }
+
+    /// Samples as [`Brick::sample_points`] does, but reading in a given way.
+    #[inline(always)]
+    pub(crate) fn read_points<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        reading: Reading,
+        points: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        match reading {
+            Reading::Filtered(Filter::Trilinear) => self.sample_points::<C, U, INVALID>(points, weight),
+            Reading::Filtered(Filter::Tricubic) => self.cubic_points::<C, INVALID>(points, weight),
+            Reading::Label => self.labels::<C, INVALID>(points, weight),
+        }
+    }
+
+    /// The codes of the voxels that eight slot coordinates are in. Where code 0 is no value, the weights of those become 0.
+    #[inline(never)]
+    fn labels<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        let mut code = [0.0; LANES];
+        for i in 0..LANES {
+            let [x, y, z] = [0, 1, 2].map(|a| self.nearest(points[a][i]));
+            code[i] = self.code::<C>([x, y, z]);
+            if INVALID && code[i] == 0.0 {
+                weight[i] = 0.0;
+            }
+        }
+        code
+    }
+
+    /// How much of the surroundings of a slot coordinate has a code: the field that is 1 in voxels of that code and 0 in others, filtered
+    /// linearly.
+    #[inline(never)]
+    pub(crate) fn indicator<C: Code>(&self, point: [f32; 3], code: f32) -> f32 {
+        let low = point.map(|v| v.clamp(0.0, (self.padded() - 1) as f32).floor());
+        let t: [f32; 3] = std::array::from_fn(|a| (point[a] - low[a]).clamp(0.0, 1.0));
+        let mut sum = 0.0;
+        for corner in (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2]) {
+            let voxel = std::array::from_fn(|a| (low[a] as usize + corner[a]).min(self.padded() - 1));
+            if self.code::<C>(voxel) == code {
+                sum += (0..3).map(|a| if corner[a] == 1 { t[a] } else { 1.0 - t[a] }).product::<f32>();
+            }
+        }
+        sum
+    }
+
+    /// The nearest voxel to a coordinate, along one axis.
+    #[inline(always)]
+    fn nearest(&self, v: f32) -> usize {
+        // Where it is NaN, the cast gives 0.
+        (v + 0.5).clamp(0.0, (self.padded() - 1) as f32) as usize
+    }
+
+    /// The code of a voxel.
+    #[inline(always)]
+    fn code<C: Code>(&self, [x, y, z]: [usize; 3]) -> f32 {
+        let at = ((z * self.padded() + y) * self.padded() + x) * C::BYTES;
+        let codes = self.codes();
+        match C::BYTES {
+            1 => codes[at] as f32,
+            _ => u16::from_le_bytes([codes[at], codes[at + 1]]) as f32,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Code8, Code16};
+
+    /// Labels 1 and 3 side by side along x, in a brick of four voxels along an edge.
+    fn two_labels() -> Vec<u8> {
+        (0..64).map(|i| if i % 4 < 2 { 1 } else { 3 }).collect()
+    }
+
+    #[test]
+    fn labels_are_those_of_the_nearest_voxels() {
+        let codes = two_labels();
+        let brick = Brick::new::<Code8>(&codes, 4);
+        let x = [-0.4, 0.0, 1.0, 1.49, 1.51, 2.0, 3.4, f32::NAN];
+        let found = brick.labels::<Code8, false>(&[x, [1.2; LANES], [2.8; LANES]], &mut [1.0; LANES]);
+        assert_eq!(found, [1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 1.0]);
+        let wide: Vec<u8> = codes.iter().flat_map(|&c| (if c == 1 { 0u16 } else { 60_000 }).to_le_bytes()).collect();
+        let (brick, mut weight) = (Brick::new::<Code16>(&wide, 4), [2.0; LANES]);
+        let found = brick.labels::<Code16, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
+        assert_eq!((found[3], found[4], weight[3], weight[4]), (0.0, 60_000.0, 0.0, 2.0));
+    }
+
+    #[test]
+    fn an_indicator_falls_from_one_to_zero_between_voxels() {
+        let codes = two_labels();
+        let brick = Brick::new::<Code8>(&codes, 4);
+        let at = |x: f32, label: f32| brick.indicator::<Code8>([x, 1.3, 0.6], label);
+        for (x, share) in [(0.0, 1.0), (1.0, 1.0), (1.25, 0.75), (1.5, 0.5), (2.0, 0.0), (3.0, 0.0)] {
+            assert!((at(x, 1.0) - share).abs() < 1e-6 && (at(x, 3.0) - (1.0 - share)).abs() < 1e-6, "{x}");
+            assert_eq!(at(x, 2.0), 0.0, "nothing in between");
+        }
+    }
+}

@@ -1,0 +1,23 @@
+// Labels, which are never mixed: a place has the label of the texel that it is in.
+//!import context
+
+// The label at a point of the atlas (in texels); -1 where the texel has no value.
+fn sample_label(atlas: texture_3d<f32>, point: vec3f) -> f32 {
+    let label = textureLoad(atlas, vec3i(floor(point)), 0).x;
+    return select(label, -1.0, HAS_INVALID && label <= 0.0);
+}
+
+// How much of the surroundings of a point has a label: the field that is 1 in texels with that label and 0 in all others, filtered linearly.
+fn share_in_atlas(atlas: texture_3d<f32>, point: vec3f, label: f32) -> f32 {
+    let corner = floor(point - 0.5);
+    let t = point - 0.5 - corner;
+    let base = vec3i(corner);
+    var sum = 0.0;
+    for (var i = 0u; i < 8u; i++) {
+        let bit = vec3u(i & 1u, (i >> 1u) & 1u, i >> 2u);
+        let side = select(1.0 - t, t, bit == vec3u(1u));
+        let found = textureLoad(atlas, base + vec3i(bit), 0).x;
+        sum += select(0.0, side.x * side.y * side.z, found == label);
+    }
+    return sum;
+}
