@@ -32,7 +32,7 @@ class Reference:
     typed: bool = True  # whether the voxel type must be the array's
     tolerance: float = 0.0  # of lossy codecs, whose decoders round differently
     flat: bool = False  # whether all pages along z are as good an arrangement
-    padding: np.ndarray | None = None  # where there is no value: NaN in floats
+    padding: np.ndarray | None = None  # where there is no value: NaN in floats, the store's value for no data in integers
 
 
 @dataclasses.dataclass
@@ -155,7 +155,8 @@ class Checker:
         for t, c in volumes:
             self.expect("export", "o.zarr", "o.npy", "--overwrite", "--time", t, "--channel", c, "--progress", "none", cwd=folder)
             padding = None if reference.padding is None else reference.padding[t, c]
-            check_values(np.load(folder / "o.npy"), array[t, c], reference, padding, said, f"t{t} c{c}")
+            nodata = info["store"].get("nodata")
+            check_values(np.load(folder / "o.npy"), array[t, c], reference, padding, nodata, said, f"t{t} c{c}")
         check_place(info, reference)
 
     def expect(self, *arguments, cwd):
@@ -238,7 +239,7 @@ def check_type(found, array, reference):
         raise Wrong(f"voxels are {found}, expected {expected} of {name}")
 
 
-def check_values(found, expected, reference, padding, said, where):
+def check_values(found, expected, reference, padding, nodata, said, where):
     if found.shape != expected.shape:
         raise Wrong(f"{where}: exported {found.shape}, expected {expected.shape}")
     narrowed = False
@@ -251,8 +252,8 @@ def check_values(found, expected, reference, padding, said, where):
         wide = expected.astype(np.float64)
         expected = wide.astype(np.float32).astype(np.float64) if found.dtype == np.float32 else wide
         narrowed |= bool((np.isfinite(wide) & ~np.isfinite(expected)).any())
-    if padding is not None and found.dtype == np.float32:
-        expected = np.where(padding, np.nan, expected)
+    if padding is not None and padding.any():
+        expected = np.where(padding, np.nan if found.dtype == np.float32 else nodata, expected)
     got = found.astype(np.float64)
     with np.errstate(invalid="ignore"):
         same = (got == expected) | (np.isnan(got) & np.isnan(expected)) | (np.abs(got - expected) <= reference.tolerance)

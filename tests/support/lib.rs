@@ -54,10 +54,17 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             calibrated: true,
             orientation: None,
             channel_looks: Vec::new(),
+            nodata: None,
             identity: "a function".into(),
             notes: Vec::new(),
         };
         Self { info, function, voxel: std::marker::PhantomData }
+    }
+
+    /// This source, whose voxels of a value hold no data.
+    pub fn without(mut self, nodata: f64) -> Self {
+        self.info.nodata = Some(nodata);
+        self
     }
 
     /// This source, lying so in a patient.

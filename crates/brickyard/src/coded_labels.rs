@@ -28,12 +28,14 @@ impl CodedLabels {
     ) -> Result<(), BrickError> {
         let mut voxels = vec![0; out.len() / 2 * self.labels.voxel_type().bytes()];
         read(&mut voxels)?;
+        let nodata = self.labels.nodata().map(|value| value.round() as i64);
         // Neighbours are mostly of one label.
-        let mut last = (0, self.codes.code(0));
+        let mut last = (BACKGROUND, self.codes.code(BACKGROUND));
         for (i, code) in out.chunks_exact_mut(2).enumerate() {
             let label = self.labels.voxel_type().read(&voxels, i).round() as i64;
             if label != last.0 {
-                last = (label, self.codes.code(label));
+                // What holds no data is hidden, as the background is.
+                last = (label, self.codes.code(if nodata == Some(label) { BACKGROUND } else { label }));
             }
             code.copy_from_slice(&last.1.to_le_bytes());
         }

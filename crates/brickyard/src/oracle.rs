@@ -93,7 +93,7 @@ impl<'a> Levels<'a> {
             }
             let mut bytes = vec![0; grid.extent.volume() as usize * store.voxel_type().bytes()];
             store.read_box(view.time, view.channel, Level(l as u8), grid.extent.full_box(), &mut bytes)?;
-            arrays.push(Array::from_bytes(grid, store.voxel_type(), &bytes));
+            arrays.push(Array::from_bytes(grid, store.voxel_type(), BrickSource::nodata(store), &bytes));
         }
         if !wanted.used.contains(&true) {
             // Nothing is wanted, so nothing is seen: one voxel without a value says so wherever it is asked.

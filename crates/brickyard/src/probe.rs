@@ -49,7 +49,8 @@ pub fn probe_voxel(volume: &VolumeSource, time: u32, voxel: [u32; 3]) -> Result<
     let mut core = vec![0; (edge as usize).pow(3) * voxel_type.bytes()];
     let mut value = |channel| {
         source.read_core(BrickId { time, channel, level: Level(0), index }, &mut core)?;
-        Ok(voxel_type.read(&core, place))
+        let value = voxel_type.read(&core, place);
+        Ok(if source.nodata() == Some(value) { f64::NAN } else { value })
     };
     let values = (0..source.channels()).map(&mut value).collect::<Result<_, BrickError>>()?;
     let centre = DVec3::from_array(voxel.map(f64::from)) + 0.5;

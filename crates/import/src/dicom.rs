@@ -21,7 +21,7 @@ use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
@@ -133,7 +133,10 @@ impl DicomSeries {
         let mut slices = Vec::new();
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
-                slices.push((find_slice(header, file, frame, options)?, meaning_of(header, frames, frame)?));
+                slices.push((
+                    find_slice(header, file, frame, options)?,
+                    meaning_of(header, frames, frame, options.nodata)?,
+                ));
             }
         }
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
@@ -159,6 +162,7 @@ impl DicomSeries {
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
         info.channel_looks = vec![look_of(&files[0].0)];
+        info.nodata = slices[0].1.nodata(voxel_type);
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
@@ -261,7 +265,7 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
     })
 }
 
-fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning, ImportError> {
+fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) -> Result<Meaning, ImportError> {
     let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
         (Some(numbers), _) => Ok(Some(numbers[0])),
         (None, Some(text)) => {
@@ -281,10 +285,12 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize) -> Result<Meaning,
     }
     // Written as unsigned by some, whatever the pixels are.
     let wrap = |n: f64| frames.format.wrapped(n as i64);
-    let padding = header.number(tags::PIXEL_PADDING_VALUE).map(|value| {
+    let padding = header.number(tags::PIXEL_PADDING_VALUE).filter(|_| nodata == NoData::OfFile).and_then(|value| {
         let limit = header.number(tags::PIXEL_PADDING_RANGE_LIMIT).unwrap_or(value);
         let [a, b] = [wrap(value), wrap(limit)];
-        [a.min(b), a.max(b)]
+        let [least, greatest] = frames.format.limits();
+        let stored = [a.min(b).max(least), a.max(b).min(greatest)];
+        (stored[0] <= stored[1]).then_some(stored)
     });
     Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
@@ -295,7 +301,12 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
     if !slices.iter().all(|(_, m)| is_integer(m.slope) && is_integer(m.intercept)) {
         return Ok(VoxelType::F32);
     }
-    let limits = |slice: &Slice| Ok(files[slice.file].1.format.limits());
+    // One integer stands for padding in all slices; where it would be a value of some, padding is NaN.
+    let is_padded = slices.iter().any(|(_, m)| m.padding.is_some());
+    if is_padded && slices.iter().any(|(_, m)| *m != slices[0].1) {
+        return Ok(VoxelType::F32);
+    }
+    let limits = |slice: &Slice, _: &Meaning| Ok(files[slice.file].1.format.limits());
     let possible = type_of_range(slices, limits)?;
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
@@ -303,20 +314,20 @@ fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Res
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
-    type_of_range(slices, |slice| {
+    type_of_range(slices, |slice, meaning| {
         let (header, frames) = &files[slice.file];
-        Ok(frames.read(header, slice.frame)?.range(&frames.format))
+        Ok(frames.read(header, slice.frame)?.range(&frames.format, meaning.padding))
     })
 }
 
 /// The smallest integer type that holds the rescaled ends of what each slice stores; floats if there is none.
 fn type_of_range(
     slices: &[(Slice, Meaning)],
-    stored: impl Fn(&Slice) -> Result<[i64; 2], ImportError>,
+    stored: impl Fn(&Slice, &Meaning) -> Result<[i64; 2], ImportError>,
 ) -> Result<VoxelType, ImportError> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
     for (slice, meaning) in slices {
-        for value in stored(slice)?.map(|n| n as f64 * meaning.slope + meaning.intercept) {
+        for value in stored(slice, meaning)?.map(|n| meaning.value(n)) {
             least = least.min(value);
             greatest = greatest.max(value);
         }
@@ -339,8 +350,11 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         ));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
-        let what =
-            if voxel_type == VoxelType::F32 { "become NaN, which is transparent" } else { "are kept as they are" };
+        let what = match first.nodata(voxel_type) {
+            Some(value) => format!("become {value}, which stands for no data"),
+            None if voxel_type.is_float() => "become NaN".into(),
+            None => "do not occur".into(),
+        };
         notes.push(format!("Stored values {least} to {greatest} are padding: they {what}."));
     }
     let inverted = |(header, _): &(Header, Frames)| {

@@ -53,7 +53,7 @@ pub use error::ImportError;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use open::open;
-pub use options::{FileOrder, OpenOptions};
+pub use options::{FileOrder, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
 pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource};

@@ -5,7 +5,7 @@ use crate::dicom_files::{self, MAGIC_BYTES, is_dicom};
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::{first_bytes, is_file};
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
@@ -73,6 +73,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let mut info = source.info().clone();
     info.notes.extend(order_note);
     override_geometry(&mut info, &paths[0], options)?;
+    override_nodata(&mut info, &paths[0], options.nodata)?;
     Ok(Box::new(Described { info, source }))
 }
 
@@ -205,6 +206,25 @@ fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) 
     if let Some(unit) = &options.unit {
         info.geometry.unit = Some(unit.clone());
     }
+    Ok(())
+}
+
+/// Puts the user's value for voxels that hold no data in place of the file's.
+fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
+    let value = match nodata {
+        NoData::OfFile => return Ok(()),
+        NoData::None => None,
+        NoData::Value(value) if !info.voxel_type.holds(value) => {
+            let (low, high) = info.voxel_type.limits();
+            let kind = if info.voxel_type.is_float() { "numbers" } else { "whole numbers" };
+            let voxel_type = info.voxel_type;
+            let problem =
+                format!("`nodata` {value}: voxels are {voxel_type}, expected one of the {kind} from {low} to {high}");
+            return Err(ImportError::options(path, problem));
+        }
+        NoData::Value(value) => Some(value),
+    };
+    info.nodata = value;
     Ok(())
 }
 

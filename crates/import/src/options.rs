@@ -15,6 +15,18 @@ pub enum FileOrder {
     Natural,
 }
 
+/// Which voxels of an input hold no data.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum NoData {
+    /// Those of the value that the file says, if it does.
+    #[default]
+    OfFile,
+    /// None, whatever the file says.
+    None,
+    /// Those of this value, whatever the file says. It is one of the values that voxels are given, after the file's own scaling.
+    Value(f64),
+}
+
 /// What the caller says about an input. Every field is optional, but a raw file needs `shape` and `voxel_type`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
@@ -44,6 +56,8 @@ pub struct OpenOptions {
     pub origin: Option<DVec3>,
     /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.
     pub unit: Option<String>,
+    /// Which voxels hold no data. The voxels' type must hold the value.
+    pub nodata: NoData,
     /// Whether values that a voxel cannot hold may be rounded, clamped or become infinite: 64-bit numbers, and scaled
     /// numbers beyond f32. Otherwise the first such value is an error.
     pub allow_lossy: bool,

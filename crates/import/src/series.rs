@@ -35,6 +35,16 @@ impl Series {
                 let problem = format!("is {}, but {} is {}", describe(step), paths[0].display(), describe(first));
                 return Err(ImportError::invalid(path, problem));
             }
+            if step.nodata != first.nodata {
+                let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
+                let problem = format!(
+                    "says with {} that voxels hold no data, but {} with {}; give one for all with `nodata`",
+                    value(step),
+                    paths[0].display(),
+                    value(first)
+                );
+                return Err(ImportError::options(path, problem));
+            }
             let lies_there = match (&step.orientation, &first.orientation) {
                 (Some(own), Some(other)) => own.agrees(other, step.extent),
                 (own, other) => own == other,

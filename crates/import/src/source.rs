@@ -24,6 +24,9 @@ pub struct SourceInfo {
     pub orientation: Option<Orientation>,
     /// How each channel looks, where the format says it; empty, or one for each channel.
     pub channel_looks: Vec<ChannelLook>,
+    /// The value of voxels that hold no data, as [`Source::read_box`] delivers them; `None` if no value says so. Their type holds
+    /// it.
+    pub nodata: Option<f64>,
     /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
     /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
@@ -42,8 +45,24 @@ impl SourceInfo {
             calibrated: false,
             orientation: None,
             channel_looks: Vec::new(),
+            nodata: None,
             identity: String::new(),
             notes: Vec::new(),
+        }
+    }
+
+    /// Takes the value that a file has, under this name, for voxels that hold no data. One that no voxel can be is left out, with a
+    /// note; NaN and infinities hold no data anyway.
+    pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
+        if self.voxel_type.holds(value) {
+            self.nodata = Some(value);
+            let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
+            self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
+        } else if value.is_finite() {
+            let voxel_type = self.voxel_type;
+            self.notes.push(format!(
+                "Voxels of {value} hold no data, as the file says ({name}): no {voxel_type} voxel can be that."
+            ));
         }
     }
 

@@ -19,7 +19,7 @@ use crate::element::{Decode, Endian};
 use crate::error::ImportError;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Access, Source, SourceInfo};
 use crate::stamp::Stamp;
@@ -139,6 +139,16 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
                 );
                 return Err(ImportError::invalid(path, problem));
             }
+            Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
+                let value = |nodata: Option<f64>| nodata.map_or("no value".into(), |value| value.to_string());
+                let problem = format!(
+                    "says with {} that pixels hold no data (GDAL_NODATA), but {} with {}; give one for all with `nodata`",
+                    value(description.nodata),
+                    paths[0].display(),
+                    value(expected.nodata)
+                );
+                return Err(ImportError::options(path, problem));
+            }
             Some((expected, _)) if format != *expected => {
                 let problem = format!("is {format}, but {} is {expected}", paths[0].display());
                 return Err(ImportError::invalid(path, problem));
@@ -188,6 +198,7 @@ fn open_contiguous(
     }
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
+    description.mark(&mut info, scale, options.nodata);
     info.notes.extend(note);
     Ok(Box::new(RawSource::new(file, array, info)?.with_losses(options.allow_lossy)?))
 }
@@ -290,6 +301,7 @@ impl TiffStack {
             ..SourceInfo::plain(sizes, decode.voxel_type())
         };
         description.place(&mut info);
+        description.mark(&mut info, scale, options.nodata);
         info.notes.extend(note);
         if format.is_rgb {
             info.channel_looks = photograph(&info, format.samples);

@@ -174,6 +174,10 @@ impl BrickSource for PagedOccupancy {
     fn has_non_finite(&self) -> bool {
         self.source.has_non_finite()
     }
+
+    fn nodata(&self) -> Option<f64> {
+        self.source.nodata()
+    }
     fn times(&self) -> u32 {
         self.source.times()
     }

@@ -20,7 +20,7 @@ use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, GradientNodes, SlotEncoding, VoxelType};
+use brickyard_volume::{BrickId, GradientNodes, SlotEncoding};
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -272,7 +272,7 @@ impl RamCache {
     ) -> Result<(), BrickError> {
         // A panic in a codec costs one brick, not a worker and everyone who waits for it.
         let decode = AssertUnwindSafe(|| {
-            if is_identity(self.source.voxel_type()) {
+            if self.encodings[id.channel as usize].is_identity() {
                 return read(codes);
             }
             let voxels = codes.len() / self.layout.code_bytes;
@@ -361,10 +361,18 @@ impl Inner {
     }
 }
 
-/// How a source's values are encoded as slot codes.
+/// How a source's values are encoded as slot codes: in the same format for all channels.
 pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
-    let make = if source.is_labels() { SlotEncoding::of_labels } else { SlotEncoding::new };
-    make(source.voxel_type(), source.channel_range(channel), source.has_non_finite())
+    let (voxel_type, range) = (source.voxel_type(), source.channel_range(channel));
+    if source.is_labels() {
+        return SlotEncoding::of_labels(voxel_type, range, source.has_non_finite(), source.nodata());
+    }
+    if let Some(nodata) = source.nodata() {
+        // Whether 8 bits are enough is for all channels together, since slots hold bricks of any.
+        let range = if voxel_type.bytes() == 1 { source.value_range() } else { range };
+        return SlotEncoding::without(voxel_type, range, nodata);
+    }
+    SlotEncoding::new(voxel_type, range, source.has_non_finite())
 }
 
 /// The layout of a source's bricks with this apron and these layers of gradients.
@@ -386,22 +394,18 @@ pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u
 /// Bytes of the scratch buffer that a decoding thread needs; 0 where voxels are codes already.
 pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout) -> u64 {
     let voxels = layout.edge.pow(3).max(layout.stored_apron().voxels());
-    if is_identity(source.voxel_type()) { 0 } else { voxel_bytes(source, voxels) }
+    if encoding_of(source, 0).is_identity() { 0 } else { voxel_bytes(source, voxels) }
 }
 
 fn voxel_bytes(source: &dyn BrickSource, voxels: usize) -> u64 {
     voxels as u64 * source.voxel_type().bytes() as u64
 }
 
-fn is_identity(voxel_type: VoxelType) -> bool {
-    matches!(voxel_type, VoxelType::U8 | VoxelType::U16)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::test_source::TestSource;
-    use brickyard_volume::{BrickIndex, Extent, Level, Pyramid};
+    use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
 
     /// Bytes of a cached core: 8^3 voxels and four shells of six sides of 8^2.
     const CORE: u64 = 512 + 4 * 384;

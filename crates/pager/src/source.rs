@@ -76,6 +76,10 @@ pub trait BrickSource: Send + Sync {
     fn has_non_finite(&self) -> bool {
         self.voxel_type().is_float()
     }
+    /// The integer that stands in voxels without a value; `None` if every integer is a value. Ranges and occupancy leave it out.
+    fn nodata(&self) -> Option<f64> {
+        None
+    }
     /// Number of time steps, at least one.
     fn times(&self) -> u32 {
         1

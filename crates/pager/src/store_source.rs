@@ -33,6 +33,10 @@ impl BrickSource for Store {
         self.has_non_finite()
     }
 
+    fn nodata(&self) -> Option<f64> {
+        self.nodata()
+    }
+
     fn times(&self) -> u32 {
         self.times()
     }

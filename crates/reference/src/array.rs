@@ -27,16 +27,18 @@ impl Array {
         Self { extent: e, factor: grid.factor, values }
     }
 
-    /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too.
+    /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too; and so do voxels of the
+    /// value `nodata`.
     ///
     /// # Panics
     /// If `bytes` does not hold exactly the voxels of the level.
-    pub fn from_bytes(grid: &LevelGrid, voxel_type: VoxelType, bytes: &[u8]) -> Self {
-        fn decode<T: Voxel>(bytes: &[u8]) -> Vec<f64> {
-            let value = |v: T| if v.is_valid() { v.to_f64() } else { f64::NAN };
+    pub fn from_bytes(grid: &LevelGrid, voxel_type: VoxelType, nodata: Option<f64>, bytes: &[u8]) -> Self {
+        fn decode<T: Voxel>(bytes: &[u8], nodata: Option<f64>) -> Vec<f64> {
+            let is_valid = |v: T| v.is_valid() && nodata != Some(v.to_f64());
+            let value = |v: T| if is_valid(v) { v.to_f64() } else { f64::NAN };
             bytes.chunks_exact(size_of::<T>()).map(|b| value(bytemuck::pod_read_unaligned(b))).collect()
         }
-        let values = with_voxel_type!(voxel_type, T => decode::<T>(bytes));
+        let values = with_voxel_type!(voxel_type, T => decode::<T>(bytes, nodata));
         assert_eq!(values.len() as u64, grid.extent.volume(), "bytes do not fill the level");
         Self { extent: grid.extent, factor: grid.factor, values }
     }

@@ -22,7 +22,7 @@ pub enum Downsample {
     Min,
     /// The most frequent value, and the least of those that tie; for labels.
     Mode,
-    /// The voxel at the lowest x, y and z.
+    /// The voxel at the lowest x, y and z; the first valid one in that order, x fastest, if that one is not.
     Nearest,
 }
 
@@ -251,9 +251,7 @@ fn by_rows<T: Reduce, const FX: usize>(
                 Downsample::Max => extreme_row::<T, FX>(row, fy * fz, out, T::greater),
                 Downsample::Min => extreme_row::<T, FX>(row, fy * fz, out, T::lesser),
                 Downsample::Mode => mode_row::<T, FX>(row, fy * fz, out),
-                Downsample::Nearest => {
-                    out.iter_mut().zip(row(0).chunks_exact(FX)).for_each(|(o, v)| *o = v[0]);
-                }
+                Downsample::Nearest => nearest_row::<T, FX>(row, fy * fz, out),
             }
         }
     }
@@ -297,6 +295,18 @@ fn extreme_row<'a, T: Reduce, const FX: usize>(
 }
 
 #[inline(always)]
+fn nearest_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows: usize, out: &mut [T]) {
+    for (x, (out, first)) in out.iter_mut().zip(row(0).chunks_exact(FX)).enumerate() {
+        let valid = |i: usize| row(i)[x * FX..(x + 1) * FX].iter().copied().find(|v| v.is_valid());
+        *out = if first[0].is_valid() {
+            first[0]
+        } else {
+            (0..rows).find_map(valid).unwrap_or(T::greater(first[0], first[0]))
+        };
+    }
+}
+
+#[inline(always)]
 fn mode_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows: usize, out: &mut [T]) {
     for (x, out) in out.iter_mut().enumerate() {
         let mut values = [T::default(); 8];
@@ -308,7 +318,7 @@ fn mode_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows
 }
 
 /// The most frequent valid voxel, the least of those that tie; of none, what two invalid ones give: NaN.
-fn mode<T: Reduce>(values: &[T]) -> T {
+pub(crate) fn mode<T: Reduce>(values: &[T]) -> T {
     if values.iter().all(|v| *v == values[0]) && values[0].is_valid() {
         return values[0];
     }
@@ -378,7 +388,8 @@ mod tests {
         assert_eq!(one(Downsample::Max, mixed), 6.0);
         assert_eq!(one(Downsample::Min, mixed), 1.0);
         assert_eq!(one(Downsample::Mode, mixed), 1.0);
-        for method in [Downsample::Mean, Downsample::Max, Downsample::Min, Downsample::Mode] {
+        assert_eq!(one(Downsample::Nearest, [nan, inf, nan, 5.0, 6.0, 1.0, nan, 2.0]), 5.0);
+        for method in Downsample::ALL {
             assert!(one(method, [inf, nan, inf, -inf, nan, nan, inf, inf]).is_nan(), "{method:?}");
         }
     }

@@ -12,6 +12,7 @@ pub mod error;
 pub mod export;
 pub mod layout;
 pub mod metadata;
+mod nodata;
 pub mod pack;
 mod scratch;
 pub mod shard;

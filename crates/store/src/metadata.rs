@@ -87,7 +87,8 @@ impl Histogram {
     }
 }
 
-/// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is neither NaN nor infinite.
+/// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is neither NaN nor infinite, nor of the
+/// value that says that there are no data ([`StoreInfo::nodata`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
     /// Least and greatest valid value; `[0, 0]` where there is none.
@@ -100,6 +101,9 @@ pub struct ChannelStatistics {
     pub pos_inf: u64,
     /// Number of voxels that are negative infinity.
     pub neg_inf: u64,
+    /// Number of voxels of the value that says that there are no data.
+    #[serde(default, skip_serializing_if = "is_none_of")]
+    pub nodata: u64,
     /// Mean of the valid voxels; 0 where there is none.
     pub mean: f64,
     /// Percentiles of the valid voxels.
@@ -172,6 +176,9 @@ pub struct StoreInfo {
     pub downsample: Reductions,
     /// What the store's values mean.
     pub kind: Kind,
+    /// The integer that stands in voxels that hold no data; `None` if no value says so. Floats are NaN instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nodata: Option<i64>,
     /// Width of the stored aprons in voxels; 0 where none are stored.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub aprons: u32,
@@ -197,6 +204,10 @@ fn is_zero(n: &u32) -> bool {
     *n == 0
 }
 
+fn is_none_of(count: &u64) -> bool {
+    *count == 0
+}
+
 impl StoreInfo {
     /// The shape of the stored aprons; `None` if none are stored.
     pub fn apron(&self) -> Option<Apron> {
@@ -212,6 +223,11 @@ impl StoreInfo {
         }
         if self.aprons > MAX_APRON {
             return invalid("aprons", &format!("at most {MAX_APRON} voxels"), self.aprons.to_string());
+        }
+        if let Some(nodata) =
+            self.nodata.filter(|&nodata| self.voxel_type.is_float() || !self.voxel_type.holds(nodata as f64))
+        {
+            return invalid("nodata", &format!("an integer that {} voxels hold", self.voxel_type), nodata.to_string());
         }
         if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
@@ -319,6 +335,10 @@ pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value 
     let shard = layout.per_axis(1, 1, layout.shard_bricks(level).to_array().map(|n| n * info.edge));
     let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
     document["dimension_names"] = json!(layout.axes());
+    if let Some(nodata) = info.nodata {
+        // CF's name, which xarray goes by; Zarr's own fill value says what bricks hold that are not stored.
+        document["attributes"]["_FillValue"] = json!(nodata);
+    }
     document
 }
 

@@ -161,6 +161,8 @@ pub struct PackReport {
     pub written_bytes: u64,
     /// Number of voxels of level 0 that are NaN or infinite; 0 if `was_complete`.
     pub non_finite: u64,
+    /// Number of voxels of level 0 that are the integer for no data; 0 if `was_complete`.
+    pub nodata: u64,
     /// Whether a finished store from the same source and settings was there already, so that nothing was done.
     pub was_complete: bool,
 }
@@ -371,12 +373,13 @@ fn pack_on(
     let plan = plan(source, options)?;
     let settings = settings(source, options);
     let shards = plan.shard_count();
-    let report = |resumed, written_bytes, non_finite, was_complete| PackReport {
+    let report = |resumed, written_bytes, [non_finite, nodata]: [u64; 2], was_complete| PackReport {
         plan: plan.clone(),
         shards,
         shards_resumed: resumed,
         written_bytes,
         non_finite,
+        nodata,
         was_complete,
     };
     let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
@@ -386,7 +389,7 @@ fn pack_on(
         }
         other => other,
     });
-    let Some(mut output) = start? else { return Ok(report(shards, 0, 0, true)) };
+    let Some(mut output) = start? else { return Ok(report(shards, 0, [0; 2], true)) };
     source.info().notes.iter().for_each(|note| progress.warn(note));
     warn_of_space(&output.dir, &plan, progress);
     if lock::may_be_local(&output.dir) {
@@ -407,6 +410,7 @@ fn pack_on(
     });
     let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
+    let nodata = passed.channels.iter().map(|c| c.nodata).sum();
     let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
     let dir = output.dir.clone();
@@ -418,13 +422,13 @@ fn pack_on(
         }
         other => other,
     })?;
-    Ok(report(resumed, written_bytes, non_finite, false))
+    Ok(report(resumed, written_bytes, [non_finite, nodata], false))
 }
 
 /// What decides a store's bytes.
 fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     let info = source.info();
-    json!({
+    let mut settings = json!({
         "source": info.identity,
         "extent": info.extent.to_array(),
         "times": info.times,
@@ -441,7 +445,12 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "kind": options.kind,
         "aprons": options.aprons,
         "format": FORMAT_VERSION,
-    })
+    });
+    // Packs without one stay what they were before there could be one.
+    if let Some(nodata) = info.nodata {
+        settings["nodata"] = json!(nodata);
+    }
+    settings
 }
 
 /// A short name for the settings.
@@ -504,6 +513,7 @@ fn write_metadata(
         codec: options.codec.for_voxel_type(info.voxel_type),
         downsample: options.downsample,
         kind: options.kind,
+        nodata: info.nodata.filter(|_| !info.voxel_type.is_float()).map(|nodata| nodata as i64),
         aprons: options.aprons,
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,

@@ -50,8 +50,8 @@ impl<T: Measure> Range<T> {
 pub(crate) trait Measure: Reduce {
     /// The range of no voxels, which has `low > high`.
     const EMPTY: Range<Self>;
-    /// The value that side data hold for both ends of a range where there is no valid voxel.
-    const INVALID: Self;
+    /// The ends that side data hold of a range where there is no valid voxel: NaN, or crossed ones.
+    const NO_ENDS: [Self; 2];
     /// The lesser of `low` and `value`, or `low` if `value` is not valid. `low` is valid or that of an empty range. One
     /// vector operation where it is inlined.
     fn lower(low: Self, value: Self) -> Self;
@@ -79,7 +79,7 @@ pub(crate) trait Measure: Reduce {
 macro_rules! integer_range {
     ($t:ty) => {
         const EMPTY: Range<Self> = Range { low: <$t>::MAX, high: <$t>::MIN };
-        const INVALID: Self = 0;
+        const NO_ENDS: [Self; 2] = [<$t>::MAX, <$t>::MIN];
         #[inline(always)]
         fn ordinal(self) -> Option<i64> {
             Some(self as i64)
@@ -144,7 +144,7 @@ long_measure!(u32, i32);
 
 impl Measure for f32 {
     const EMPTY: Range<f32> = Range { low: f32::INFINITY, high: f32::NEG_INFINITY };
-    const INVALID: f32 = f32::NAN;
+    const NO_ENDS: [f32; 2] = [f32::NAN; 2];
 
     #[inline(always)]
     fn ordinal(self) -> Option<i64> {
@@ -189,7 +189,7 @@ impl Measure for f32 {
     }
 }
 
-/// A sum of voxels and counts of those that are not finite. They are added up in the order of the bricks, so that
+/// A sum of voxels and counts of those that are not finite or hold no data. They are added up in the order of the bricks, so that
 /// rounding does not depend on threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
@@ -197,6 +197,8 @@ pub(crate) struct Tally {
     pub(crate) nan: u64,
     pub(crate) positive_infinite: u64,
     pub(crate) negative_infinite: u64,
+    /// Number of voxels of the value that says that there are no data.
+    pub(crate) nodata: u64,
 }
 
 impl Tally {
@@ -205,6 +207,7 @@ impl Tally {
         self.nan += other.nan;
         self.positive_infinite += other.positive_infinite;
         self.negative_infinite += other.negative_infinite;
+        self.nodata += other.nodata;
     }
 }
 
@@ -354,6 +357,8 @@ pub(crate) struct ChannelTotals {
     pub positive_infinite: u64,
     /// Number of voxels that are negative infinity.
     pub negative_infinite: u64,
+    /// Number of voxels of the value that says that there are no data.
+    pub nodata: u64,
     sum: f64,
     /// How often each value of 8 or 16 bits occurs, the least first.
     bins: Vec<u64>,
@@ -369,6 +374,7 @@ impl ChannelTotals {
             nan: 0,
             positive_infinite: 0,
             negative_infinite: 0,
+            nodata: 0,
             sum: 0.0,
             bins: vec![0; Self::bins(voxel_type)],
             values: ValueCounts::new(voxel_type),
@@ -409,6 +415,7 @@ impl ChannelTotals {
         self.nan += tally.nan;
         self.positive_infinite += tally.positive_infinite;
         self.negative_infinite += tally.negative_infinite;
+        self.nodata += tally.nodata;
     }
 
     pub(crate) fn add_range(&mut self, range: Option<(f64, f64)>) {
@@ -501,6 +508,7 @@ impl ChannelTotals {
             nan: self.nan,
             pos_inf: self.positive_infinite,
             neg_inf: self.negative_infinite,
+            nodata: self.nodata,
             mean: self.mean().unwrap_or_default(),
             percentiles,
             histogram: self.histogram(range),

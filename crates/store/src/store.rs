@@ -172,6 +172,12 @@ impl Store {
         self.info.channels.iter().any(|c| c.has_non_finite())
     }
 
+    /// The integer of voxels that hold no data; `None` if no value says so, or no voxel has it.
+    pub fn nodata(&self) -> Option<f64> {
+        let is_used = self.info.channels.iter().any(|channel| channel.nodata > 0);
+        self.info.nodata.filter(|_| is_used).map(|nodata| nodata as f64)
+    }
+
     /// The values (low, high) of a channel that are shown as black and white unless a transfer function is given.
     ///
     /// # Panics

@@ -176,6 +176,7 @@ impl TestStore {
             codec: self.codec,
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
+            nodata: None,
             aprons: 0,
             spacing: self.spacing,
             calibrated: true,

@@ -19,6 +19,7 @@ use crate::chunks::Chunks;
 use crate::error::{OpenError, ReadError};
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
+use crate::nodata;
 use crate::pack::brick::Workspace;
 use crate::shard_file::IoMode;
 use crate::side::{SideArray, core_hash, level_arrays};
@@ -349,7 +350,7 @@ impl<'a> Verifier<'a> {
     }
 
     fn buffers<T: Measure>(&self) -> Buffers<T> {
-        let workspace = Workspace::new(self.pyramid().edge() as usize);
+        let workspace = Workspace::new(self.pyramid().edge() as usize, self.nodata());
         let coarse = self.views.iter().map(|_| Vec::new()).collect();
         let apron = vec![0; self.views[0].aprons().map_or(0, Chunks::chunk_bytes)];
         Buffers {
@@ -429,7 +430,8 @@ impl<'a> Verifier<'a> {
         {
             return false;
         }
-        let zero = T::range(&[T::default()]);
+        let nodata = self.nodata::<T>();
+        let zero = nodata::range(&[T::default()], nodata);
         buffers.brick.fill(0);
         let fill = core_hash(&buffers.brick);
         for index in bricks_of(block.core, edge) {
@@ -440,8 +442,13 @@ impl<'a> Verifier<'a> {
         if block.level == Level(0) {
             let mut totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             let totals = &mut totals[block.channel as usize];
-            buffers.workspace.counter.constant(T::default(), block.core.extent().volume());
-            buffers.workspace.counter.drain_into(totals);
+            let voxels = block.core.extent().volume();
+            if nodata == Some(T::default()) {
+                totals.add_tally(&Tally { nodata: voxels, ..Tally::default() });
+            } else {
+                buffers.workspace.counter.constant(T::default(), voxels);
+                buffers.workspace.counter.drain_into(totals);
+            }
             totals.add_range(zero.to_f64());
         }
         true
@@ -511,7 +518,7 @@ impl<'a> Verifier<'a> {
         }
         let padded = self.grown(id.level, core, 1);
         let neighbours_read = bricks_of(padded, self.pyramid().edge()).all(|i| !unread.contains(&i));
-        let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded));
+        let reach = neighbours_read.then(|| range_of_box(&buffers.fine, fine_box, padded, self.nodata()));
         let checked = check_entry(store, id, summary.parts.whole(), reach, problems);
         problems.extend(checked.err().and_then(|error| self.unread(error)));
         for (store, coarse) in self.coarser(block).iter().zip(&buffers.coarse).filter(|(_, coarse)| !coarse.is_empty())
@@ -596,6 +603,11 @@ impl<'a> Verifier<'a> {
         grown.intersect(self.pyramid().level(level).extent.full_box())
     }
 
+    /// The value of voxels that hold no data.
+    fn nodata<T: Measure>(&self) -> Option<T> {
+        self.views[0].info().nodata.map(|nodata| T::from_f64_rounded(nodata as f64))
+    }
+
     /// Voxels of a level per voxel of the next.
     fn factor(&self, level: Level) -> [u32; 3] {
         let factor = |k: u8| self.pyramid().level(Level(k)).factor;
@@ -674,9 +686,10 @@ fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range
     })
 }
 
-/// The range of the box `part` in an array of the box `whole`: plainly, as packing puts it together from neighbours.
-fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox) -> Range<T> {
-    rows(part, whole).fold(T::EMPTY, |range, row| range.join(T::range(&array[row])))
+/// The range of the box `part` in an array of the box `whole`, without voxels that are `nodata`: plainly, as packing puts it together
+/// from neighbours.
+fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox, nodata: Option<T>) -> Range<T> {
+    rows(part, whole).fold(T::EMPTY, |range, row| range.join(nodata::range(&array[row], nodata)))
 }
 
 /// Copies the box `part` out of an array of the box `whole` to the start of `out`, packed.

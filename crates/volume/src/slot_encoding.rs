@@ -3,6 +3,10 @@
 //! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over
 //! the channel's value range: an error of at most range / 131,068. Where a store holds NaN or infinities, code 0 is kept
 //! for them and means *invalid*: not drawn, and left out of interpolation.
+//!
+//! Where integers mark by a value that nothing was measured, code 0 stands for that value. What is left of 8- and 16-bit types is
+//! kept exactly, from code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a channel of 16 bits
+//! that has both ends of its type is quantised.
 
 use crate::voxel_type::{Voxel, VoxelType};
 use crate::with_voxel_type;
@@ -47,12 +51,26 @@ pub struct SlotEncoding {
     pub high: f64,
     /// Whether code 0 means *invalid* instead of `low`.
     pub has_invalid: bool,
+    /// The integer value of voxels that hold no data, whose code is 0; `None` if no value says so.
+    pub nodata: Option<f64>,
     /// Whether values are labels: a place has the label of the voxel that it is in, and labels are not interpolated.
     pub is_labels: bool,
     /// Whether codes are those of [`LabelCodes`](crate::LabelCodes), and so of the layer's look: labels that are further apart than 16 bits
     /// reach. [`value`](Self::value) does not know their labels.
     pub is_hashed: bool,
 }
+
+/// An encoding of what is neither labels nor lacks data anywhere, for all that is not said of another one.
+const PLAIN: SlotEncoding = SlotEncoding {
+    voxel_type: VoxelType::U8,
+    format: SlotFormat::U8,
+    low: 0.0,
+    high: 255.0,
+    has_invalid: false,
+    nodata: None,
+    is_labels: false,
+    is_hashed: false,
+};
 
 impl SlotEncoding {
     /// The encoding for a store of `voxel_type` whose valid values lie in `range` and of which some are not finite if
@@ -61,27 +79,49 @@ impl SlotEncoding {
         let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
         if voxel_type.bytes() <= 2 {
             let (low, high) = voxel_type.limits();
-            return Self { voxel_type, format, low, high, has_invalid: false, is_labels: false, is_hashed: false };
+            return Self { voxel_type, format, low, high, ..PLAIN };
         }
         // One value takes a range in which it is told from its neighbours, however large it is.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
-        Self { voxel_type, format, low, high, has_invalid: has_non_finite, is_labels: false, is_hashed: false }
+        Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }
+    }
+
+    /// The encoding for a store of integers of `voxel_type` whose valid values lie in `range`, and in which voxels of the value
+    /// `nodata` hold no data.
+    pub fn without(voxel_type: VoxelType, range: (f64, f64), nodata: f64) -> Self {
+        let codes = range.1 - range.0 + 1.0;
+        let format = if voxel_type.bytes() == 1 && codes <= 255.0 { SlotFormat::U8 } else { SlotFormat::U16 };
+        if voxel_type.bytes() <= 2 && codes <= format.max_code() as f64 {
+            let low = range.0 - 1.0;
+            let high = low + format.max_code() as f64;
+            return Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN };
+        }
+        // One value takes a range in which it is told from its neighbours.
+        let (low, high) = if codes > 1.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
+        let low = low - (high - low) / 65534.0;
+        Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }
     }
 
     /// The encoding of labels in `range`: a code for each label where 65,536 codes reach from the least to the greatest, else those of
-    /// [`LabelCodes`](crate::LabelCodes).
-    pub fn of_labels(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool) -> Self {
-        let plain = Self { is_labels: true, ..Self::new(voxel_type, range, has_non_finite) };
-        if voxel_type.bytes() <= 2 {
+    /// [`LabelCodes`](crate::LabelCodes). Some voxels have no label if `has_non_finite`, and those of the value `nodata`.
+    pub fn of_labels(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool, nodata: Option<f64>) -> Self {
+        let has_invalid = has_non_finite || nodata.is_some();
+        let plain = Self { is_labels: true, ..Self::new(voxel_type, range, false) };
+        if voxel_type.bytes() <= 2 && !has_invalid {
             return plain;
         }
-        let low = range.0.floor() - f64::from(u8::from(has_non_finite));
+        let (format, low) = (SlotFormat::U16, range.0.floor() - f64::from(u8::from(has_invalid)));
         if range.1 - low <= f64::from(u16::MAX) {
-            return Self { low, high: low + f64::from(u16::MAX), ..plain };
+            return Self { format, low, high: low + f64::from(u16::MAX), has_invalid, nodata, ..plain };
         }
-        Self { low: 0.0, high: f64::from(u16::MAX), is_hashed: true, ..plain }
+        Self { format, low: 0.0, high: f64::from(u16::MAX), is_hashed: true, ..plain }
+    }
+
+    /// Whether codes are the voxels' own bytes, so that encoding only copies.
+    pub fn is_identity(&self) -> bool {
+        !self.has_invalid && matches!(self.voxel_type, VoxelType::U8 | VoxelType::U16)
     }
 
     /// Data units per code.
@@ -107,6 +147,9 @@ impl SlotEncoding {
         assert!(!self.is_hashed, "codes by looks are made by LabelCodes");
         assert_eq!(voxels.len() / self.voxel_type.bytes(), codes.len() / self.format.bytes());
         match self.voxel_type {
+            voxel_type if self.nodata.is_some() => {
+                with_voxel_type!(voxel_type, T => self.encode_marked::<T>(voxels, codes))
+            }
             VoxelType::U8 | VoxelType::U16 => codes.copy_from_slice(voxels),
             VoxelType::I8 => codes.iter_mut().zip(voxels).for_each(|(c, v)| *c = v ^ 0x80),
             VoxelType::I16 => {
@@ -131,6 +174,25 @@ impl SlotEncoding {
                 0
             };
             c.copy_from_slice(&code.to_le_bytes());
+        }
+    }
+
+    /// Encodes voxels of which those that hold no data become code 0.
+    fn encode_marked<T: Voxel>(&self, voxels: &[u8], codes: &mut [u8]) {
+        let nodata = self.nodata.map(T::from_f64_rounded);
+        let most = self.format.max_code() as f64;
+        let scale = most / (self.high - self.low);
+        let code = |v: &[u8]| {
+            let v: T = bytemuck::pod_read_unaligned(v);
+            let code = ((v.to_f64() - self.low) * scale).round_ties_even().clamp(1.0, most) as u16;
+            if Some(v) == nodata { 0 } else { code }
+        };
+        let voxels = voxels.chunks_exact(size_of::<T>());
+        match self.format {
+            SlotFormat::U8 => codes.iter_mut().zip(voxels).for_each(|(c, v)| *c = code(v) as u8),
+            SlotFormat::U16 => {
+                codes.as_chunks_mut().0.iter_mut().zip(voxels).for_each(|(c, v)| *c = code(v).to_le_bytes());
+            }
         }
     }
 }
@@ -179,19 +241,56 @@ mod tests {
         }
     }
 
+    /// The code and the value of every voxel of a type, given its least and greatest valid value.
+    fn codes_without(t: VoxelType, range: (f64, f64), nodata: f64, values: &[f64]) -> SlotFormat {
+        let encoding = SlotEncoding::without(t, range, nodata);
+        for &value in values {
+            let voxel = with_voxel_type!(t, T => bytemuck::bytes_of(&T::from_f64_rounded(value)).to_vec());
+            let mut code = [0; 2];
+            encoding.encode(&voxel, &mut code[..encoding.format.bytes()]);
+            let code = u16::from_le_bytes(code);
+            assert_eq!(code == 0, value == nodata, "{t} {value}");
+            let found = encoding.value(code as f64 / encoding.format.max_code() as f64);
+            let tolerance = if t.bytes() <= 2 && range.1 - range.0 < 65535.0 { 1e-7 } else { encoding.code_width() };
+            assert!(code == 0 || (found - value).abs() <= tolerance, "{t} {value}: {found}");
+        }
+        encoding.format
+    }
+
+    #[test]
+    fn values_beside_that_for_no_data_keep_codes_of_their_own() {
+        let all = |low: i32, high: i32| (low..=high).map(f64::from).collect::<Vec<_>>();
+        let (bytes, shorts) = (all(0, 255), all(-32768, 32767));
+        assert_eq!(codes_without(VoxelType::U8, (0.0, 254.0), 255.0, &bytes), SlotFormat::U8);
+        assert_eq!(codes_without(VoxelType::U8, (1.0, 255.0), 0.0, &bytes), SlotFormat::U8);
+        // In the middle, with both ends in use, one code more is needed than 8 bits have.
+        assert_eq!(codes_without(VoxelType::U8, (0.0, 255.0), 7.0, &bytes), SlotFormat::U16);
+        assert_eq!(codes_without(VoxelType::I8, (-128.0, 127.0), 0.0, &all(-128, 127)), SlotFormat::U16);
+        assert_eq!(codes_without(VoxelType::I16, (-32767.0, 32767.0), -32768.0, &shorts), SlotFormat::U16);
+        assert_eq!(codes_without(VoxelType::I16, (-32768.0, 32767.0), -2000.0, &shorts), SlotFormat::U16);
+        codes_without(VoxelType::I32, (-2e9, 2e9), -9999.0, &[-2e9, -9999.0, 0.0, 1.0, 2e9]);
+        for t in [VoxelType::U8, VoxelType::I16, VoxelType::I32] {
+            codes_without(t, (0.0, 0.0), 9.0, &[9.0, 0.0]);
+            codes_without(t, (7.0, 7.0), 9.0, &[9.0, 7.0]);
+        }
+    }
+
     #[test]
     fn labels_have_a_code_each_or_are_hashed() {
-        let near = SlotEncoding::of_labels(VoxelType::U32, (70_000.0, 70_900.0), false);
+        let near = SlotEncoding::of_labels(VoxelType::U32, (70_000.0, 70_900.0), false, None);
         let labels = [70_000u32, 70_001, 70_900];
         let bytes: Vec<u8> = labels.iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(round_trip(&near, &bytes), labels.map(f64::from));
         assert!(near.is_labels && !near.is_hashed);
-        let gaps = SlotEncoding::of_labels(VoxelType::F32, (-3.0, 9.0), true);
+        let gaps = SlotEncoding::of_labels(VoxelType::F32, (-3.0, 9.0), true, None);
         let bytes: Vec<u8> = [-3.0f32, 9.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(round_trip(&gaps, &bytes), [-3.0, 9.0]);
-        assert!(SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false).is_hashed);
-        let bytes = SlotEncoding::of_labels(VoxelType::U8, (1.0, 3.0), false);
+        assert!(SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false, None).is_hashed);
+        let bytes = SlotEncoding::of_labels(VoxelType::U8, (1.0, 3.0), false, None);
         assert_eq!((bytes.low, bytes.high, bytes.is_hashed), (0.0, 255.0, false));
+        let marked = SlotEncoding::of_labels(VoxelType::U8, (0.0, 254.0), false, Some(255.0));
+        assert_eq!((round_trip(&marked, &[0, 7, 254]), marked.has_invalid), (vec![0.0, 7.0, 254.0], true));
+        assert!(SlotEncoding::of_labels(VoxelType::I16, (-32768.0, 32767.0), false, Some(3.0)).is_hashed);
     }
 
     #[test]

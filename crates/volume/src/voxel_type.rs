@@ -84,6 +84,13 @@ impl VoxelType {
         }
     }
 
+    /// Whether a voxel of the type can hold the value: a whole number within the limits of an integer type; any finite
+    /// number within those of a float, which holds the nearest it has.
+    pub fn holds(self, value: f64) -> bool {
+        let (low, high) = self.limits();
+        (low..=high).contains(&value) && (self.is_float() || value.fract() == 0.0)
+    }
+
     /// Decodes the voxel at `index` of little-endian `bytes`.
     ///
     /// # Panics
@@ -218,6 +225,14 @@ mod tests {
         assert_eq!(VoxelType::I16.read(&[1, 0, 0, 0x80], 1), -32768.0);
         assert_eq!(VoxelType::U32.read(&u32::MAX.to_le_bytes(), 0), u32::MAX as f64);
         assert!(VoxelType::F32.read(&f32::NAN.to_le_bytes(), 0).is_nan());
+    }
+
+    #[test]
+    fn a_type_holds_what_its_voxels_can_be() {
+        let held = |t: VoxelType, values: [f64; 4]| values.map(|v| t.holds(v));
+        assert_eq!(held(VoxelType::U8, [0.0, 255.0, 256.0, -1.0]), [true, true, false, false]);
+        assert_eq!(held(VoxelType::I32, [-2147483648.0, 0.5, 2147483648.0, f64::NAN]), [true, false, false, false]);
+        assert_eq!(held(VoxelType::F32, [0.1, -1e38, 1e39, f64::INFINITY]), [true, true, false, false]);
     }
 
     #[test]

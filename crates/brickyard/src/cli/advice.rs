@@ -21,7 +21,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 }
 
 /// Options of the library by the names that its messages have them under, and the command's flags for them.
-const FLAGS: [(&str, &str); 20] = [
+const FLAGS: [(&str, &str); 21] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
     ("`axes`", "--axes"),
@@ -30,6 +30,7 @@ const FLAGS: [(&str, &str); 20] = [
     ("`downsample`", "--downsample"),
     ("`edge`", "--brick"),
     ("`memory`", "--memory"),
+    ("`nodata`", "--nodata"),
     ("`offset`", "--offset"),
     ("`order`", "--order"),
     ("`origin`", "--origin"),

@@ -124,6 +124,7 @@ fn text(info: &Info<'_>, store: &Store) -> String {
             channel.nan + channel.pos_inf + channel.neg_inf
         ));
     }
+    lines.extend(no_data(store));
     for (l, level) in info.levels.iter().enumerate() {
         let [x, y, z] = level.extent;
         let bytes = store.pyramid().level(Level(l as u8)).extent.volume() * store.voxel_type().bytes() as u64;
@@ -143,6 +144,16 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
     }
     lines.join("\n")
+}
+
+/// Which voxels hold no data, and how many do, in words; `None` if no value says so.
+fn no_data(store: &Store) -> Option<String> {
+    let info = store.info();
+    let value = info.nodata?;
+    let voxels =
+        store.pyramid().levels()[0].extent.volume() as f64 * f64::from(store.times()) * f64::from(store.channels());
+    let count = info.channels.iter().map(|channel| channel.nodata).sum::<u64>();
+    Some(format!("  no data: {value}, {} ({:.1} %)", counted(count, "voxel"), 100.0 * count as f64 / voxels))
 }
 
 /// A channel's name and colour, in words.

@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::pack_settings::PackSettings;
 use super::{store_errors, values};
-use brickyard::import::{self, AxisOrder, Endian, FileOrder, OpenOptions};
+use brickyard::import::{self, AxisOrder, Endian, FileOrder, NoData, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -49,6 +49,10 @@ pub(crate) struct PackArguments {
     /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
     #[arg(long)]
     unit: Option<String>,
+    /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
+    /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
+    #[arg(long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
+    nodata: Option<NoData>,
     /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
     #[arg(long)]
     allow_lossy: bool,
@@ -97,6 +101,7 @@ pub(crate) fn run(mut arguments: PackArguments) -> Result<(), Failure> {
         spacing: arguments.spacing,
         origin: arguments.origin,
         unit: arguments.unit.as_deref().map(unit_name),
+        nodata: arguments.nodata.unwrap_or_default(),
         allow_lossy: arguments.allow_lossy,
         scratch_dir: arguments.scratch,
     };

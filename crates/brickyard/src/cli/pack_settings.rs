@@ -128,6 +128,9 @@ impl PackSettings {
             input_bytes as f64 / 1e6 / seconds.max(1e-9),
             values::human_bytes(report.written_bytes),
         );
+        if let Some(nodata) = info.nodata.filter(|_| report.nodata > 0) {
+            eprintln!("note: {} voxels are {nodata}, no data: they are not drawn and not counted", report.nodata);
+        }
         if report.non_finite > 0 {
             eprintln!("note: {} voxels are NaN or infinite: they are not drawn and not counted", report.non_finite);
         }

@@ -69,6 +69,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
     print_line(&format!("voxel {i},{j},{k}, centre at {x},{y},{z} {}", unit.unwrap_or("(no unit)")))?;
     for (channel, (name, value)) in names.zip(&found.values).enumerate() {
         let name = name.map_or_else(String::new, |name| format!(" '{name}'"));
+        let value = if value.is_nan() { "no data".into() } else { value.to_string() };
         print_line(&format!("  channel {channel}{name}: {value}"))?;
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
+use brickyard_import::NoData;
 use brickyard_volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, TransferFunction, VoxelBox};
 use glam::DVec3;
 
@@ -185,6 +186,13 @@ pub(crate) fn labels(text: &str) -> Result<Vec<i64>, String> {
     labels.map_err(|_| format!("'{text}': expected labels, whole numbers with commas between them, as in 3,7"))
 }
 
+/// `none`, or the finite value of voxels that hold no data.
+pub(crate) fn nodata(text: &str) -> Result<NoData, String> {
+    let value = text.parse().ok().filter(|value: &f64| value.is_finite()).map(NoData::Value);
+    let value = if text == "none" { Some(NoData::None) } else { value };
+    value.ok_or_else(|| format!("'{text}': expected a finite number, or none (NaN and infinities hold no data anyway)"))
+}
+
 /// `none`, `white`, `white:SEED` or `blue`.
 pub(crate) fn jitter(text: &str) -> Result<Jitter, String> {
     let seed = |text: &str| text.parse().ok().map(Jitter::White);
@@ -293,6 +301,15 @@ mod tests {
         assert_eq!(found, [Jitter::None, Jitter::White(0), Jitter::White(77), Jitter::Blue].map(Ok));
         for bad in ["", "red", "white:", "white:-1", "blue:3"] {
             assert!(jitter(bad).unwrap_err().contains("white:SEED"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn no_data_is_a_value_or_none() {
+        let found = ["-2000", "1e20", "none"].map(nodata);
+        assert_eq!(found, [NoData::Value(-2000.0), NoData::Value(1e20), NoData::None].map(Ok));
+        for bad in ["", "abc", "nan", "-inf", "1,2", "None"] {
+            assert!(nodata(bad).unwrap_err().contains("expected a finite number, or none"), "{bad}");
         }
     }
 

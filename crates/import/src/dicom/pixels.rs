@@ -139,15 +139,15 @@ pub(super) struct Meaning {
     pub(super) slope: f64,
     pub(super) intercept: f64,
     /// Least and greatest stored number that mean padding; `None` without padding. Padding becomes NaN if voxels are
-    /// floats, and is kept otherwise.
+    /// floats, and what the least of these numbers means otherwise.
     pub(super) padding: Option<[i64; 2]>,
 }
 
 impl Samples {
-    /// Least and greatest number of the frame.
-    pub(super) fn range(&self, format: &PixelFormat) -> [i64; 2] {
+    /// Least and greatest number of the frame, of which all padding counts as its least.
+    pub(super) fn range(&self, format: &PixelFormat, padding: Option<[i64; 2]>) -> [i64; 2] {
         let mut row = vec![0; format.columns as usize * VoxelType::I32.bytes()];
-        let plain = Meaning { slope: 1.0, intercept: 0.0, padding: None };
+        let plain = Meaning { slope: 1.0, intercept: 0.0, padding };
         (0..format.rows).fold([i64::MAX, i64::MIN], |range, y| {
             let region = VoxelBox::new([0, y, 0], [format.columns, y + 1, 1]);
             self.deliver(format, &plain, VoxelType::I32, region, &mut row);
@@ -182,11 +182,23 @@ impl Samples {
 }
 
 impl Meaning {
+    /// The value of a stored number.
+    #[inline]
+    pub(super) fn value(&self, n: i64) -> f64 {
+        n as f64 * self.slope + self.intercept
+    }
+
+    /// The integer of voxels of this type that are padding; `None` without padding, and for floats, which are NaN there.
+    pub(super) fn nodata(&self, voxel_type: VoxelType) -> Option<f64> {
+        let [least, _] = self.padding.filter(|_| !voxel_type.is_float())?;
+        Some(self.value(least)).filter(|&value| voxel_type.holds(value))
+    }
+
     /// Turns a row of stored numbers of `N` bytes to voxels.
     #[inline]
     fn row<const N: usize>(&self, src: &[u8], number: impl Fn([u8; N]) -> i64, voxel_type: VoxelType, out: &mut [u8]) {
         let (src, _) = src.as_chunks::<N>();
-        let value = |n: i64| n as f64 * self.slope + self.intercept;
+        let value = |n: i64| self.value(n);
         if let (VoxelType::F32, Some([least, greatest])) = (voxel_type, self.padding) {
             let (out, _) = out.as_chunks_mut::<4>();
             for (out, bytes) in out.iter_mut().zip(src) {
@@ -196,6 +208,11 @@ impl Meaning {
             }
             return;
         }
+        let [least, greatest] = self.padding.unwrap_or([i64::MAX, i64::MIN]);
+        let number = |bytes| {
+            let n = number(bytes);
+            if (least..=greatest).contains(&n) { least } else { n }
+        };
         with_voxel_type!(voxel_type, T => {
             let (out, _) = out.as_chunks_mut::<{ size_of::<T>() }>();
             for (out, bytes) in out.iter_mut().zip(src) {

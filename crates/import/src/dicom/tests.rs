@@ -2,7 +2,7 @@
 
 use crate::error::ImportError;
 use crate::open::open;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::source::Source;
 use crate::testing::{alone_with, assert_takes_what_it_says};
 use brickyard_volume::VoxelType;
@@ -307,7 +307,7 @@ fn bits_signs_and_rescaling() {
 }
 
 #[test]
-fn padding_is_nan_in_floats_and_a_value_in_integers() {
+fn padding_is_nan_in_floats_and_one_value_in_integers() {
     // Padding is given by its value and the other end of its range, which may be the lower one.
     let padded = |slope: &str, value, limit| {
         let mut slice = Written::slice(0.0, 0);
@@ -315,13 +315,49 @@ fn padding_is_nan_in_floats_and_a_value_in_integers() {
         slice.text(tags::RESCALE_SLOPE, VR::DS, slope);
         let (_folder, source) = Folder::opened([slice]);
         assert!(source.info().notes.iter().any(|n| n.contains("3 to 5")), "{:?}", source.info().notes);
-        voxels(&*source)[2..7].to_vec()
+        (source.info().nodata, voxels(&*source)[2..7].to_vec())
     };
     for (value, limit) in [(3, 5), (5, 3)] {
-        assert_eq!(padded("1", value, limit), [2.0, 3.0, 4.0, 5.0, 6.0]);
-        let found = padded("0.5", value, limit);
+        assert_eq!(padded("1", value, limit), (Some(3.0), vec![2.0, 3.0, 3.0, 3.0, 6.0]));
+        assert_eq!(padded("-2", value, limit), (Some(-6.0), vec![-4.0, -6.0, -6.0, -6.0, -12.0]));
+        let (nodata, found) = padded("0.5", value, limit);
+        assert_eq!(nodata, None);
         assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
     }
+}
+
+#[test]
+fn padding_that_one_integer_cannot_stand_for_is_nan() {
+    // Of values 0 to 11 and 10 to 21, another is padding in each slice.
+    let slice = |z: f64, first, padding| {
+        let mut slice = Written::slice(z, first);
+        slice.number(tags::PIXEL_PADDING_VALUE, padding);
+        slice
+    };
+    let (folder, source) = Folder::opened([slice(0.0, 0, 11), slice(1.0, 10, 12)]);
+    let found = voxels(&*source);
+    assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::F32, None));
+    let is_padding = |i: usize| [11, 14].contains(&i);
+    assert!((0..24).all(|i| found[i].is_nan() == is_padding(i)) && found[13] == 11.0, "{found:?}");
+    // What the user says is instead of it.
+    for (nodata, expected) in [(NoData::None, None), (NoData::Value(20.0), Some(20.0))] {
+        let options = OpenOptions { nodata, ..OpenOptions::default() };
+        let source = open(&[folder.0.path().to_owned()], &options).unwrap();
+        assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::U16, expected));
+        assert_eq!(voxels(&*source)[14], 12.0);
+    }
+    // The type holds the value that stands for a range of padding, where there is some.
+    let mut looked_at = slice(0.0, 0, 0);
+    looked_at.number(tags::PIXEL_PADDING_RANGE_LIMIT, 200).text(tags::RESCALE_INTERCEPT, VR::DS, "-1024");
+    for (pixel, nodata, first) in [(100, Some(-1024.0), -1024.0), (1024, None, 0.0)] {
+        looked_at.pixels(&[pixel, 1024, 1025, 1026, 1027, 1028, 1029, 1030, 1031, 1032, 1033, 1034]);
+        let (_folder, source) = Folder::opened([Written(looked_at.0.clone())]);
+        assert_eq!((source.info().nodata, voxels(&*source)[0]), (nodata, first), "{:?}", source.info());
+    }
+    // A value that no pixel of these bits can have pads nothing.
+    let mut outside = slice(0.0, 0, 60_000);
+    outside.number(tags::BITS_STORED, 12).number(tags::HIGH_BIT, 11);
+    assert_eq!(Folder::opened([outside]).1.info().nodata, None);
 }
 
 #[test]

@@ -6,6 +6,7 @@
 use super::calibration::Calibration;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Element, Scale};
+use crate::options::NoData;
 use crate::source::SourceInfo;
 use brickyard_volume::{ChannelLook, Extent};
 use glam::DVec3;
@@ -21,6 +22,8 @@ pub(super) struct Description {
     unit: Option<&'static str>,
     /// How stored numbers become values; `None` if they are the values.
     pub(super) calibration: Option<Calibration>,
+    /// The stored number of pixels without data, which GDAL keeps in a tag of its own.
+    pub(super) nodata: Option<f64>,
     /// How the channels look, as far as is said.
     pub(super) channel_looks: Vec<ChannelLook>,
     notes: Vec<String>,
@@ -155,6 +158,15 @@ impl Description {
     /// something to say.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
+    }
+
+    /// Tells `info` which voxels hold no data, unless the user says it. `scale` is what makes stored numbers voxels.
+    pub(super) fn mark(&self, info: &mut SourceInfo, scale: Option<Scale>, nodata: NoData) {
+        let of_file = self.nodata.filter(|_| nodata == NoData::OfFile);
+        let value = of_file.map(|stored| scale.map_or(stored, |scale| stored * scale.slope + scale.intercept));
+        if let Some(value) = value {
+            info.set_nodata(value, "GDAL_NODATA");
+        }
     }
 
     /// Adds the spacing, unit and notes of the description to `info`.

@@ -17,6 +17,8 @@ use tiff::tags::{ByteOrder, Tag};
 
 /// Most bytes of a description that are read; OME-XML of large plates reaches tens of megabytes.
 const LONGEST_DESCRIPTION: u64 = 256 << 20;
+/// The most characters of a number that are read.
+const LONGEST_NUMBER: usize = 64;
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -163,11 +165,24 @@ impl OpenTiff {
             Err(_) => bytes.iter().map(|&b| b as char).collect(),
         };
         let mut description = Description::parse(text.trim_end_matches('\0'), resolution);
+        description.nodata = self.gdal_nodata()?;
         let looks = self.imagej_looks()?;
         if !looks.is_empty() {
             description.channel_looks = looks;
         }
         Ok(description)
+    }
+
+    /// The stored number of pixels without data, as GDAL writes it: in digits.
+    fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
+        let path = self.path.clone();
+        let mut bytes = [0; LONGEST_NUMBER];
+        let mut tags = self.decoder.image_ifd();
+        let length =
+            tags.find_entry(Tag::GdalNodata).map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
+        said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
+        let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
+        Ok(text.trim_matches(['\0', ' ']).parse().ok())
     }
 
     /// How ImageJ shows the channels; empty if the file does not say it.

@@ -2,7 +2,7 @@
 
 use crate::error::ImportError;
 use crate::open::open;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use crate::source::{Access, Source};
 use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, temp_file};
 use brickyard_volume::{VoxelBox, VoxelType};
@@ -520,6 +520,37 @@ fn halves_are_widened_and_doubles_kept_where_they_fit() {
     let source = open(&[path], &OpenOptions { allow_lossy: true, ..options() }).unwrap();
     assert_eq!(values(&*source)[1], f64::INFINITY);
     assert!(source.info().notes.join(" ").contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
+}
+
+/// An entry holds up to four characters itself, which is what [`with_tag`] writes: of 16 bits, so two of them.
+#[test]
+fn pixels_without_data_are_those_of_gdals_tag() {
+    let [file, of_letters] = ["17", "x9"].map(|text| {
+        let number = u16::from_le_bytes(text.as_bytes().try_into().unwrap());
+        with_tag(42113, number.into()).1
+    });
+    let nodata = |bytes: &[u8], options: &OpenOptions| {
+        let (_folder, path) = temp_file("a.tif", bytes);
+        open(&[path], options).map(|source| source.info().nodata).map_err(|error| error.to_string())
+    };
+    // Written as a number of 16 bits, which is no text.
+    assert_eq!(nodata(&file, &options()), Ok(None));
+    let as_text = |bytes: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        let entry = bytes.windows(4).position(|w| w == [0x81, 0xa4, 3, 0]).unwrap();
+        bytes[entry + 2..entry + 8].copy_from_slice(&[2, 0, 2, 0, 0, 0]);
+        bytes
+    };
+    assert_eq!(nodata(&as_text(&file), &options()), Ok(Some(17.0)));
+    assert_eq!(nodata(&as_text(&of_letters), &options()), Ok(None));
+    let with = |nodata| OpenOptions { nodata, ..options() };
+    assert_eq!(nodata(&as_text(&file), &with(NoData::None)), Ok(None));
+    assert_eq!(nodata(&as_text(&file), &with(NoData::Value(9.0))), Ok(Some(9.0)));
+    let refused = nodata(&as_text(&file), &with(NoData::Value(-1.0))).unwrap_err();
+    assert!(
+        refused.contains("`nodata` -1: voxels are u16, expected one of the whole numbers from 0 to 65535"),
+        "{refused}"
+    );
 }
 
 const HYPERSTACK: &str =

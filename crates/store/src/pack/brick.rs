@@ -6,6 +6,7 @@
 //! makes means over odd extents those of what exists.
 
 use crate::downsample::{Downsample, downsample};
+use crate::nodata;
 use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
@@ -22,6 +23,8 @@ pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
 /// One thread's buffers for bricks of one edge length.
 pub(crate) struct Workspace<T> {
     edge: usize,
+    /// The value of voxels that hold no data.
+    nodata: Option<T>,
     /// A run of cores, `edge`^3 each.
     cores: Vec<T>,
     /// The part of the next level that was made last from a core, packed.
@@ -42,9 +45,10 @@ pub(crate) struct Summary<T> {
 }
 
 impl<T: Measure> Workspace<T> {
-    pub(crate) fn new(edge: usize) -> Self {
+    pub(crate) fn new(edge: usize, nodata: Option<T>) -> Self {
         Self {
             edge,
+            nodata,
             cores: vec![T::default(); run_length(edge, size_of::<T>()) * edge.pow(3)],
             // At least one axis is halved.
             coarse: vec![T::default(); edge.pow(3) / 2],
@@ -98,6 +102,14 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
+    /// Puts NaN in place of every voxel of core `i` that is `value`, for floats.
+    pub(crate) fn blank(&mut self, i: usize, value: T) {
+        let invalid = T::from_f64_rounded(f64::NAN);
+        for voxel in self.core_mut(i).iter_mut().filter(|voxel| **voxel == value) {
+            *voxel = invalid;
+        }
+    }
+
     /// Fills core `i` up past its extent, which is `shape`, and measures it. Counts its voxels if `finest`.
     pub(crate) fn digest(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         #[cfg(target_arch = "x86_64")]
@@ -116,14 +128,16 @@ impl<T: Measure> Workspace<T> {
     fn digest_any(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         let core = &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
         fill_up(core, self.edge, shape);
+        // Bricks in which all voxels have data are measured as if no value stood for none.
+        let nodata = self.nodata.filter(|&nodata| nodata::is_in(core, nodata));
         let mut tally = Tally::default();
         if finest {
-            count(core, self.edge, shape, &mut self.counter, &mut tally);
+            count(core, self.edge, shape, nodata, &mut self.counter, &mut tally);
         }
-        let parts = Parts::of(core, self.edge, shape);
+        let parts = Parts::of(core, self.edge, shape, nodata);
         let Range { low, high } = parts.whole();
-        let is_fill =
-            low == T::default() && high == T::default() && bytemuck::cast_slice::<T, u8>(core).iter().all(|&b| b == 0);
+        let may_be_fill = low == T::default() && high == T::default() || nodata == Some(T::default());
+        let is_fill = may_be_fill && bytemuck::cast_slice::<T, u8>(core).iter().all(|&b| b == 0);
         Summary { parts, tally, is_fill }
     }
 
@@ -131,16 +145,37 @@ impl<T: Measure> Workspace<T> {
     pub(crate) fn digest_constant(&mut self, i: usize, shape: [usize; 3], value: T) -> Summary<T> {
         let voxels = shape.iter().product::<usize>();
         self.core_mut(i).fill(value);
+        let is_fill = bytemuck::bytes_of(&value).iter().all(|&b| b == 0);
+        if self.nodata == Some(value) {
+            let tally = Tally { nodata: voxels as u64, ..Tally::default() };
+            return Summary { parts: Parts::uniform(T::EMPTY), tally, is_fill };
+        }
         self.counter.constant(value, voxels as u64);
         let parts = Parts::uniform(Range { low: value, high: value });
         let tally = Tally { sum: value.to_f64() * voxels as f64, ..Tally::default() };
-        Summary { parts, tally, is_fill: bytemuck::bytes_of(&value).iter().all(|&b| b == 0) }
+        Summary { parts, tally, is_fill }
     }
 
     /// Makes the part of the next level from core `i`, which was digested: each of its voxels from `factor` voxels.
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         // Odd extents include one of the voxels that fill the core up.
-        let shape = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
+        let shape: [usize; 3] = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
+        let Some(nodata) = self.nodata else { return self.reduce_whole(i, shape, factor, method) };
+        let mut is_marked = nodata::is_in(self.core(i), nodata);
+        if !is_marked {
+            self.reduce_whole(i, shape, factor, method);
+            // A mean can be that value where no voxel is.
+            let voxels = (0..3).map(|a| shape[a] / factor[a]).product();
+            is_marked = nodata::is_in(&self.coarse[..voxels], nodata);
+        }
+        if is_marked {
+            let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
+            nodata::downsample(method, core, self.edge, shape, factor, nodata, &mut self.coarse);
+        }
+    }
+
+    /// Makes the part of the next level from core `i`, whose integers all have data.
+    fn reduce_whole(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -191,13 +226,17 @@ fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
     }
 }
 
-/// Counts and sums the voxels of `shape`.
+/// Counts and sums the voxels of `shape`, without those that are `nodata`.
 #[inline(always)]
-fn count<T: Measure>(core: &[T], edge: usize, shape: [usize; 3], counter: &mut Counter, tally: &mut Tally) {
-    let mut add = |voxels: &[T]| {
-        T::count(voxels, counter);
-        T::tally(voxels, tally);
-    };
+fn count<T: Measure>(
+    core: &[T],
+    edge: usize,
+    shape: [usize; 3],
+    nodata: Option<T>,
+    counter: &mut Counter,
+    tally: &mut Tally,
+) {
+    let mut add = |voxels: &[T]| nodata::count(voxels, nodata, counter, tally);
     if shape == [edge; 3] {
         return add(core);
     }

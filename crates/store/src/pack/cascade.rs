@@ -128,6 +128,8 @@ struct Worker<T> {
 /// What the workers share.
 struct Shared<'a, T> {
     pass: &'a Pass<'a>,
+    /// The value of floats that become NaN, since the source says that it stands for no data.
+    blanked: Option<T>,
     codec: BrickCodec,
     workers: Vec<Mutex<Worker<T>>>,
     sequence: Sequence<Packed<T>>,
@@ -162,9 +164,12 @@ impl Pass<'_> {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             stage.layout.shards(stage.level).filter_map(finished).collect()
         };
-        let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge), scratch: Scratch::default() });
+        let nodata = self.source.info().nodata.map(T::from_f64_rounded);
+        let (kept, blanked) = if T::TYPE.is_float() { (None, nodata) } else { (nodata, None) };
+        let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge, kept), scratch: Scratch::default() });
         let shared = Shared {
             pass: self,
+            blanked,
             codec: BrickCodec::new(self.options.codec, T::TYPE, self.options.edge),
             workers: (0..threads).map(|_| worker()).collect(),
             sequence: Sequence::new(bricks_ahead(threads)),
@@ -504,6 +509,9 @@ impl<'a, T: Measure> Volume<'a, T> {
         let id = BrickId { time: self.time, channel: self.channel, level: stage.level, index };
         let core = stage.layout.pyramid.brick_box(id.level, index);
         let workspace = &mut worker.workspace;
+        if let Some(blanked) = shared.blanked.filter(|_| s == 0) {
+            workspace.blank(i, blanked);
+        }
         let summary = match constant {
             Some(value) => workspace.digest_constant(i, shape(core), value),
             None => workspace.digest(i, shape(core), s == 0),
@@ -551,7 +559,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         let Pass { source, plan, .. } = *self.shared.pass;
         let region = plan.layout.pyramid.brick_box(Level(0), index);
         let constant = source.constant_in(self.time, self.channel, region).map(T::from_f64_rounded);
-        if let Some(value) = constant.filter(|v| v.is_valid()) {
+        if let Some(value) = constant.filter(|v| v.is_valid() && self.shared.blanked != Some(*v)) {
             return Ok(Some(value));
         }
         let packed = &mut workspace.core_mut(0)[..region.extent().volume() as usize];

@@ -36,9 +36,10 @@ impl<T: Measure> Parts<T> {
         self.0[place(d.map(|d| (d + 1) as usize))]
     }
 
-    /// Measures the first `shape` voxels of an `edge`^3 core whose rows are filled up with their last voxel.
+    /// Measures the first `shape` voxels of an `edge`^3 core whose rows are filled up with their last voxel, without those that
+    /// are `nodata`.
     #[inline(always)]
-    pub(crate) fn of(core: &[T], edge: usize, shape: [usize; 3]) -> Self {
+    pub(crate) fn of(core: &[T], edge: usize, shape: [usize; 3], nodata: Option<T>) -> Self {
         let classes = |n: usize| [0..1, 1..n.max(2) - 1, n - 1..n];
         let mut parts = [T::EMPTY; 27];
         for (z, slices) in classes(shape[2]).into_iter().enumerate() {
@@ -46,7 +47,11 @@ impl<T: Measure> Parts<T> {
                 let mut columns = Columns::empty();
                 for slice in slices.clone() {
                     for row in rows.clone() {
-                        columns.add(&core[(slice * edge + row) * edge..][..edge]);
+                        let row = &core[(slice * edge + row) * edge..][..edge];
+                        match nodata {
+                            None => columns.add(row),
+                            Some(nodata) => columns.add_without(row, nodata),
+                        }
                     }
                 }
                 let along_x = [columns.at(0), columns.all(edge), columns.at(shape[0] - 1)];
@@ -89,6 +94,16 @@ impl<T: Measure> Columns<T> {
         }
     }
 
+    /// Adds a row without the voxels that are `nodata`. Not inlined, so that the loop of [`Columns::add`] stays as it is.
+    #[inline(never)]
+    fn add_without(&mut self, row: &[T], nodata: T) {
+        for ((low, high), &v) in self.low.iter_mut().zip(&mut self.high).zip(row) {
+            let (lower, upper) = (T::lower(*low, v), T::upper(*high, v));
+            *low = if v == nodata { *low } else { lower };
+            *high = if v == nodata { *high } else { upper };
+        }
+    }
+
     fn at(&self, x: usize) -> Range<T> {
         Range { low: self.low[x], high: self.high[x] }
     }
@@ -104,13 +119,13 @@ mod tests {
     use proptest::prelude::*;
 
     /// Every part against a plain loop over the voxels it is made of.
-    fn check<T: Measure + std::fmt::Debug>(shape: [usize; 3], value: impl Fn(usize) -> T) {
+    fn check<T: Measure + std::fmt::Debug>(shape: [usize; 3], value: impl Fn(usize) -> T, nodata: Option<T>) {
         const EDGE: usize = 8;
         let at = |p: [usize; 3]| value((p[2] * EDGE + p[1]) * EDGE + p[0]);
         // Only rows are filled up: what lies past the shape along y and z must not matter.
         let core: Vec<T> =
             (0..EDGE.pow(3)).map(|i| at([(i % EDGE).min(shape[0] - 1), i / EDGE % EDGE, i / EDGE / EDGE])).collect();
-        let parts = Parts::of(&core, EDGE, shape);
+        let parts = Parts::of(&core, EDGE, shape, nodata);
         for d in directions() {
             let along = |a: usize| match d[a] {
                 -1 => 0..1,
@@ -118,7 +133,8 @@ mod tests {
                 _ => shape[a] - 1..shape[a],
             };
             let voxels = along(2).flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| at([x, y, z]))));
-            let expected = voxels.fold(T::EMPTY, |range, v| range.join(T::range_of(v)));
+            let valid = voxels.filter(|v| Some(*v) != nodata);
+            let expected = valid.fold(T::EMPTY, |range, v| range.join(T::range_of(v)));
             assert_eq!(parts.toward(d), expected, "{shape:?} {d:?}");
         }
     }
@@ -128,11 +144,13 @@ mod tests {
         fn parts_are_the_ranges_of_their_voxels(
             shape in prop::array::uniform3(1usize..=8), values in prop::collection::vec(any::<u32>(), 512),
         ) {
-            check(shape, |i| values[i] as u8);
-            check(shape, |i| values[i] as i16);
-            check(shape, |i| values[i] as i32);
+            check(shape, |i| values[i] as u8, None);
+            check(shape, |i| values[i] as i16, None);
+            check(shape, |i| values[i] as i32, None);
+            check(shape, |i| (values[i] % 3) as u8, Some(2));
+            check(shape, |i| -((values[i] % 4) as i32), Some(-1));
             let special = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
-            check(shape, |i| special.get(values[i] as usize % 5).copied().unwrap_or(values[i] as f32 - 2e9));
+            check(shape, |i| special.get(values[i] as usize % 5).copied().unwrap_or(values[i] as f32 - 2e9), None);
         }
     }
 }

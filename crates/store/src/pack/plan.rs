@@ -187,6 +187,10 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         let found = format!("{:?} (x, y, z)", origin.to_array());
         return unfit("origin is", found, "finite numbers", "give it with `origin` X,Y,Z");
     }
+    if let Some(nodata) = info.nodata.filter(|&nodata| !info.voxel_type.holds(nodata)) {
+        let expected = format!("a value that {} voxels hold", info.voxel_type);
+        return unfit("value for no data is", nodata.to_string(), &expected, "give another with `nodata`");
+    }
     if let Some(Err(error)) = info.orientation.map(|orientation| orientation.placement(&info.geometry)) {
         let expected = "one that fits the voxel spacing";
         return unfit("orientation has", error.to_string(), expected, "mend its header, or give `spacing` X,Y,Z");

@@ -181,7 +181,7 @@ impl<T: Measure> StagePages<T> {
         for (z, layer) in (bricks.min.z..bricks.max.z).zip(&self.finished) {
             for (y, x) in (bricks.min.y..bricks.max.y).flat_map(|y| (bricks.min.x..bricks.max.x).map(move |x| (y, x))) {
                 let (at, place) = ((y * self.bricks.x + x) as usize, paging.locate([x, y, z]).1);
-                let ends = |range: Range<T>| if range.is_empty() { [T::INVALID; 2] } else { [range.low, range.high] };
+                let ends = |range: Range<T>| if range.is_empty() { T::NO_ENDS } else { [range.low, range.high] };
                 let [core, reach] = [layer.core[at], layer.reach[at]].map(ends);
                 let voxels = [core[0], core[1], reach[0], reach[1]];
                 ranges[place * size_of_val(&voxels)..][..size_of_val(&voxels)]

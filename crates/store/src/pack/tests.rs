@@ -49,6 +49,7 @@ impl<T: Voxel> Array<T> {
             calibrated: false,
             orientation: None,
             channel_looks: Vec::new(),
+            nodata: None,
             identity: "array".into(),
             notes: Vec::new(),
         };
@@ -141,8 +142,15 @@ fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64
     (0..region.extent().volume() as usize).map(|i| voxel_type.read(&bytes, i)).collect()
 }
 
-/// One level from the finer one, plainly.
-fn coarser<T: Voxel>(fine: &[f64], from: Extent, to: Extent, factor: [u32; 3], method: Downsample) -> Vec<f64> {
+/// One level from the finer one, plainly. `nodata` is what voxels without data are, NaN for floats.
+fn coarser<T: Voxel>(
+    fine: &[f64],
+    from: Extent,
+    to: Extent,
+    factor: [u32; 3],
+    method: Downsample,
+    nodata: f64,
+) -> Vec<f64> {
     let mut coarse = Vec::new();
     for z in 0..to.z {
         for y in 0..to.y {
@@ -156,14 +164,18 @@ fn coarser<T: Voxel>(fine: &[f64], from: Extent, to: Extent, factor: [u32; 3], m
                         inside.push(fine[from.linear(p) as usize]);
                     }
                 }
-                let first = inside[0];
-                inside.retain(|v| v.is_finite());
+                inside.retain(|v| v.is_finite() && *v != nodata);
+                let first = inside.first().copied();
                 inside.sort_by(f64::total_cmp);
                 let frequency = |v: f64| inside.iter().filter(|w| **w == v).count();
                 let result = match method {
-                    Downsample::Nearest => first,
-                    _ if inside.is_empty() => f64::NAN,
-                    Downsample::Mean => inside.iter().sum::<f64>() / inside.len() as f64,
+                    _ if inside.is_empty() => nodata,
+                    Downsample::Nearest => first.unwrap(),
+                    Downsample::Mean => {
+                        let mean = inside.iter().sum::<f64>() / inside.len() as f64;
+                        let is_nodata = T::from_f64_rounded(mean).to_f64() == nodata;
+                        if is_nodata { nodata + if mean < nodata { -1.0 } else { 1.0 } } else { mean }
+                    }
                     Downsample::Max => inside[inside.len() - 1],
                     Downsample::Min => inside[0],
                     // `max_by_key` takes the last of those that tie: the least, from the back.
@@ -188,13 +200,16 @@ fn check_pyramid<T: Voxel>(source: &Array<T>, options: &PackOptions) {
         for (time, channel) in (0..info.times).flat_map(|t| (0..info.channels).map(move |c| (t, c))) {
             let volume = (time * info.channels + channel) as usize * info.extent.volume() as usize;
             let voxels = &source.voxels[volume..volume + info.extent.volume() as usize];
-            let mut expected: Vec<f64> = voxels.iter().map(|v| v.to_f64()).collect();
+            let nodata = info.nodata.filter(|_| !T::TYPE.is_float()).unwrap_or(f64::NAN);
+            let is_blank = |v: f64| T::TYPE.is_float() && info.nodata == Some(v);
+            let stored = voxels.iter().map(|v| v.to_f64()).map(|v| if is_blank(v) { f64::NAN } else { v });
+            let mut expected: Vec<f64> = stored.collect();
             let levels = store.pyramid().levels();
             for k in 0..levels.len() {
                 if k > 0 {
                     let factor = std::array::from_fn(|a| levels[k].factor[a] / levels[k - 1].factor[a]);
                     let (from, to) = (levels[k - 1].extent, levels[k].extent);
-                    expected = coarser::<T>(&expected, from, to, factor, method);
+                    expected = coarser::<T>(&expected, from, to, factor, method, nodata);
                 }
                 let found = level_voxels(&store, time, channel, Level(k as u8));
                 let same = |a: f64, b: f64| a == b || a.is_nan() && b.is_nan();
@@ -264,6 +279,113 @@ fn every_level_is_what_plain_loops_make_of_the_finer_one() {
         let holes = |p: [u32; 3]| if p[0].is_multiple_of(5) || p[2] / 8 == 3 { f32::NAN } else { value(p) as f32 };
         check_pyramid(&Array::new(extent, holes), &with(VoxelType::F32));
     }
+}
+
+/// A source in which voxels of a shell and of holes inside are of the value for no data.
+fn marked<T: Voxel>(extent: [u32; 3], value: impl Fn([u32; 3]) -> T, nodata: T) -> Array<T> {
+    let in_hole = |p: [u32; 3]| p[0].is_multiple_of(5) || p[1] / 7 == 3 || p[2] / 8 == 3;
+    let in_shell = |p: [u32; 3]| (0..3).any(|a| p[a] < 18 || p[a] + 3 >= extent[a]);
+    let marked = |p| if in_shell(p) || in_hole(p) { nodata } else { value(p) };
+    let mut array = Array::new(extent, marked);
+    array.info.nodata = Some(nodata.to_f64());
+    array
+}
+
+#[test]
+fn voxels_without_data_are_left_out_of_coarser_levels() {
+    let extent = [100, 77, 51];
+    let alone = Downsample::ALL.map(Reductions::from);
+    for downsample in alone.into_iter().chain([mean_and_max()]) {
+        let with = |t| PackOptions { downsample, aprons: 1, ..options(t) };
+        check_pyramid(&marked(extent, |p| value(p) as u8, 0), &with(VoxelType::U8));
+        // A value that means of others are, too.
+        check_pyramid(&marked(extent, |p| value(p) as u8, 40), &with(VoxelType::U8));
+        check_pyramid(&marked(extent, |p| (value(p) as i32 - 100) as i16, -2000), &with(VoxelType::I16));
+        check_pyramid(&marked(extent, |p| value(p) as u16, u16::MAX), &with(VoxelType::U16));
+        check_pyramid(&marked(extent, |p| (value(p) * 1e6) as i32, -9999), &with(VoxelType::I32));
+        check_pyramid(&marked(extent, |p| value(p) as f32 + 0.5, -9999.0), &with(VoxelType::F32));
+    }
+    check_pyramid(&marked(extent, |p| (value(p) as i32 - 40) as i8, -1), &options(VoxelType::I8));
+    check_pyramid(&marked(extent, |p| u32::MAX - 1 - value(p) as u32, u32::MAX), &options(VoxelType::U32));
+}
+
+/// Of every width, the fill value and others.
+#[test]
+fn a_store_without_any_data_is_a_store() {
+    fn check<T: Voxel>(nodata: T) {
+        let mut source = Array::new([40, 33, 20], |_| nodata);
+        source.info.nodata = Some(nodata.to_f64());
+        check_pyramid(&source, &options(T::TYPE));
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let report = pack(&source, &path, &options(T::TYPE), &()).unwrap();
+        let store = Store::open(&path).unwrap();
+        let channel = &store.info().channels[0];
+        let (voxels, is_float) = (source.info.extent.volume(), T::TYPE.is_float());
+        assert_eq!((channel.count, channel.range, report.nodata + report.non_finite), (0, [0.0; 2], voxels));
+        assert_eq!((channel.nodata, channel.nan), if is_float { (0, voxels) } else { (voxels, 0) });
+        let id = BrickId { time: 0, channel: 0, level: Level(0), index: Default::default() };
+        assert_eq!(store.minmax(id).unwrap(), None);
+        assert_eq!(store.occupancy(id).unwrap(), brickyard_volume::Occupancy::NONE);
+        assert_eq!(store.nodata(), Some(nodata.to_f64()).filter(|_| !is_float));
+    }
+    check(0u8);
+    check(255u8);
+    check(-2000i16);
+    check(0u16);
+    check(-9999i32);
+    check(u32::MAX);
+    check(-9999.0f32);
+}
+
+#[test]
+fn voxels_without_data_are_left_out_of_statistics() {
+    fn check<T: Voxel>(source: &Array<T>) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let nodata = source.info.nodata.unwrap();
+        let report = pack(source, &path, &options(T::TYPE), &()).unwrap();
+        let store = Store::open(&path).unwrap();
+        let channel = &store.info().channels[0];
+        let mut valid: Vec<f64> = source.voxels.iter().map(|v| v.to_f64()).filter(|v| *v != nodata).collect();
+        valid.sort_by(f64::total_cmp);
+        let left = source.voxels.len() - valid.len();
+        assert_eq!((channel.nodata, report.nodata), (left as u64, left as u64));
+        assert_eq!((channel.count, channel.range), (valid.len() as u64, [valid[0], valid[valid.len() - 1]]));
+        assert_eq!(channel.mean, valid.iter().sum::<f64>() / valid.len() as f64);
+        let at = |share: f64| valid[(valid.len() as f64 * share).ceil() as usize - 1];
+        assert_eq!(
+            (channel.percentiles.p1, channel.percentiles.p50, channel.window[1]),
+            (at(0.01), at(0.5), at(0.999))
+        );
+        assert_eq!(channel.histogram.counts.iter().sum::<u64>(), channel.count);
+        let level: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(path.join("1/zarr.json")).unwrap()).unwrap();
+        assert_eq!(level["attributes"]["_FillValue"], serde_json::json!(nodata as i64));
+    }
+    let extent = [61, 44, 50];
+    check(&marked(extent, |p| value(p) as u8, 255));
+    check(&marked(extent, |p| (value(p) as i32 - 100) as i16, -2000));
+    check(&marked(extent, |p| value(p) as u16 * 7, 0));
+    check(&marked(extent, |p| (value(p) * 1e6) as i32, -9999));
+}
+
+#[test]
+fn another_value_for_no_data_is_another_pack() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let with = |nodata| {
+        let mut source = marked([40, 40, 40], |p| value(p) as u8, 255);
+        source.info.nodata = nodata;
+        let options = PackOptions { exists: Exists::Resume, ..options(VoxelType::U8) };
+        pack(&source, &path, &options, &()).map(|report| report.was_complete)
+    };
+    assert!(!with(Some(255.0)).unwrap() && with(Some(255.0)).unwrap());
+    for other in [Some(0.0), None] {
+        assert!(matches!(with(other), Err(PackError::Mismatch { .. })), "{other:?}");
+    }
+    let refused = with(Some(256.0)).unwrap_err().to_string();
+    assert!(refused.contains("256: expected a value that u8 voxels hold"), "{refused}");
 }
 
 #[test]
@@ -440,16 +562,22 @@ fn known_constants_are_not_read() {
             (region.min.x >= 40).then_some(-5.0)
         }
     }
-    let array = || Array::new([90, 40, 50], |p| if p[0] < 40 { value(p) as i16 } else { -5 });
-    let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::I16) };
-    let expected = packed(&array(), &options);
-    let known = Known(array());
-    let dir = tempfile::tempdir().unwrap();
-    let store = dir.path().join("s.zarr");
-    pack(&known, &store, &options, &()).unwrap();
-    assert_same(&expected, &files(&store), "constants");
-    // Of 6 x 3 x 4 bricks, those from 48 on are known.
-    assert_eq!(known.0.reads.load(Ordering::Relaxed), 3 * 3 * 4);
+    for nodata in [None, Some(-5.0)] {
+        let array = || {
+            let mut array = Array::new([90, 40, 50], |p| if p[0] < 40 { value(p) as i16 } else { -5 });
+            array.info.nodata = nodata;
+            array
+        };
+        let options = PackOptions { downsample: mean_and_max(), ..options(VoxelType::I16) };
+        let expected = packed(&array(), &options);
+        let known = Known(array());
+        let dir = tempfile::tempdir().unwrap();
+        let store = dir.path().join("s.zarr");
+        pack(&known, &store, &options, &()).unwrap();
+        assert_same(&expected, &files(&store), "constants");
+        // Of 6 x 3 x 4 bricks, those from 48 on are known.
+        assert_eq!(known.0.reads.load(Ordering::Relaxed), 3 * 3 * 4);
+    }
 }
 
 #[test]

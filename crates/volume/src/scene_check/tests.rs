@@ -142,7 +142,7 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
     assert!(error.to_string().contains("layer 0: the matrix stretches"), "{error}");
     found.insert("Placement");
     // What depends on the labels' codes is found when these are.
-    let encoding = SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false);
+    let encoding = SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false, None);
     let look = LabelLook { shown: Some((0..40_000).collect()), colors: None };
     for (name, labels, word) in [("HashedLabels", None, "too far apart"), ("ManyLabels", Some(look), "32767 labels")] {
         let function = TransferFunction { labels, ..TransferFunction::default() };

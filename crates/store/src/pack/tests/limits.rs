@@ -40,8 +40,11 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
     let orientation = prop::option::weighted(0.2, prop::array::uniform3(prop::array::uniform4(odd_number())))
         .prop_map(|rows| rows.and_then(|rows| Orientation::new(rows).ok()));
     let words = prop::option::of("[ -~µ\"\\\\]{0,12}");
-    (shape, prop::sample::select(VoxelType::ALL.to_vec()), placed, prop::bool::weighted(0.3), orientation, words)
-        .prop_map(|((extent, times, channels), voxel_type, numbers, is_origin, orientation, unit)| {
+    let nodata =
+        prop::option::weighted(0.4, prop_oneof![4 => Just(0.0), 4 => (0u8..40).prop_map(f64::from), 1 => odd_number()]);
+    let voxel_type = prop::sample::select(VoxelType::ALL.to_vec());
+    (shape, voxel_type, placed, prop::bool::weighted(0.3), orientation, words, nodata).prop_map(
+        |((extent, times, channels), voxel_type, numbers, is_origin, orientation, unit, nodata)| {
             let mut geometry = Geometry { unit: unit.clone(), ..Geometry::default() };
             *(if is_origin { &mut geometry.origin } else { &mut geometry.spacing }) = numbers.into();
             let (extent, identity) = (Extent::from_array(extent), unit.unwrap_or_default());
@@ -55,10 +58,12 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 calibrated,
                 orientation,
                 channel_looks: Vec::new(),
+                nodata,
                 identity,
                 notes,
             }
-        })
+        },
+    )
 }
 
 fn check_opens<T: Voxel>(info: &SourceInfo, options: &PackOptions, seed: u32) {
@@ -90,6 +95,8 @@ fn check_opens<T: Voxel>(info: &SourceInfo, options: &PackOptions, seed: u32) {
         );
         let found = store.info();
         assert_eq!((found.kind, found.aprons, found.orientation), (options.kind, options.aprons, info.orientation));
+        let is_integer = |_: &f64| !T::TYPE.is_float();
+        assert_eq!(found.nodata.map(|nodata| nodata as f64), info.nodata.filter(is_integer));
         assert_eq!((&found.source, found.downsample), (&info.identity, options.downsample));
     }
     assert_eq!(crate::verify::verify(&path, |_, _| {}).unwrap().problems, []);

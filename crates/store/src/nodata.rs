@@ -1,0 +1,170 @@
+//! Voxels of the integer that a store has for *no data*: left out of levels, ranges and statistics, as NaN is of floats.
+//!
+//! Kernels that know nothing of such a value stay as fast as they are: what is here works on the voxels between those without
+//! data, or box by box, and only for bricks in which there are some.
+
+use crate::downsample::{Downsample, Reduce, mode};
+use crate::stats::{Counter, Measure, Range, Tally};
+
+/// Whether some voxel is `nodata`. Looks at rows as wholes, which the compiler vectorises.
+#[inline(always)]
+pub(crate) fn is_in<T: PartialEq + Copy>(voxels: &[T], nodata: T) -> bool {
+    voxels.chunks(1024).any(|row| row.iter().fold(false, |found, &v| found | (v == nodata)))
+}
+
+/// The range of the voxels that are valid and not `nodata`.
+pub(crate) fn range<T: Measure>(voxels: &[T], nodata: Option<T>) -> Range<T> {
+    let Some(nodata) = nodata else { return T::range(voxels) };
+    voxels.split(|&v| v == nodata).fold(T::EMPTY, |range, part| range.join(T::range(part)))
+}
+
+/// Counts and sums voxels as if those that are `nodata` were not there, and how many of these there are.
+#[inline(always)]
+pub(crate) fn count<T: Measure>(voxels: &[T], nodata: Option<T>, counter: &mut Counter, tally: &mut Tally) {
+    match nodata {
+        Some(nodata) => count_others(voxels, nodata, counter, tally),
+        None => {
+            T::count(voxels, counter);
+            T::tally(voxels, tally);
+        }
+    }
+}
+
+/// Counts and sums the voxels that are not `nodata`. A function by itself, for loops of bricks without such voxels are slower with
+/// another one beside them.
+#[inline(never)]
+fn count_others<T: Measure>(voxels: &[T], nodata: T, counter: &mut Counter, tally: &mut Tally) {
+    let mut rest = voxels.len();
+    for part in voxels.split(|&v| v == nodata).filter(|part| !part.is_empty()) {
+        T::count(part, counter);
+        T::tally(part, tally);
+        rest -= part.len();
+    }
+    tally.nodata += rest as u64;
+}
+
+/// Does what [`downsample`](crate::downsample::downsample) does, without the voxels that are `nodata`: a coarse voxel is
+/// `nodata` only if all of its finer ones are.
+pub(crate) fn downsample<T: Reduce>(
+    method: Downsample,
+    core: &[T],
+    edge: usize,
+    shape: [usize; 3],
+    factor: [usize; 3],
+    nodata: T,
+    out: &mut [T],
+) {
+    let mut out = out.iter_mut();
+    for z in (0..shape[2]).step_by(factor[2]) {
+        for y in (0..shape[1]).step_by(factor[1]) {
+            for x in (0..shape[0]).step_by(factor[0]) {
+                let (mut valid, mut count) = ([T::default(); 8], 0);
+                for row in 0..factor[1] * factor[2] {
+                    let start = ((z + row / factor[1]) * edge + y + row % factor[1]) * edge + x;
+                    for &voxel in &core[start..start + factor[0]] {
+                        valid[count] = voxel;
+                        count += (voxel != nodata) as usize;
+                    }
+                }
+                let Some(out) = out.next() else { return };
+                *out = reduced(method, &valid[..count], nodata);
+            }
+        }
+    }
+}
+
+/// One coarse voxel from the finer ones that have data; `nodata` if there are none.
+#[inline(always)]
+fn reduced<T: Reduce>(method: Downsample, valid: &[T], nodata: T) -> T {
+    let Some((&first, rest)) = valid.split_first() else { return nodata };
+    match method {
+        Downsample::Mean => mean(valid, nodata),
+        Downsample::Max => rest.iter().fold(first, |a, &b| T::greater(a, b)),
+        Downsample::Min => rest.iter().fold(first, |a, &b| T::lesser(a, b)),
+        Downsample::Mode => mode(valid),
+        Downsample::Nearest => first,
+    }
+}
+
+/// The mean, rounded to nearest with ties to even. Where that is `nodata`, though there are data, it is the whole number next to
+/// it on the mean's side, or above it where the mean lies on neither.
+#[inline(always)]
+fn mean<T: Reduce>(valid: &[T], nodata: T) -> T {
+    // At most eight integers of 32 bits: the sum is exact, and the quotient is far nearer than any two means lie apart.
+    let mean = valid.iter().map(|v| v.to_f64()).sum::<f64>() / valid.len() as f64;
+    let rounded = T::from_f64_rounded(mean);
+    if rounded != nodata {
+        return rounded;
+    }
+    // Some valid voxel lies on that side of `nodata`, so the type has a number there.
+    T::from_f64_rounded(nodata.to_f64() + if mean >= nodata.to_f64() { 1.0 } else { -1.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::Voxel;
+    use proptest::prelude::*;
+
+    fn one<T: Reduce>(method: Downsample, voxels: [T; 8], nodata: T) -> T {
+        let mut out = [T::default()];
+        downsample(method, &voxels, 2, [2; 3], [2; 3], nodata, &mut out);
+        out[0]
+    }
+
+    #[test]
+    fn a_coarse_voxel_is_nodata_only_if_all_finer_ones_are() {
+        for method in Downsample::ALL {
+            assert_eq!(one(method, [-2000i16; 8], -2000), -2000, "{method:?}");
+            let mut voxels = [-2000i16; 8];
+            voxels[6] = 31;
+            assert_eq!(one(method, voxels, -2000), 31, "{method:?}");
+        }
+        let some = [9u8, 9, 4, 7, 9, 9, 4, 6];
+        assert_eq!(Downsample::ALL.map(|method| one(method, some, 9)), [5, 7, 4, 4, 4]);
+    }
+
+    #[test]
+    fn a_mean_is_never_nodata() {
+        // The mean is on the value, just below it, and just above it; at both ends of the type there is one side.
+        assert_eq!(one(Downsample::Mean, [-1i8, 1, 0, 0, 0, 0, 0, 0], 0), 1);
+        assert_eq!(one(Downsample::Mean, [-2i8, 1, 1, -1, 0, 0, 0, 0], 0), -1);
+        assert_eq!(one(Downsample::Mean, [2i8, -1, -1, 1, 0, 0, 0, 0], 0), 1);
+        assert_eq!(one(Downsample::Mean, [254u8, 255, 255, 255, 255, 255, 255, 255], 255), 254);
+        assert_eq!(one(Downsample::Mean, [i32::MIN, i32::MIN + 2, 0, 0, 0, 0, 0, 0], 0), i32::MIN + 1);
+    }
+
+    proptest! {
+        #[test]
+        fn without_such_voxels_kernels_agree(
+            values in prop::collection::vec(any::<u32>(), 64), shape in prop::array::uniform3(1usize..=2),
+            factor in prop::array::uniform3(1usize..=2),
+        ) {
+            fn check<T: Reduce + std::fmt::Debug>(core: &[T], nodata: T, shape: [usize; 3], factor: [usize; 3]) {
+                let shape = std::array::from_fn(|a| shape[a] * factor[a]);
+                for method in Downsample::ALL {
+                    let mut found = vec![T::default(); (0..3).map(|a| shape[a] / factor[a]).product()];
+                    let mut expected = found.clone();
+                    downsample(method, core, 4, shape, factor, nodata, &mut found);
+                    crate::downsample::downsample(method, core, 4, shape, factor, &mut expected);
+                    assert_eq!(found, expected, "{method:?}");
+                }
+            }
+            // Values below the greatest by enough that no mean is it either.
+            check(&values.iter().map(|v| (v % 255) as u8).collect::<Vec<_>>(), 255, shape, factor);
+            check(&values.iter().map(|v| (v % 65535) as i32 as i16 & 0x7ffe).collect::<Vec<_>>(), i16::MAX, shape, factor);
+            check(&values.iter().map(|v| v >> 1).collect::<Vec<u32>>(), u32::MAX, shape, factor);
+        }
+
+        #[test]
+        fn ranges_and_counts_leave_them_out(values in prop::collection::vec(-3i32..4, 0..40), nodata in -3i32..4) {
+            let valid: Vec<i32> = values.iter().copied().filter(|v| *v != nodata).collect();
+            prop_assert_eq!(range(&values, Some(nodata)), i32::range(&valid));
+            prop_assert_eq!(is_in(&values, nodata), valid.len() < values.len());
+            let (mut counter, mut tally) = (Counter::new(i32::TYPE), Tally::default());
+            count(&values, Some(nodata), &mut counter, &mut tally);
+            prop_assert_eq!(tally.nodata, (values.len() - valid.len()) as u64);
+            prop_assert_eq!(tally.sum, valid.iter().sum::<i32>() as f64);
+        }
+    }
+}
