@@ -59,9 +59,20 @@ fn a_volume_without_any_value_is_empty_and_says_so() {
     let sandbox = Sandbox::default();
     sandbox.write("nan.raw", [f32::NAN; 512].iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
     sandbox.run_ok("pack nan.raw nan.zarr --shape 8,8,8 --dtype f32 --brick 8 --shard 16 --progress none");
-    for way in ["--compositor reference", "--backend cpu"] {
-        let (code, _, stderr) = sandbox.run(&format!("render nan.zarr -o o.png --overwrite --size 20x20 {way}"));
-        assert!(code == 0 && stderr.contains("nothing to show"), "{way}: exit {code}: {stderr}");
-        assert!(read_png(&sandbox.path("o.png")).rgb.iter().all(|p| *p == [0; 3]), "{way}");
+    for (voxel_type, bytes) in
+        [("u8", vec![7; 512]), ("i16", [-2000i16; 512].iter().flat_map(|v| v.to_le_bytes()).collect())]
+    {
+        let nodata = if voxel_type == "u8" { 7 } else { -2000 };
+        let flags = format!("--shape 8,8,8 --dtype {voxel_type} --brick 8 --shard 16 --nodata {nodata}");
+        sandbox.write("marked.raw", bytes);
+        sandbox.run_ok(&format!("pack marked.raw {voxel_type}.zarr {flags} --progress none"));
+    }
+    for store in ["nan", "u8", "i16"] {
+        for way in ["--compositor reference", "--backend cpu", "--mode mip --backend cpu"] {
+            let (code, _, stderr) =
+                sandbox.run(&format!("render {store}.zarr -o o.png --overwrite --size 20x20 {way}"));
+            assert!(code == 0 && stderr.contains("nothing to show"), "{store} {way}: exit {code}: {stderr}");
+            assert!(read_png(&sandbox.path("o.png")).rgb.iter().all(|p| *p == [0; 3]), "{store} {way}");
+        }
     }
 }

@@ -170,6 +170,32 @@ def tiff_lzw():
                 pack(["a.tif"], array)
 
 
+def stored_nodata():
+    return info("o.zarr")["store"].get("nodata")
+
+
+def tiff_nodata():
+    """GDAL's tag for pixels without data."""
+    options = {"photometric": "minisblack", "metadata": None}
+    tag = lambda text: {"extratags": [(42113, "s", 0, text, False)]}
+    array = noise("i2", 5, 23, 31) // 8
+    array[1:, ::2, 4:9] = -2000
+    path = tiff("a.tif", array, **options, **tag("-2000"))
+    for flags, expected in [((), -2000), (["--nodata", "none"], None), (["--nodata=-5"], -5)]:
+        pack([path], array, flags=flags)
+        check(stored_nodata() == expected, flags, stored_nodata())
+    for text in ["-9999.5", "1e9", "nan", "?"]:  # What no voxel is.
+        pack([tiff("a.tif", array, **options, **tag(text))], array)
+        check(stored_nodata() is None, text, stored_nodata())
+    floats = noise("f4", 5, 23, 31)
+    floats[:, 3:5] = np.float32(-3.4028235e38)
+    tiff("a.tif", floats, **options, **tag("-3.4028234663852886e+38"))
+    brickyard("pack", "a.tif", "o.zarr", "--overwrite", "--progress", "none")
+    brickyard("export", "o.zarr", "o.npy", "--overwrite")
+    floats[:, 3:5] = np.nan
+    check(np.array_equal(np.load(FOLDER / "o.npy"), floats, equal_nan=True), "voxels without data are not NaN")
+
+
 def tiff_imagej():
     array = noise("u2", 2, 3, 2, 25, 30)
     meta = {"axes": "TZCYX", "spacing": 3.0, "unit": "um"}
@@ -358,6 +384,42 @@ def dicom_rescaled():
     dicom_check(stored, "f4", slopes=[(0.25, 0), (1.5, -3), (2.0, 7)], bits=12)  # As PET has them: each slice its own.
 
 
+def dicom_padding():
+    """Padding is of stored numbers, voxels are rescaled."""
+    stored = noise("u2", 4, 19, 23) % 4096
+    stored[:, :5] = stored[:, :, 20:] = 63
+
+    def write(slope, **padding):
+        shutil.rmtree(FOLDER / "series", ignore_errors=True)
+        (FOLDER / "series").mkdir()
+        for z, plane in enumerate(stored):
+            data = dicom_slice(plane, (0, 0, 2.5 * z), slope=slope, bits=12)
+            for name, value in padding.items():
+                setattr(data, name, value)
+            dicom_write(f"series/{z}", data)
+        return dicom_read("f8")[0]
+
+    def read():
+        brickyard("pack", "series", "o.zarr", "--overwrite", "--progress", "none")
+        brickyard("export", "o.zarr", "o.npy", "--overwrite")
+        return np.load(FOLDER / "o.npy")
+
+    for slope in [None, (1, -1024), (-3, 7)]:
+        expected = write(slope, PixelPaddingValue=63)
+        check(np.array_equal(read(), expected), slope)
+        check(stored_nodata() == expected[0, 0, 0], slope, stored_nodata())
+        (channel,) = info("o.zarr")["store"]["channels"]
+        valid = expected[expected != expected[0, 0, 0]]
+        check(channel["nodata"] == expected.size - valid.size and channel["count"] == valid.size, channel["nodata"])
+        check(channel["range"] == [valid.min(), valid.max()] and np.isclose(channel["mean"], valid.mean()), channel["range"])
+    # A range of stored numbers is padding: one value stands for all of it.
+    expected = write((1, -1024), PixelPaddingValue=70, PixelPaddingRangeLimit=60)
+    expected = np.where((stored >= 60) & (stored <= 70), 60 - 1024, expected)
+    check(np.array_equal(read(), expected) and stored_nodata() == 60 - 1024, stored_nodata())
+    expected = write((0.5, -1024), PixelPaddingValue=63)
+    check(np.array_equal(read(), np.where(stored == 63, np.nan, expected), equal_nan=True), "padding is not NaN")
+
+
 def dicom_oblique():
     dicom_check(noise("i2", 9, 19, 23), "i2", directions=OBLIQUE)
     dicom_check(noise("i2", 9, 19, 23), "i2", directions=((0, 1, 0), (0, 0, -1)))
@@ -468,6 +530,6 @@ def dicom_of_others():
 
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
-    tiff_types, tiff_layouts, tiff_lzw, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files,
-    dicom_syntaxes, dicom_rescaled, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
+    tiff_types, tiff_layouts, tiff_lzw, tiff_nodata, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files,
+    dicom_syntaxes, dicom_rescaled, dicom_padding, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
 ]})

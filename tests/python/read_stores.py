@@ -26,9 +26,9 @@ WIDE_APRONS = ["--aprons", "2"]
 class Volume:
     """A volume to be packed: an array (t, c, z, y, x), its place in the world (x, y, z), and flags."""
 
-    def __init__(self, array, flags=(), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), unit=None):
+    def __init__(self, array, flags=(), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), unit=None, nodata=None):
         self.array, self.flags = np.ascontiguousarray(array), list(flags)
-        self.spacing, self.origin, self.unit = spacing, origin, unit
+        self.spacing, self.origin, self.unit, self.nodata = spacing, origin, unit, nodata
 
     def pack(self, name):
         (FOLDER / f"{name}.raw").write_bytes(self.array.tobytes())
@@ -76,15 +76,19 @@ def volumes():
     special[0, 0, 2::7, 1::2, ::5] = -np.inf
     special[0, 0, 8:24, 8:24, 8:24] = np.nan  # Whole bricks, and what is left of them in coarser levels.
     made["f4-not-finite"] = Volume(special, SMALL + TWO)
+    for d, nodata in [("u1", 0), ("i2", -2000), ("u2", 65535), ("i4", -9999)]:
+        padded = noise(d, 41, 35, 30) // 7
+        padded[0, 0, ::5, ::3, 1::4] = padded[0, 0, 8:24, 8:24, 8:24] = padded[0, 0, :, :, 25:] = nodata
+        made[f"{d}-nodata"] = Volume(padded, SMALL + TWO + APRONS + [f"--nodata={nodata}"], nodata=nodata)
     spots = np.zeros((1, 1, 40, 40, 40), "u2")
     spots[..., 3, 33, 20] = 65535
     made["u2-spot"] = Volume(spots, SMALL + TWO + APRONS)
     return made
 
 
-def mean(fine, factor):
-    """What the next level must be: the mean of each box's finite voxels, in f64; NaN where there is none."""
-    value, valid = fine.astype("f8"), np.isfinite(fine)
+def mean(fine, factor, nodata):
+    """What the next level must be: the mean of each box's voxels with data, in f64; NaN where there is none."""
+    value, valid = fine.astype("f8"), np.isfinite(fine) & (fine != nodata if nodata is not None else True)
     value = np.where(valid, value, 0.0)
     for axis, f in enumerate(factor):
         pad = [(0, 0)] * fine.ndim
@@ -96,8 +100,11 @@ def mean(fine, factor):
     return np.divide(value, valid, out=np.full(value.shape, np.nan), where=valid > 0)
 
 
-def maximum(fine, factor):
-    """What the next level of maxima must be: the greatest finite voxel of each box; NaN where there is none."""
+def maximum(fine, factor, nodata):
+    """What the next level of maxima must be: the greatest voxel with data of each box; NaN or `nodata` where there is none."""
+    if nodata is not None:
+        found = maximum(np.where(fine == nodata, -np.inf, fine), factor, None)
+        return np.where(np.isfinite(found), found, nodata).astype(fine.dtype)
     floats = fine.dtype.kind == "f"
     least = -np.inf if floats else np.iinfo(fine.dtype).min
     value = np.where(np.isfinite(fine), fine, np.array(least, fine.dtype))
@@ -110,8 +117,8 @@ def maximum(fine, factor):
     return np.where(value == least, np.array(np.nan, fine.dtype), value) if floats else value
 
 
-def check_mean(fine, coarse, factor):
-    expected = mean(fine, factor)
+def check_mean(fine, coarse, factor, nodata):
+    expected = mean(fine, factor, nodata)
     check(coarse.shape == expected.shape, coarse.shape, expected.shape)
     if coarse.dtype.kind == "f":
         # One rounding to f32, and perhaps one in the last bit of the f64 sum.
@@ -120,7 +127,12 @@ def check_mean(fine, coarse, factor):
         check((near | both_nan).all(), "a level is not the mean of the finer one")
     else:
         # Sums of eight 32-bit integers are exact in f64: nearest, ties to even, without any tolerance.
-        check((coarse == np.rint(expected)).all(), "a level is not the rounded mean of the finer one")
+        rounded = np.rint(expected)
+        if nodata is not None:
+            # A mean that is `nodata`, though there are data, is the number next to it on the mean's side.
+            rounded = np.where(rounded == nodata, nodata + np.where(expected >= nodata, 1, -1), rounded)
+            rounded = np.where(np.isnan(expected), nodata, rounded)
+        check((coarse == rounded).all(), "a level is not the rounded mean of the finer one")
 
 
 def exported(name, volume, level, shape):
@@ -218,7 +230,7 @@ def check_aprons(path, level, root):
             check(same_bits(aprons[brick], expected), f"{path}: the apron of brick {brick}")
 
 
-def check_second(path, root, scales):
+def check_second(path, root, scales, nodata):
     """The second pyramid's levels, where its metadata say, are the maxima of the finer ones, from the same level 0 on."""
     (main,), (second,) = (root["attributes"][owner]["multiscales"] for owner in ["ome", "brickyard"])
     check(main["type"] == "mean" and second["type"] == "max", main["type"], second["type"])
@@ -235,7 +247,7 @@ def check_second(path, root, scales):
         check_aprons(path / ours["path"], found, root)
         if finer is not None:
             factor = [1] * (found.ndim - 3) + [round(f) for f in scales[k] / scales[k - 1]]
-            check(same_bits(found, maximum(finer, factor)), f"level {k} is not the maximum of the finer one")
+            check(same_bits(found, maximum(finer, factor, nodata)), f"level {k} is not the maximum of the finer one")
         finer = found
 
 
@@ -246,7 +258,7 @@ def check_store(name, volume):
     scales = check_metadata(volume, root)
     check_listing(path, len(scales))
     if TWO[1] in volume.flags:
-        check_second(path, root, scales)
+        check_second(path, root, scales, volume.nodata)
     finer = None
     for k, scale in enumerate(scales):
         array, store = opened(path / str(k))
@@ -258,11 +270,13 @@ def check_store(name, volume):
         check(array.metadata.dimension_names == names and store.domain.labels == names, store.domain)
         check(same_bits(store.read().result(), ours), f"level {k}: tensorstore and export differ")
         check_aprons(path / str(k), ours, root)
+        # The name that xarray and others go by, as CF has it.
+        check(array.attrs.get("_FillValue") == volume.nodata, f"level {k}:", dict(array.attrs))
         if finer is None:
             check(same_bits(ours.reshape(volume.array.shape), volume.array), "level 0 is not the input")
         else:
             factor = [1] * (ours.ndim - 3) + [round(f) for f in scale / scales[k - 1]]
-            check_mean(finer, ours, factor)
+            check_mean(finer, ours, factor, volume.nodata)
         finer = ours
     check(all(n <= root["attributes"]["brickyard"]["edge"] for n in finer.shape[-3:]), "the last level is one brick")
     brickyard("verify", f"{name}.zarr", "--progress", "none")
