@@ -5,8 +5,8 @@
 //! code is called once for each layer, and no loop goes over layers, so that drivers fold what is constant.
 
 use crate::compose::Parts;
-use crate::{AtlasShader, Curve, Light, Medium, Surfaces, margin};
-use std::collections::{BTreeMap, BTreeSet};
+use crate::{Curve, Light, Medium, Sampler, Surfaces, margin};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
@@ -27,10 +27,12 @@ pub struct FirstPlaces {
 pub struct LayerShader {
     /// Index of the pool that the layer's bricks are in, and so of its atlas.
     pub pool: u32,
-    /// Whether code 0 means that a voxel has no value.
+    /// Whether some voxels have no value.
     pub has_invalid: bool,
     /// Whether values are labels, which are read at the nearest voxel. Layers of labels share a pool with no others.
     pub is_labels: bool,
+    /// Whether the layer's slots hold 32-bit floats instead of codes.
+    pub is_float: bool,
     /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
@@ -85,7 +87,13 @@ impl JointVariant {
     pub(crate) fn parts(&self) -> Parts {
         let parts = Parts::new()
             .text("context", self.context())
-            .text("atlas", atlases(&self.layers.iter().map(LayerShader::atlas).collect::<Vec<_>>(), self.is_cubic))
+            .text(
+                "atlas",
+                atlases(
+                    &self.layers.iter().map(|layer| (layer.pool, layer.sampler())).collect::<Vec<_>>(),
+                    self.is_cubic,
+                ),
+            )
             .text("layers", self.layers())
             .text("asking", self.asking())
             .file("world", "axes")
@@ -113,7 +121,7 @@ impl JointVariant {
              const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
-             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> ADDS: bool;\n\
+             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> IS_UNBOUNDED: bool;\nvar<private> ADDS: bool;\n\
              var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
             self.layers.len(),
             margin(self.is_cubic),
@@ -193,7 +201,7 @@ impl JointVariant {
 
     /// The function of the part `layers` that collects what an expression reads of each layer.
     fn reading(&self) -> String {
-        let mut text = String::from("//!import expression\nfn read_all() -> Read {\n    var read: Read;\n");
+        let mut text = String::from("//!import expression no_value\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
             let value = format!("{low:?}f + way_{i}.value * {width:?}f");
@@ -202,8 +210,8 @@ impl JointVariant {
             let _ = write!(
                 text,
                 "    read.values[{i}] = {value};\n    \
-                 read.are_valid[{i}] = way_{i}.value >= 0.0;\n    \
-                 read.longest = max(read.longest, select(0.0, way_{i}.length, way_{i}.value >= 0.0));\n"
+                 read.are_valid[{i}] = has_value(way_{i}.value);\n    \
+                 read.longest = max(read.longest, select(0.0, way_{i}.length, has_value(way_{i}.value)));\n"
             );
             if self.medium.light != Light::Unlit {
                 let _ = writeln!(text, "    read.gradients[{i}] = way_{i}.gradient * {width:?}f;");
@@ -214,21 +222,21 @@ impl JointVariant {
 }
 
 impl LayerShader {
-    fn atlas(&self) -> AtlasShader {
-        AtlasShader { pool: self.pool, has_invalid: self.has_invalid, is_labels: self.is_labels }
+    fn sampler(&self) -> Sampler {
+        Sampler::of(self.has_invalid, self.is_float, self.is_labels)
     }
 
     /// WGSL of layer `i` in the part `layers`: its frame, its way, and the function `become_i`, which makes it the
     /// layer that shared code is about.
     fn declarations(&self, i: usize, light: Light) -> String {
-        let Self { has_invalid, is_labels, adds, has_surfaces, has_grid, first, .. } = *self;
+        let Self { has_invalid, is_labels, is_float, adds, has_surfaces, has_grid, first, .. } = *self;
         let FirstPlaces { range, place, count } = first;
         let light = if adds { Light::Unlit } else { light };
         format!(
             "var<private> frame_{i}: Frame;\nvar<private> way_{i}: Way;\n\n\
              fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = frame_{i}.list_at.x;\n    \
              FIRST_BRICK = frame_{i}.list_at.y;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
-             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
+             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    IS_UNBOUNDED = {is_float};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
              HAS_SURFACES = {has_surfaces};\n    HAS_GRID = {has_grid};\n}}\n\n",
             light as u32
         )
@@ -254,14 +262,13 @@ impl ExpressionShader {
 }
 
 /// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the
-/// layer that shared code is about. `layers` says of each layer what its atlas is.
-pub(crate) fn atlases(layers: &[AtlasShader], is_cubic: bool) -> String {
+/// layer that shared code is about. `layers` says of each layer its pool, and how that is sampled.
+pub(crate) fn atlases(layers: &[(u32, Sampler)], is_cubic: bool) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
-    let files: BTreeSet<&str> = layers.iter().map(|layer| layer.sample(is_cubic).0).collect();
-    for file in files {
-        let _ = writeln!(text, "//!import {file}");
+    for sampler in Sampler::ALL.into_iter().filter(|sampler| layers.iter().any(|(_, own)| own == sampler)) {
+        let _ = writeln!(text, "//!import {}", sampler.file(is_cubic));
     }
-    let pools: BTreeMap<u32, AtlasShader> = layers.iter().map(|layer| (layer.pool, *layer)).collect();
+    let pools: BTreeMap<u32, Sampler> = layers.iter().copied().collect();
     for i in pools.keys() {
         let _ = writeln!(
             text,
@@ -269,12 +276,15 @@ pub(crate) fn atlases(layers: &[AtlasShader], is_cubic: bool) -> String {
              @group(0) @binding(FIRST_GRADIENTS + {i}u) var gradients_{i}: texture_3d<f32>;"
         );
     }
-    let value = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].sample(is_cubic).1);
+    let value = |i: u32| {
+        let function = pools[&i].function();
+        format!("return {function}(atlas_{i}, point);")
+    };
     let gradient = |i: u32| {
         let size = format!("vec3f(textureDimensions(gradients_{i}))");
         format!("return textureSampleLevel(gradients_{i}, atlas_sampler, node / {size}, 0.0).xyz;")
     };
-    let share = |i: u32| match pools[&i].is_labels {
+    let share = |i: u32| match pools[&i] == Sampler::Label {
         true => format!("return share_in_atlas(atlas_{i}, point, label);"),
         false => "return 0.0;".to_string(),
     };
@@ -291,11 +301,11 @@ pub(crate) fn atlases(layers: &[AtlasShader], is_cubic: bool) -> String {
 
 /// WGSL that runs the statement of the pool of the layer that shared code is about. It is a `switch` over layers, or
 /// the statement alone where all layers share a pool. The statement has to return.
-fn of_pool(layers: &[AtlasShader], statement: impl Fn(u32) -> String) -> String {
-    let first = layers[0].pool;
-    let others = layers.iter().zip(0..).filter(|(layer, _)| layer.pool != first);
+fn of_pool(layers: &[(u32, Sampler)], statement: impl Fn(u32) -> String) -> String {
+    let first = layers[0].0;
+    let others = layers.iter().zip(0..).filter(|((pool, _), _)| *pool != first);
     let cases: String =
-        others.map(|(layer, i)| format!("        case {i}u: {{ {} }}\n", statement(layer.pool))).collect();
+        others.map(|((pool, _), i)| format!("        case {i}u: {{ {} }}\n", statement(*pool))).collect();
     match cases.is_empty() {
         true => statement(first),
         false => format!("switch layer {{\n{cases}        default: {{ {} }}\n    }}", statement(first)),

@@ -132,8 +132,16 @@ pub struct FrameUniform {
     /// Where the layer's draw list is in the buffers of all lists: the index of the octree's root among the nodes, and
     /// the index of the list's first brick. The other two numbers are 0.
     pub list_at: [u32; 4],
+    /// The number of f32 slots that stands for the table's first value.
+    pub first_slot: f32,
+    /// Normalised codes from a number of f32 slots to the next.
+    pub per_slot: f32,
+    /// The greatest difference from `first_slot` that is told from greater ones.
+    pub farthest_slots: f32,
+    /// What stored gradients have to be multiplied by to be differences of normalised codes.
+    pub gradient_scale: f32,
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: [[f32; 4]; 4],
+    pub spare: [[f32; 4]; 3],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

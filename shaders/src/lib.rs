@@ -11,7 +11,7 @@
 //! | --- | --- | --- |
 //! | `bindings` | the numbers of all bindings | text of the table in [`bindings`] |
 //! | `context` | what is special about the variant, and about the layer that shared code is about | text: constants of one layer; with several layers, also variables that are set for each in turn |
-//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value |
+//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value; `sample_float` or `sample_cubic_float` of 32-bit floats |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` | `axes_own` with a single layer in its own world, else `axes` |
 //! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
 //! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
@@ -175,10 +175,12 @@ impl Medium {
 pub struct Variant {
     /// How samples become a pixel.
     pub gather: Gather,
-    /// Whether code 0 means that a voxel has no value. Such voxels are left out of what is filtered.
+    /// Whether some voxels have no value. Such voxels are left out of what is filtered.
     pub has_invalid: bool,
     /// Whether values are labels, which are read at the nearest voxel, whatever the filter is.
     pub is_labels: bool,
+    /// Whether slots hold 32-bit floats instead of codes.
+    pub is_float: bool,
     /// Whether the field is the tricubic spline of its voxels. If not, it is trilinear.
     pub is_cubic: bool,
     /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
@@ -289,8 +291,8 @@ impl JointVariant {
 }
 
 impl Variant {
-    fn atlas(&self) -> AtlasShader {
-        AtlasShader { pool: 0, has_invalid: self.has_invalid, is_labels: self.is_labels }
+    fn sampler(&self) -> Sampler {
+        Sampler::of(self.has_invalid, self.is_float, self.is_labels)
     }
 
     /// The parts that all marches through one layer share: the layer's context, and what its samples add up to.
@@ -305,8 +307,11 @@ impl Variant {
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         Parts::new()
-            .text("context", context(self.has_invalid, self.is_labels, self.is_cubic) + &self.medium.constants())
-            .text("atlas", joint::atlases(&[self.atlas()], self.is_cubic))
+            .text(
+                "context",
+                context(self.has_invalid, self.is_labels, self.is_float, self.is_cubic) + &self.medium.constants(),
+            )
+            .text("atlas", joint::atlases(&[(0, self.sampler())], self.is_cubic))
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
             .file("gradient", self.medium.gradient.file())
@@ -316,12 +321,12 @@ impl Variant {
 }
 
 /// The part `context` of a layer that is alone: constants.
-fn context(has_invalid: bool, is_labels: bool, is_cubic: bool) -> String {
+fn context(has_invalid: bool, is_labels: bool, is_float: bool, is_cubic: bool) -> String {
     let firsts: String =
         ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
     format!(
         "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
-         const IS_LABELS: bool = {is_labels};\nconst MARGIN: f32 = {:?};\n",
+         const IS_LABELS: bool = {is_labels};\nconst IS_UNBOUNDED: bool = {is_float};\nconst MARGIN: f32 = {:?};\n",
         margin(is_cubic)
     )
 }
@@ -342,35 +347,52 @@ impl Gradient {
     }
 }
 
-/// What a shader has to know of the atlas that a layer's bricks are in.
+/// How an atlas is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct AtlasShader {
-    /// Index of the layer's pool, and so of the atlas.
-    pool: u32,
-    /// Whether code 0 means that a voxel has no value.
-    has_invalid: bool,
-    /// Whether values are labels.
-    is_labels: bool,
+pub(crate) enum Sampler {
+    /// By the hardware's filter.
+    Full,
+    /// Voxel by voxel, leaving out those of code 0.
+    Valid,
+    /// Voxel by voxel, of 32-bit floats.
+    Float,
+    /// The nearest voxel alone.
+    Label,
 }
 
-impl AtlasShader {
-    /// The name of the file that samples the atlas, and of the file's function that does.
-    fn sample(&self, is_cubic: bool) -> (&'static str, &'static str) {
-        match (self.is_labels, self.has_invalid) {
-            (true, _) => ("sample_label", "sample_label"),
-            (false, true) => (sample(is_cubic, true), "sample_valid"),
-            (false, false) => (sample(is_cubic, false), "sample_full"),
+impl Sampler {
+    const ALL: [Self; 4] = [Self::Full, Self::Valid, Self::Float, Self::Label];
+
+    fn of(has_invalid: bool, is_float: bool, is_labels: bool) -> Self {
+        match (is_float, has_invalid) {
+            _ if is_labels => Self::Label,
+            (true, _) => Self::Float,
+            (false, true) => Self::Valid,
+            (false, false) => Self::Full,
         }
     }
-}
 
-/// The name of the file that samples an atlas by this filter. With `has_invalid`, voxels of code 0 are left out.
-fn sample(is_cubic: bool, has_invalid: bool) -> &'static str {
-    match (is_cubic, has_invalid) {
-        (false, false) => "sample",
-        (false, true) => "sample_valid",
-        (true, false) => "sample_cubic",
-        (true, true) => "sample_cubic_valid",
+    /// The name of the file that samples by this filter.
+    fn file(self, is_cubic: bool) -> &'static str {
+        match (self, is_cubic) {
+            (Self::Full, false) => "sample",
+            (Self::Full, true) => "sample_cubic",
+            (Self::Valid, false) => "sample_valid",
+            (Self::Valid, true) => "sample_cubic_valid",
+            (Self::Float, false) => "sample_float",
+            (Self::Float, true) => "sample_cubic_float",
+            (Self::Label, _) => "sample_label",
+        }
+    }
+
+    /// The function that the file declares.
+    fn function(self) -> &'static str {
+        match self {
+            Self::Full => "sample_full",
+            Self::Valid => "sample_valid",
+            Self::Float => "sample_float",
+            Self::Label => "sample_label",
+        }
     }
 }
 
@@ -413,7 +435,7 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
         Shown::Sums => "resolve_join",
         Shown::Over => "resolve_over",
     };
-    Parts::new().text("context", context(false, false, false)).file("seen", seen).compose(&[resolve])
+    Parts::new().text("context", context(false, false, false, false)).file("seen", seen).compose(&[resolve])
 }
 
 /// How the pictures of eyes share one picture.
@@ -459,14 +481,15 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
 
 /// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
 pub fn peel() -> String {
-    Parts::new().text("context", context(false, false, false)).compose(&["peel"])
+    Parts::new().text("context", context(false, false, false, false)).compose(&["peel"])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use brickyard_volume::{
-        TransferGrid, compositing, gradients, jitter, lighting, mesh, preintegration, sampling, surface,
+        TransferGrid, compositing, float_slots, gradients, jitter, lighting, macrocells, mesh, preintegration,
+        sampling, surface,
     };
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
@@ -498,23 +521,32 @@ mod tests {
         all
     }
 
+    /// The variant of trilinear codes that all have a value, in the layer's own world and without meshes.
+    fn plain(gather: Gather, medium: Medium) -> Variant {
+        Variant {
+            gather,
+            has_invalid: false,
+            is_labels: false,
+            is_float: false,
+            is_cubic: false,
+            medium,
+            has_meshes: false,
+            is_placed: false,
+        }
+    }
+
     /// Sources of all kinds of shaders but `blit`, each behind a name for messages.
     fn variants() -> Vec<(String, String)> {
         let mut all = Vec::new();
         for gather in Gather::ALL {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
-                let (full, valid) = ((false, false), (true, false));
-                for ((has_invalid, is_labels), is_cubic) in [
-                    (full, false),
-                    (valid, false),
-                    (full, true),
-                    (valid, true),
-                    ((false, true), false),
-                    ((true, true), true),
-                ] {
+                for kind in 0..8 {
+                    let (is_cubic, has_invalid) = (kind % 2 == 1, kind / 2 % 2 == 1);
+                    let (is_float, is_labels) = (kind / 2 == 2, kind / 2 == 3);
                     let (has_meshes, is_placed) = (is_cubic, has_invalid);
-                    let variant = Variant { gather, has_invalid, is_labels, is_cubic, medium, has_meshes, is_placed };
+                    let variant =
+                        Variant { gather, has_invalid, is_labels, is_float, is_cubic, medium, has_meshes, is_placed };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
                     all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
@@ -523,16 +555,7 @@ mod tests {
                     all.extend(joint(medium));
                 }
             }
-            let medium = Medium::PLAIN;
-            let plain = Variant {
-                gather,
-                has_invalid: false,
-                is_labels: false,
-                is_cubic: false,
-                medium,
-                has_meshes: false,
-                is_placed: false,
-            };
+            let plain = plain(gather, Medium::PLAIN);
             all.push((format!("raycast {gather:?} without marks"), raycast(&plain, Stage::Fragment, false)));
             for shown in [Shown::Picture, Shown::Slab, Shown::Sums, Shown::Over] {
                 all.push((format!("resolve {gather:?}, {shown:?}"), resolve(Seen::Gathered(gather), shown)));
@@ -554,6 +577,7 @@ mod tests {
             pool: i % 4,
             has_invalid: i % 2 == 1,
             is_labels: i % 4 == 2,
+            is_float: i % 3 == 2,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
@@ -611,22 +635,13 @@ mod tests {
     #[test]
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
-        let of = |gather, medium| Variant {
-            gather,
-            has_invalid: false,
-            is_labels: false,
-            is_cubic: false,
-            medium,
-            has_meshes: false,
-            is_placed: false,
-        };
         let lit = Medium { light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
         let single = [
-            (of(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
-            (of(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
-            (of(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
-            (Variant { is_labels: true, ..of(Gather::Project, lit) }, "sees_project", "raycast_samples"),
-            (of(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
+            (plain(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
+            (plain(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
+            (plain(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
+            (Variant { is_labels: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
+            (plain(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
         let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
         for (variant, sees, cast) in single {
@@ -634,6 +649,7 @@ mod tests {
             companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));
         }
         let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
+        companies.push(Variant { is_float: true, ..plain(Gather::Composite, lit) }.parts());
         let joint = JointVariant { medium: lit, is_cubic: false, has_meshes: false, layers, expression: None };
         companies.push(joint.casting(COMPUTE, true));
         companies.push(joint.parts().file("find", "find_cell"));
@@ -714,7 +730,7 @@ mod tests {
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
                 threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
                 opacity reach flat_depth grid thresholds
-                surfaces light_places axes slopes zone_starts planes list_at spare);
+                surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale spare);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
             if name.starts_with("sorted") {
@@ -738,18 +754,10 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let variant = |gather, medium| Variant {
-            gather,
-            has_invalid: false,
-            is_labels: false,
-            is_cubic: false,
-            medium,
-            has_meshes: false,
-            is_placed: false,
-        };
-        let surface = variant(Gather::Isosurface, Medium::PLAIN);
-        let lit = variant(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
-        let foggy = variant(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
+        let surface = plain(Gather::Isosurface, Medium::PLAIN);
+        let lit = plain(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
+        let floats = Variant { is_float: true, has_invalid: true, ..lit };
+        let foggy = plain(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
         let expected = [
             ("BLUE_EDGE", naga::Literal::U32(jitter::BLUE_EDGE as u32)),
@@ -765,12 +773,13 @@ mod tests {
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),
             ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
+            ("ANYTHING", naga::Literal::U32(u32::from(macrocells::ANYTHING[1]) << 16)),
         ];
         let surface = parse("a surface", &raycast(&surface, COMPUTE, true));
         let expected = expected.map(|(name, value)| (&surface, name, value));
         let lit = parse("a lit composite", &raycast(&lit, COMPUTE, true));
         let stored = Medium { light: Light::Phong, gradient: Gradient::Stored, ..Medium::PLAIN };
-        let stored = parse("stored gradients", &raycast(&variant(Gather::Composite, stored), COMPUTE, true));
+        let stored = parse("stored gradients", &raycast(&plain(Gather::Composite, stored), COMPUTE, true));
         let of_gradients = [("GRADIENT_SCALE", single(gradients::SCALE as f64))];
         let of_media = [
             ("MOST_PARTS", naga::Literal::U32(sampling::MOST_PARTS as u32)),
@@ -785,6 +794,9 @@ mod tests {
             (&foggy, "SEARCH_PARTS", naga::Literal::U32(surface::PARTS as u32)),
             (&foggy, "ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
         ];
+        let floats = parse("floats", &raycast(&floats, COMPUTE, true));
+        let of_floats = [("LEAST_SLOT", single(float_slots::LEAST_SLOT as f64)), ("NO_VALUE", single(-1e30))];
+        let of_floats = of_floats.map(|(name, value)| (&floats, name, value));
         let peel = parse("peel", &peel());
         let of_meshes = [
             ("PLAIN_COLOR", single(mesh::PLAIN_COLOR[0])),
@@ -795,8 +807,13 @@ mod tests {
         ];
         let of_meshes = of_meshes.map(|(name, value)| (&peel, name, value));
         let of_gradients = of_gradients.map(|(name, value)| (&stored, name, value));
-        for (module, name, value) in
-            expected.into_iter().chain(of_gradients).chain(of_media).chain(of_surfaces).chain(of_meshes)
+        for (module, name, value) in expected
+            .into_iter()
+            .chain(of_gradients)
+            .chain(of_media)
+            .chain(of_surfaces)
+            .chain(of_meshes)
+            .chain(of_floats)
         {
             let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name)).expect(name);
             let found = &module.global_expressions[constant.init];

@@ -1,6 +1,6 @@
 // The field of a brick along a ray, for what looks at segments from end to end.
 // A ray's way through a brick in the atlas: texel = origin + along * t.
-//!import atlas frame ray
+//!import atlas frame no_value ray
 struct Field {
     origin: vec3f,
     along: vec3f,
@@ -21,7 +21,7 @@ fn field_about(point: vec3f, scale: vec3f, offset: vec3f, ray: Ray) -> Field {
     return Field(ray.origin * scale + offset, ray.direction * scale, scale, low, high, reach);
 }
 
-// Negative where there is no value.
+// `NO_VALUE` where there is none.
 fn value_at(field: Field, t: f32) -> f32 {
     return sample_atlas(field.origin + field.along * t);
 }

@@ -61,7 +61,13 @@ struct Frame {
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 14>,
     list_at: vec4u,
-    spare: array<vec4f, 4>,
+    // Of f32 slots: the number of the table's first value, normalised codes from a number to the next, and the greatest difference.
+    first_slot: f32,
+    per_slot: f32,
+    farthest_slots: f32,
+    // What stored gradients have to be multiplied by to be differences of normalised codes.
+    gradient_scale: f32,
+    spare: array<vec4f, 3>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

@@ -1,5 +1,5 @@
 // Differences of values across two voxels along each axis, as they are stored. Twin of the volume crate's `gradients`.
-//!import atlas field
+//!import atlas field frame
 const GRADIENT_SCALE: f32 = 256.0;
 
 fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
@@ -8,5 +8,5 @@ fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     // Two texels of the slot to a node.
     let node = 0.5 * (texel - slot * frame.slot_edge - frame.first_gradient) + 0.5;
     let inside = clamp(node, vec3f(0.5), vec3f(frame.gradient_edge - 0.5));
-    return sample_gradients(slot * frame.gradient_edge + inside) / GRADIENT_SCALE;
+    return sample_gradients(slot * frame.gradient_edge + inside) * (frame.gradient_scale / GRADIENT_SCALE);
 }

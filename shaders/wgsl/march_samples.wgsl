@@ -1,5 +1,5 @@
 // Adds up the samples of a cell.
-//!import atlas lattice pixel sight sorted
+//!import atlas lattice no_value pixel sight sorted
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frames[layer];
@@ -13,7 +13,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     while (own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         let point = ray.origin + ray.direction * walk.middle;
         let value = sample_atlas(point * in.texel_scale + in.texel_offset);
-        if (is_in_box(box, point) && value >= 0.0) {
+        if (is_in_box(box, point) && has_value(value)) {
             pixel = accumulate(pixel, value, walk.end - walk.start);
         }
         walk = walk_on(walk, stretch);

@@ -2,7 +2,7 @@
 // twins, the volume crate's `sampling`, `preintegration` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
 // `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
 // Values of CURVE.
-//!import classify context differences field grid pixel shade world
+//!import classify context differences field grid no_value pixel shade world
 const MIDDLE: u32 = 0u;
 const LINE: u32 = 1u;
 const CUBIC: u32 = 2u;
@@ -12,8 +12,8 @@ const MOST_PARTS: u32 = 8u;
 const CLOSE_CODES: f32 = 0.015625;
 const MAX_DEPTH: f32 = 4096.0;
 
-// What is known of the field about a segment: values a segment's length before it, at its ends, and after it, negative where there
-// is none; and of those gradients that were asked for (see `differences`), a bit each.
+// What is known of the field about a segment: values a segment's length before it, at its ends, and after it, `NO_VALUE` where
+// there is none; and of those gradients that were asked for (see `differences`), a bit each.
 struct Known {
     values: vec4f,
     length: f32,
@@ -92,13 +92,25 @@ fn rest_of(entry: u32, t: f32) -> vec4f {
     return vec4f(mix(a.color, b.color, 0.5 * t) * depth, depth);
 }
 
+// The integral past the ends of the table between two codes: the medium there is that at the end.
+fn beyond(low: f32, high: f32) -> vec4f {
+    let before = max(min(high, 0.0) - low, 0.0);
+    let behind = max(high - max(low, frame.last_code), 0.0);
+    let first = medium_at(0u);
+    let last = medium_at(u32(frame.last_place));
+    let depths = vec2f(before, behind) * min(vec2f(first.depth, last.depth), vec2f(MAX_DEPTH));
+    return vec4f(first.color * depths.x + last.color * depths.y, depths.x + depths.y);
+}
+
 // The mean medium between two values.
 fn mean_medium(one: f32, other: f32) -> Medium {
-    let low = clamp(min(one, other), 0.0, 1.0) * frame.last_code;
-    let high = clamp(max(one, other), 0.0, 1.0) * frame.last_code;
-    if (high - low < CLOSE_CODES) {
+    let least = min(one, other) * frame.last_code;
+    let greatest = max(one, other) * frame.last_code;
+    if (greatest - least < CLOSE_CODES) {
         return classify(0.5 * (one + other));
     }
+    let low = clamp(least, 0.0, frame.last_code);
+    let high = clamp(greatest, 0.0, frame.last_code);
     let first = min(floor(low), frame.last_code - 1.0);
     let last = min(floor(high), frame.last_code - 1.0);
     var sums = rest_of(u32(last), high - last) - rest_of(u32(first), low - first);
@@ -110,9 +122,12 @@ fn mean_medium(one: f32, other: f32) -> Medium {
             sums[channel] += (f32(words.y) * 4294967296.0 + f32(words.x)) * frame.sum_unit;
         }
     }
+    if (IS_UNBOUNDED) {
+        sums += beyond(least, greatest);
+    }
     let depth = max(sums.w, 0.0);
     let color = select(vec3f(0.0), clamp(sums.xyz / max(depth, 1e-30), vec3f(0.0), vec3f(1.0)), depth > 0.0);
-    return Medium(color, depth / (high - low));
+    return Medium(color, depth / (greatest - least));
 }
 
 // What is seen of what may be, at a value and its differences, lit if it is to be.
@@ -137,7 +152,7 @@ fn add_by_gradient(
 fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pixel {
     let value = inside(field, t);
     let medium = classify(value);
-    if ((HAS_INVALID && value < 0.0) || medium.depth <= 0.0) {
+    if ((HAS_INVALID && !has_value(value)) || medium.depth <= 0.0) {
         return pixel;
     }
     if (LIGHTING == UNLIT && !HAS_GRID) {
@@ -177,16 +192,16 @@ fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, en
     // Where only one end has a value, it stands for the other.
     var values = known.values;
     if (HAS_INVALID) {
-        values.y = select(values.y, values.z, values.y < 0.0);
-        values.z = select(values.z, values.y, values.z < 0.0);
-        values.x = select(values.x, values.y, values.x < 0.0);
-        values.w = select(values.w, values.z, values.w < 0.0);
-        if (values.y < 0.0) {
+        values.y = select(values.z, values.y, has_value(values.y));
+        values.z = select(values.y, values.z, has_value(values.z));
+        values.x = select(values.y, values.x, has_value(values.x));
+        values.w = select(values.z, values.w, has_value(values.w));
+        if (!has_value(values.y)) {
             return Taken(pixel, known);
         }
     }
     if (CURVE == FIELD) {
-        let parts = clamp(u32(ceil(abs(values.z - values.y) / frame.adaptive_step)), 1u, MOST_PARTS);
+        let parts = u32(clamp(ceil(abs(values.z - values.y) / frame.adaptive_step), 1.0, f32(MOST_PARTS)));
         let part = length / f32(parts);
         for (var k = 0u; k < parts; k++) {
             pixel = add_sampled(pixel, field, ray, start + (f32(k) + 0.5) * part, part);

@@ -1,7 +1,7 @@
 // What an expression reads of a layer's part of a segment: the value in the middle, and the gradient there if the expression is lit.
-//!import context differences field frame shade way world
+//!import context differences field frame no_value shade way world
 fn show_nothing() {
-    way.value = -1.0;
+    way.value = NO_VALUE;
     way.length = 0.0;
 }
 

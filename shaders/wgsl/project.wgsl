@@ -15,7 +15,7 @@ fn pixel_start() -> Pixel {
 }
 
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
-    return Pixel(max(pixel.value, abs(frame.invert - value)), 1.0);
+    return Pixel(max(pixel.value, abs(frame.invert - clamp(value, 0.0, 1.0))), 1.0);
 }
 
 // Nothing hides anything.

@@ -1,7 +1,7 @@
 // Whether surfaces can be among codes in a range.
 //
 // How many surfaces a code is past.
-//!import frame
+//!import anything frame
 fn rank_of_code(code: u32) -> i32 {
     let first = select(vec4f(0.0), vec4f(1.0), frame.thresholds[0] * frame.last_code <= vec4f(f32(code)));
     let others = select(vec4f(0.0), vec4f(1.0), frame.thresholds[1] * frame.last_code <= vec4f(f32(code)));
@@ -11,5 +11,5 @@ fn rank_of_code(code: u32) -> i32 {
 // If they are not all past as many as the ray.
 fn is_passed(ray_rank: i32, range: u32) -> bool {
     let rank = rank_of_code(range & 0xffffu);
-    return rank_of_code(range >> 16u) != rank || (ray_rank >= 0 && ray_rank != rank);
+    return range == ANYTHING || rank_of_code(range >> 16u) != rank || (ray_rank >= 0 && ray_rank != rank);
 }

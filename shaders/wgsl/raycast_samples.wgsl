@@ -1,7 +1,7 @@
 // Leaves; in a leaf, runs of macro-cells that are seen; in a run, samples. Runs are as long as they can be, and looked for in a
 // loop without samples: rays side by side wait for each other, and leave a loop when the last of them does. Conditions stand at
 // the heads of loops, or one `if` deep: a `break` two deep made all of this three times slower on lavapipe (Mesa 22.3).
-//!import atlas bricks dither lattice macrocells feedback pixel runs sees sight tree
+//!import atlas bricks dither lattice macrocells feedback no_value pixel runs sees sight tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);
     let ray = seen.ray;
@@ -51,7 +51,7 @@ fn cast_ray(position: vec2f) -> vec4f {
             let along = ray.direction * brick.texel_scale;
             while (walk.middle < min(run.end, leave) && !is_zone_left(walk) && !is_final(pixel)) {
                 let value = sample_atlas(texel + along * (walk.middle - base));
-                if (value >= 0.0) {
+                if (has_value(value)) {
                     pixel = accumulate(pixel, value, walk.end - walk.start);
                 }
                 walk = walk_on(walk, stretch);

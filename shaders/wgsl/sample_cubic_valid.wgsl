@@ -1,10 +1,6 @@
 // The tricubic B-spline where code 0 means invalid: invalid voxels are left out, and where they hold more than half the weight
-// there is no value (-1).
-
-fn spline(t: f32) -> vec4f {
-    let s = 1.0 - t;
-    return vec4f(s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t) / 6.0;
-}
+// there is no value.
+//!import no_value spline
 
 // The weighted sum of a row of voxels along x, and what of the weight is valid.
 fn row(atlas: texture_3d<f32>, first: vec3i, weights: vec4f) -> vec2f {
@@ -33,5 +29,5 @@ fn sample_valid(atlas: texture_3d<f32>, point: vec3f) -> f32 {
         sums += z[k] * y.z * row(atlas, plane + vec3i(0, 2, 0), x);
         sums += z[k] * y.w * row(atlas, plane + vec3i(0, 3, 0), x);
     }
-    return select(-1.0, sums.x / sums.y, sums.y >= 0.5);
+    return select(NO_VALUE, sums.x / sums.y, sums.y >= 0.5);
 }

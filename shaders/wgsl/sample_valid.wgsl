@@ -1,5 +1,6 @@
 // The value at a point of the atlas (in texels) where code 0 means invalid: invalid corners are left out, and where they
-// hold more than half the weight there is no value (-1).
+// hold more than half the weight there is no value.
+//!import no_value
 
 fn sample_valid(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
@@ -15,5 +16,5 @@ fn sample_valid(atlas: texture_3d<f32>, point: vec3f) -> f32 {
         sum += share * value;
         weight += share;
     }
-    return select(-1.0, sum / weight, weight >= 0.5);
+    return select(NO_VALUE, sum / weight, weight >= 0.5);
 }

@@ -1,5 +1,5 @@
 // Where a ray passes surfaces. The rule is written down beside its CPU twin, the volume crate's `surface`.
-//!import context field frame
+//!import context field frame no_value
 const SEARCH_PARTS: u32 = 8u;
 const ROUNDS: u32 = 2u;
 
@@ -7,7 +7,7 @@ const ROUNDS: u32 = 2u;
 fn rank_of(value: f32) -> i32 {
     let first = select(vec4f(0.0), vec4f(1.0), frame.thresholds[0] <= vec4f(value));
     let others = select(vec4f(0.0), vec4f(1.0), frame.thresholds[1] <= vec4f(value));
-    return select(i32(dot(first + others, vec4f(1.0))), -1, value < 0.0);
+    return select(-1, i32(dot(first + others, vec4f(1.0))), has_value(value));
 }
 
 // Where in a piece of the ray a surface is passed, to its inside or out of it. (All parts are sampled: to leave loops early where
@@ -24,13 +24,13 @@ fn locate(field: Field, start: f32, end: f32, threshold: f32, is_up: bool) -> f3
         for (var k = 0u; k < SEARCH_PARTS; k++) {
             let t = first + f32(k) * part;
             let value = inside(field, t);
-            let is_first_past = !is_past && value >= 0.0 && (value >= threshold) == is_up;
+            let is_first_past = !is_past && has_value(value) && (value >= threshold) == is_up;
             far = select(far, t, is_first_past);
             far_value = select(far_value, value, is_first_past);
             is_past = is_past || is_first_past;
             // If the first place is past it already, the brick before saw it on the other side there.
             near = select(t, near, is_past);
-            near_value = select(select(value, far_value, value < 0.0), near_value, is_past);
+            near_value = select(select(far_value, value, has_value(value)), near_value, is_past);
         }
     }
     let share = (threshold - near_value) / (far_value - near_value);

@@ -1,6 +1,6 @@
 // Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
 // CPU twin, the volume crate's `surface`.
-//!import field frame lighting search
+//!import field frame lighting no_value search
 
 struct Pixel {
     // 1 before the surface, then 0.
@@ -25,7 +25,7 @@ fn is_final(pixel: Pixel) -> bool {
 }
 
 fn side_of(value: f32) -> f32 {
-    return select(select(-1.0, 1.0, value >= frame.threshold), 0.0, value < 0.0);
+    return select(0.0, select(-1.0, 1.0, value >= frame.threshold), has_value(value));
 }
 
 // Looks for the surface in a segment, as far as the field can be sampled.
@@ -55,7 +55,7 @@ fn difference(field: Field, texel: vec3f, axis: vec3f) -> f32 {
     let high = min(texel + axis, field.high);
     let before = sample_atlas(low);
     let after = sample_atlas(high);
-    let change = select(after, frame.threshold, after < 0.0) - select(before, frame.threshold, before < 0.0);
+    let change = select(frame.threshold, after, has_value(after)) - select(frame.threshold, before, has_value(before));
     return change * 2.0 / dot(high - low, axis);
 }
 

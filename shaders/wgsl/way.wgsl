@@ -19,7 +19,7 @@ struct Way {
     // The piece up to there, and what the layer shows of it.
     piece: vec2f,
     shown: Pixel,
-    // Where media are an expression's: the value in the middle of the part, negative if there is none, and the part's length.
+    // Where media are an expression's: the value in the middle of the part, `NO_VALUE` if there is none, and the part's length.
     value: f32,
     length: f32,
     // Where that is lit: the gradient of the value's code by the step, in the scene's world; zero where the field is flat.

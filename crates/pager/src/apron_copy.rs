@@ -182,7 +182,7 @@ mod tests {
             [(4, 1, 1), (4, 2, 2), (3, 2, 1), (64, 1, 1), (64, 2, 1), (64, 1, 2), (64, 2, 2), (2, 2, 4)]
         {
             let gradients = GradientNodes { edge: edge as u32, layers: 0 };
-            let layout = Layout { edge, apron, stored: 0, code_bytes, gradients };
+            let layout = Layout { edge, apron, stored: 0, code_bytes, floats: None, gradients };
             let core: Vec<u8> = (0..layout.core_bytes()).map(|i| ((i * 2654435761) >> 11) as u8).collect();
             let mut shell = vec![0; layout.shell_bytes()];
             copy_shell(&layout, &core, &mut shell);

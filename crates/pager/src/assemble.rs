@@ -73,8 +73,9 @@ impl PaddedReader {
         if !gradients.is_empty() {
             let first = index.map(|i| i as i64 * layout.edge as i64);
             let inside = std::array::from_fn(|a| -first[a]..extent[a] as i64 - first[a]);
-            let SlotEncoding { format, has_invalid, .. } = self.cache.encoding(id.channel);
-            let brick = PaddedCodes { codes, format, has_invalid, apron: layout.apron as u32 };
+            let SlotEncoding { format, has_invalid, floats, .. } = self.cache.encoding(id.channel);
+            let unit = floats.map_or(format.max_code() as f32, |floats| floats.unit as f32);
+            let brick = PaddedCodes { codes, format, has_invalid, unit, apron: layout.apron as u32 };
             layout.gradients.fill(brick, &inside, gradients);
         }
         Ok(())
@@ -219,7 +220,7 @@ mod tests {
     }
 
     fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, apron, 0).unwrap();
+        let layout = layout_of(&source, apron, 0, None).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
         (Arc::new(RamCache::with_meter(Arc::new(source), layout, cores, meter.clone())), meter)
     }
@@ -318,7 +319,7 @@ mod tests {
             let pyramid = Pyramid::new(Extent::from_array(n), [1.0; 3], 8);
             let source = TestSource::new(pyramid, [1.0; 3], VoxelType::U16).with_aprons(stored);
             let bricks = rows(&source);
-            let layout = layout_of(&source, 2 * layers, layers).unwrap();
+            let layout = layout_of(&source, 2 * layers, layers, None).unwrap();
             let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
             let cache = Arc::new(RamCache::with_meter(Arc::new(source), layout, 4, meter));
             let mut reader = PaddedReader::new(cache);

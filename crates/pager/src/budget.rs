@@ -6,6 +6,7 @@
 
 use crate::planner::Planning;
 use crate::upload_budget::UploadLimits;
+use brickyard_volume::FloatSlots;
 use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -21,6 +22,9 @@ pub struct PagerConfig {
     pub gradient_layers: u32,
     /// The most host memory, in bytes, for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
     pub host_bytes: u64,
+    /// For each volume the f32 slots that its bricks are put into. Volumes whose slots hold codes have `None` here, or are past the end of
+    /// the list.
+    pub floats: Vec<Option<FloatSlots>>,
     /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
     pub workers: u32,
     /// Whether cuts are made within the frame or on a thread of their own.
@@ -32,6 +36,13 @@ pub struct PagerConfig {
     /// How long a finer brick takes to fade in where a coarser one was drawn. With `None` it is drawn at once, so that the same view is
     /// always the same picture.
     pub fade: Option<Duration>,
+}
+
+impl PagerConfig {
+    /// The f32 slots of each volume, however many there are.
+    pub(crate) fn floats_of_all(&self) -> impl Iterator<Item = Option<FloatSlots>> {
+        self.floats.iter().copied().chain(std::iter::repeat(None))
+    }
 }
 
 /// Why a pager cannot start.

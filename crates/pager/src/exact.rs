@@ -92,13 +92,14 @@ struct StandIn {
 }
 
 impl ExactPasses {
-    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, the host budget and the
-    /// workers count.
+    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, the f32 slots, the host
+    /// budget and the workers count.
     ///
     /// # Errors
     /// If the host budget cannot hold the cells or a brick on its way, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
-        let layout = layout_of(&*source, config.apron, config.gradient_layers)?;
+        let layout =
+            layout_of(&*source, config.apron, config.gradient_layers, config.floats.first().copied().flatten())?;
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);

@@ -8,7 +8,7 @@
 //! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
 //! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
 
-use brickyard_volume::{Apron, GradientNodes, SlotEncoding};
+use brickyard_volume::{Apron, FloatSlots, GradientNodes, SlotEncoding};
 
 /// Shells that the RAM cache holds for each core.
 ///
@@ -21,7 +21,7 @@ use brickyard_volume::{Apron, GradientNodes, SlotEncoding};
 const SHELLS_PER_CORE: usize = 4;
 
 /// Sizes of one source's bricks, all in slot codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
     /// Voxels along a core's edge.
     pub(crate) edge: usize,
@@ -31,6 +31,8 @@ pub(crate) struct Layout {
     pub(crate) stored: usize,
     /// Bytes of a code.
     pub(crate) code_bytes: usize,
+    /// The f32 slots that codes are for; `None` if slots hold codes of 8 or 16 bits.
+    pub(crate) floats: Option<FloatSlots>,
     /// The nodes of the gradients behind a padded brick's voxels.
     pub(crate) gradients: GradientNodes,
 }
@@ -40,7 +42,7 @@ impl Layout {
     pub(crate) fn new(gradients: GradientNodes, apron: u32, stored: u32, encoding: &SlotEncoding) -> Self {
         let stored = if stored >= apron { stored as usize } else { 0 };
         let (edge, code_bytes) = (gradients.edge as usize, encoding.format.bytes());
-        Self { edge, apron: apron as usize, stored, code_bytes, gradients }
+        Self { edge, apron: apron as usize, stored, code_bytes, floats: encoding.floats, gradients }
     }
 
     /// Whether padded bricks are made from stored aprons.

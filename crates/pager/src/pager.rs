@@ -18,6 +18,7 @@ use crate::source::BrickSource;
 use crate::status::{Counters, Status};
 use crate::upload_budget::Governor;
 use crate::visible_cells::VisibleCells;
+use brickyard_volume::FloatSlots;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
@@ -111,7 +112,11 @@ impl Pager {
         config: PagerConfig,
         kept: &mut Vec<KeptCores>,
     ) -> Result<Self, PagerError> {
-        let layouts = sources.iter().map(|source| layout_of(&**source, config.apron, config.gradient_layers));
+        let floats = config.floats_of_all();
+        let layout = |(source, floats): (&Arc<dyn BrickSource>, _)| {
+            layout_of(&**source, config.apron, config.gradient_layers, floats)
+        };
+        let layouts = sources.iter().zip(floats).map(layout);
         let layouts = layouts.collect::<Result<Vec<Layout>, _>>()?;
         let slot_bytes = layouts[0].padded_bytes() as u64;
         debug_assert!(layouts.iter().all(|layout| layout.padded_bytes() as u64 == slot_bytes), "unlike slots");
@@ -122,7 +127,8 @@ impl Pager {
         let shares = match sources {
             [_] => vec![given.saturating_sub(tables)],
             _ => {
-                let requests = sources.iter().map(|source| volume_request(&**source, &config));
+                let requests = sources.iter().zip(config.floats_of_all());
+                let requests = requests.map(|(source, floats)| volume_request(&**source, floats, &config));
                 share(given.saturating_sub(tables), &requests.collect::<Result<Vec<_>, _>>()?)
                     .map_err(|least| PagerError::HostMemory { given, least: least + tables })?
             }
@@ -161,8 +167,9 @@ impl Pager {
     /// If the apron or the gradients do not fit the bricks.
     pub fn host_request(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
         let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
-        sources.iter().try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, source| {
-            let BudgetRequest { least, most, .. } = volume_request(&**source, config)?;
+        let mut sources = sources.iter().zip(config.floats_of_all());
+        sources.try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, (source, floats)| {
+            let BudgetRequest { least, most, .. } = volume_request(&**source, floats, config)?;
             Ok(BudgetRequest { least: all.least + least, most: all.most.saturating_add(most), ..all })
         })
     }
@@ -352,8 +359,12 @@ fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
 }
 
 /// What a volume needs of a host budget at least, besides the tables of the slots, and more than what is of no use to it.
-fn volume_request(source: &dyn BrickSource, config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
-    let layout = layout_of(source, config.apron, config.gradient_layers)?;
+fn volume_request(
+    source: &dyn BrickSource,
+    floats: Option<FloatSlots>,
+    config: &PagerConfig,
+) -> Result<BudgetRequest, PagerError> {
+    let layout = layout_of(source, config.apron, config.gradient_layers, floats)?;
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;

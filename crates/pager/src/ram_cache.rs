@@ -20,7 +20,7 @@ use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, GradientNodes, SlotEncoding};
+use brickyard_volume::{BrickId, FloatSlots, GradientNodes, SlotEncoding};
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -55,6 +55,8 @@ pub struct KeptCores {
     source: Arc<dyn BrickSource>,
     /// Voxels on each side in the aprons behind the cores; 0 if there are none.
     stored_apron: usize,
+    /// The f32 slots that the cores are for.
+    floats: Option<FloatSlots>,
     /// The most recently used first.
     cores: Vec<(BrickId, Arc<[u8]>)>,
 }
@@ -93,7 +95,7 @@ impl RamCache {
     /// # Errors
     /// If not one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, apron, 0)?;
+        let layout = layout_of(&*source, apron, 0, None)?;
         let core = layout.cached_bytes() as u64;
         match bytes / core {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
@@ -111,7 +113,8 @@ impl RamCache {
             making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
-        let encodings = (0..source.channels().max(1)).map(|channel| encoding_of(&*source, channel)).collect();
+        let encoding = |channel| encoding_of(&*source, channel).in_slots(layout.floats);
+        let encodings = (0..source.channels().max(1)).map(encoding).collect();
         Self { source, encodings, layout, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
@@ -121,13 +124,14 @@ impl RamCache {
         let inner = self.lock();
         let is_whole = |(id, _): &(BrickId, &Arc<[u8]>)| !inner.failed_aprons.contains(id);
         let cores = inner.cores.entries().filter(is_whole).map(|(id, codes)| (id, codes.clone())).collect();
-        KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
+        KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, floats: self.layout.floats, cores }
     }
 
     /// Takes over cores that another cache of the same source has decoded, the last used ones if there is no room for all. The others are
-    /// dropped, as are all cores of another source, or with other stored aprons.
+    /// dropped, as are all cores of another source, with other stored aprons, or for other f32 slots.
     pub(crate) fn adopt(&self, kept: KeptCores) {
-        if !kept.is_of(&self.source) || kept.stored_apron != self.layout.stored {
+        let is_alike = (kept.stored_apron, kept.floats) == (self.layout.stored, self.layout.floats);
+        if !kept.is_of(&self.source) || !is_alike {
             return;
         }
         let mut inner = self.lock();
@@ -361,7 +365,7 @@ impl Inner {
     }
 }
 
-/// How a source's values are encoded as slot codes: in the same format for all channels.
+/// How a source's values are encoded as slot codes, in the same format for all channels, where they are not put into f32 slots.
 pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
     let (voxel_type, range) = (source.voxel_type(), source.channel_range(channel));
     if source.is_labels() {
@@ -375,11 +379,16 @@ pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
     SlotEncoding::new(voxel_type, range, source.has_non_finite())
 }
 
-/// The layout of a source's bricks with this apron and these layers of gradients.
+/// The layout of a source's bricks with this apron and these layers of gradients, in f32 slots if there are any.
 ///
 /// # Errors
 /// If the apron or the gradients do not fit the bricks.
-pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u32) -> Result<Layout, PagerError> {
+pub(crate) fn layout_of(
+    source: &dyn BrickSource,
+    apron: u32,
+    gradient_layers: u32,
+    floats: Option<FloatSlots>,
+) -> Result<Layout, PagerError> {
     let edge = source.pyramid().edge();
     if !(1..=MAX_REACH).contains(&apron) || apron > edge {
         return Err(PagerError::Apron { apron, edge });
@@ -388,7 +397,7 @@ pub(crate) fn layout_of(source: &dyn BrickSource, apron: u32, gradient_layers: u
     if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
         return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
     }
-    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source, 0)))
+    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source, 0).in_slots(floats)))
 }
 
 /// Bytes of the scratch buffer that a decoding thread needs; 0 where voxels are codes already.

@@ -54,11 +54,12 @@ impl GpuFormats {
         }
     }
 
-    /// Returns the format of an atlas for codes of 8 or 16 bits.
+    /// Returns the format of an atlas for slots of this format. Shaders filter 32-bit floats themselves, so every adapter has them.
     pub fn atlas(&self, codes: SlotFormat) -> TextureFormat {
         match codes {
             SlotFormat::U8 => self.atlas_u8,
             SlotFormat::U16 => self.atlas_u16,
+            SlotFormat::F32 => TextureFormat::R32Float,
         }
     }
 }

@@ -15,6 +15,7 @@ use wgpu::{Extent3d, TextureFormat};
 pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
     match format {
         TextureFormat::R8Unorm => 1,
+        TextureFormat::R32Float => 4,
         GRADIENT_FORMAT => NODE_BYTES as u64,
         _ => 2,
     }

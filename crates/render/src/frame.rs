@@ -146,7 +146,11 @@ pub(crate) fn frame_uniform(
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
         list_at: [0; 4],
-        spare: [[0.0; 4]; 4],
+        first_slot: frame.encoding.first_slot(),
+        per_slot: (1.0 / (frame.encoding.high - frame.encoding.low)) as f32,
+        farthest_slots: frame.encoding.farthest_slots(),
+        gradient_scale: frame.encoding.gradient_scale() as f32,
+        spare: [[0.0; 4]; 3],
     }
 }
 

@@ -12,7 +12,7 @@ use crate::pool::Pool;
 use crate::transfer_table::{self, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
-use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, TransferTable};
+use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTable};
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
@@ -38,7 +38,7 @@ impl GpuLayer {
     /// Checks that a frame fits what this layer was made for.
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
-        if frame.encoding != needs.encoding || framed.pyramid.edge() != needs.edge {
+        if frame.encoding.of_slots() != needs.encoding.of_slots() || framed.pyramid.edge() != needs.edge {
             return Err(GpuError::Mismatch(format!(
                 "frame of {:?} in bricks of {}: this renderer was made for {:?} in bricks of {}",
                 frame.encoding,
@@ -101,6 +101,7 @@ impl GpuLayer {
             pool: self.pool as u32,
             has_invalid: self.needs.encoding.has_invalid,
             is_labels: self.needs.encoding.is_labels,
+            is_float: self.needs.encoding.format == SlotFormat::F32,
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),
             has_grid: framed.settings.grid().is_some(),
@@ -109,7 +110,7 @@ impl GpuLayer {
                 place: table.first(size_of::<[u32; 2]>()),
                 count: counts.first(size_of::<u32>()),
             },
-            values: value_bits(&self.needs.encoding),
+            values: value_bits(&framed.settings.encoding),
         }
     }
 }

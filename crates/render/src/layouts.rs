@@ -2,16 +2,17 @@
 
 use crate::compositor::Compositor;
 use crate::gpu::Gpu;
+use crate::pool::Pool;
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 
 /// The bind group layouts that all variants share.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
-    /// The number of pools that a march through all layers sees, and whether it sees stored gradients.
-    pub(crate) of: (usize, bool),
-    /// The layout of a march through one layer.
-    pub(crate) march: wgpu::BindGroupLayout,
+    /// Whether each pool that a march through all layers sees holds 32-bit floats, and whether it sees stored gradients.
+    pub(crate) of: (Vec<bool>, bool),
+    /// The layouts of marches through one layer: of codes, and of 32-bit floats.
+    march: [wgpu::BindGroupLayout; 2],
     /// The layout of a march through all layers.
     pub(crate) joint: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
@@ -61,24 +62,31 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Makes the layouts for layers in `pools` pools, with or without stored gradients.
-    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> Self {
+    /// Makes the layouts for layers in these pools, with or without stored gradients.
+    pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: &[Pool], has_gradients: bool) -> Self {
+        let are_floats: Vec<bool> = pools.iter().map(Pool::is_float).collect();
         let fragment = ShaderStages::FRAGMENT;
         let gathered = (bindings::GATHERED, fragment, texture(TextureViewDimension::D2, false));
         let frames = (bindings::FRAMES, fragment, storage());
         let emission = (bindings::EMISSION, fragment, texture(TextureViewDimension::D2, false));
         let resolve = [frames, (bindings::TABLE, fragment, storage()), gathered];
         Self {
-            of: (pools, has_gradients),
-            march: march_layout(gpu, compositor, 1, has_gradients),
-            joint: march_layout(gpu, compositor, pools, has_gradients),
+            march: [false, true].map(|is_float| march_layout(gpu, compositor, &[is_float], has_gradients)),
+            joint: march_layout(gpu, compositor, &are_floats, has_gradients),
+            of: (are_floats, has_gradients),
             resolve: bind_group_layout(gpu, "resolve", &resolve),
             joined: bind_group_layout(gpu, "joined", &[frames, gathered, emission]),
         }
     }
+
+    /// The layout of a march through one layer, of 32-bit floats or of codes.
+    pub(crate) fn march(&self, is_float: bool) -> &wgpu::BindGroupLayout {
+        &self.march[is_float as usize]
+    }
 }
 
-fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: bool) -> wgpu::BindGroupLayout {
+/// The layout of a march through layers in pools, each of which holds 32-bit floats or codes. Only codes are filtered by the hardware.
+fn march_layout(gpu: &Gpu, compositor: Compositor, are_floats: &[bool], has_gradients: bool) -> wgpu::BindGroupLayout {
     let stage = match compositor {
         Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,
         Compositor::Compute => ShaderStages::COMPUTE,
@@ -88,9 +96,10 @@ fn march_layout(gpu: &Gpu, compositor: Compositor, pools: usize, has_gradients: 
         (bindings::ATLAS_SAMPLER, stage, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         (bindings::TABLE, stage, storage()),
     ];
-    let gradients = (bindings::FIRST_GRADIENTS..).take(if has_gradients { pools } else { 0 });
-    let textures = (bindings::FIRST_ATLAS..).take(pools).chain(gradients);
-    march.extend(textures.map(|binding| (binding, stage, texture(TextureViewDimension::D3, true))));
+    let atlases = (bindings::FIRST_ATLAS..).zip(are_floats.iter().map(|is_float| !is_float));
+    let gradients = (bindings::FIRST_GRADIENTS..).zip(are_floats.iter().filter(|_| has_gradients).map(|_| true));
+    let texture = |(binding, filters)| (binding, stage, texture(TextureViewDimension::D3, filters));
+    march.extend(atlases.chain(gradients).map(texture));
     match compositor {
         Compositor::Sorted => march.extend([
             (bindings::CELLS, ShaderStages::VERTEX, storage()),

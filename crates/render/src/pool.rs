@@ -14,7 +14,7 @@ use crate::memory::PoolPlan;
 use crate::upload::Uploader;
 use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
-use brickyard_volume::{MacroCells, OpaqueCodes};
+use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};
 
 /// A pool of slots of one size and format on the GPU, in which bricks of several layers lie.
 #[derive(Debug)]
@@ -53,6 +53,11 @@ impl Pool {
     /// Number of slots, which is how many bricks fit.
     pub(crate) fn slots(&self) -> u32 {
         self.plan.atlas.slots()
+    }
+
+    /// Whether slots hold 32-bit floats instead of codes.
+    pub(crate) fn is_float(&self) -> bool {
+        self.needs.encoding.format == SlotFormat::F32
     }
 
     /// Width of a brick's apron in its slot, voxels.
@@ -109,7 +114,8 @@ impl Pool {
     pub(crate) fn tree(&self, framed: &Framed<'_>, draw: &DrawList, opaque: &OpaqueCodes) -> Tree {
         let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
         let slots = Slots { atlas: &self.plan.atlas, apron: self.apron(), macro_cells, ranges: &self.slot_ranges };
-        let skips_empty = self.plan.raycast.is_some_and(|plan| plan.skips_empty);
+        // Nothing is known of the macro-cells of floats.
+        let skips_empty = self.plan.raycast.is_some_and(|plan| plan.skips_empty) && !self.is_float();
         let (mode, has_invalid) = (framed.settings.mode, self.needs.encoding.has_invalid);
         Tree::new(framed.pyramid, draw, &Visibility { mode, has_invalid, opaque, skips_empty }, &slots)
     }

@@ -55,7 +55,7 @@ impl Raycast {
         let of = |layer: &GpuLayer| {
             let pool = &pools[layer.pool];
             let own = buffers.entries(gpu, shared, Some((layer, pool)));
-            shared.bindings(gpu, &layouts.march, std::slice::from_ref(pool), own)
+            shared.bindings(gpu, layouts.march(pool.is_float()), std::slice::from_ref(pool), own)
         };
         let own = layers.iter().map(of).collect();
         let joint = shared.bindings(gpu, &layouts.joint, pools, buffers.entries(gpu, shared, None));

@@ -251,7 +251,7 @@ impl GpuRenderer {
             }
         }
         let shared = SharedBuffers::new(&gpu, (ends.frames, ends.table), recipe.has_gradients())?;
-        let layouts = Layouts::new(&gpu, compositor, pools.len(), recipe.has_gradients());
+        let layouts = Layouts::new(&gpu, compositor, &pools, recipe.has_gradients());
         let slots = (&layers[..], &pools[..]);
         let march = match compositor {
             Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, slots)?),

@@ -106,7 +106,8 @@ impl Sorted {
         };
         let of = |layer: &GpuLayer| {
             let own = own(layer.parts.frame.of(&shared.frame), layer.parts.table.of(&shared.table));
-            shared.bindings(gpu, &layouts.march, std::slice::from_ref(&pools[layer.pool]), own)
+            let pool = &pools[layer.pool];
+            shared.bindings(gpu, layouts.march(pool.is_float()), std::slice::from_ref(pool), own)
         };
         let each = layers.iter().map(of).collect();
         let all = own(shared.frame.as_entire_binding(), shared.table.as_entire_binding());

@@ -17,7 +17,7 @@ pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 fn places_per_code(codes: SlotFormat) -> u32 {
     match codes {
         SlotFormat::U8 => 64,
-        SlotFormat::U16 => 1,
+        SlotFormat::U16 | SlotFormat::F32 => 1,
     }
 }
 

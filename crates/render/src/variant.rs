@@ -3,7 +3,7 @@
 use crate::frame::Framed;
 use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
 use brickyard_volume::{
-    Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, sampling,
+    Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat, sampling,
 };
 
 /// The variant of a march's shader: for one layer, or for several layers together.
@@ -89,7 +89,7 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     };
     let is_cubic = frame.sampling.filter == Filter::Tricubic;
     let has_meshes = !frame.meshes.is_empty();
-    let SlotEncoding { has_invalid, is_labels, .. } = frame.encoding;
-    let is_placed = !frame.placement.is_identity();
-    Variant { gather, has_invalid, is_labels, is_cubic, medium, has_meshes, is_placed }
+    let SlotEncoding { has_invalid, is_labels, format, .. } = frame.encoding;
+    let (is_float, is_placed) = (format == SlotFormat::F32, !frame.placement.is_identity());
+    Variant { gather, has_invalid, is_labels, is_float, is_cubic, medium, has_meshes, is_placed }
 }

@@ -15,7 +15,7 @@ use crate::ray::{FAINTEST, Ray};
 use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Grid, Portable, SampleChunk, Unit};
+use crate::sample::{Brick, Code, Code8, Code16, Float32, Grid, Portable, SampleChunk, Unit};
 use crate::stretch::Stretch;
 use crate::tiles::PIXELS;
 use brickyard_volume::{Filter, SlotFormat};
@@ -273,6 +273,8 @@ fn take_of(frame: &Frame<'_>) -> Take {
         (SlotFormat::U8, true) => for_machine::<Code8, true>(),
         (SlotFormat::U16, false) => for_machine::<Code16, false>(),
         (SlotFormat::U16, true) => for_machine::<Code16, true>(),
+        (SlotFormat::F32, false) => for_machine::<Float32, false>(),
+        (SlotFormat::F32, true) => for_machine::<Float32, true>(),
     }
 }
 
@@ -303,7 +305,7 @@ fn take<C: Code, U: Unit, const INVALID: bool>(
     chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
     let weight = chunk.weight;
     // SAFETY: the samples have been located in a brick as large.
     unsafe { brick.sample_located::<C, U, INVALID>(packets, chunk) };

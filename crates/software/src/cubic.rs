@@ -3,7 +3,7 @@
 
 use crate::packet::{LANES, Packet};
 use crate::sample::{Brick, Code};
-use glam::Vec4;
+use glam::{BVec4A, Vec4};
 
 impl Brick<'_> {
     /// The codes at eight slot coordinates through the spline. The weights of those without a value become 0.
@@ -17,6 +17,7 @@ impl Brick<'_> {
         for i in 0..LANES {
             let (sum, valid) = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);
             code[i] = if INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
+            code[i] = if C::IS_FLOAT { self.map().code(code[i]) } else { code[i] };
             if INVALID && valid < 0.5 {
                 weight[i] = 0.0;
             }
@@ -39,27 +40,26 @@ impl Brick<'_> {
         for k in 0..4 {
             for j in 0..4 {
                 let row = ((z + k - 1) * n + y + j - 1) * n + x - 1;
-                let codes = self.row::<C>(row);
+                let (codes, has_value) = self.row::<C>(row);
                 let weight = wx * (wy[j] * wz[k]);
                 sum += codes * weight;
                 if INVALID {
-                    valid += Vec4::select(codes.cmpgt(Vec4::ZERO), weight, Vec4::ZERO);
+                    valid += Vec4::select(has_value, weight, Vec4::ZERO);
                 }
             }
         }
         (sum.element_sum(), valid.element_sum())
     }
 
-    /// Four neighbouring codes.
+    /// Four neighbouring codes, or differences that become codes, and which of the voxels have a value.
     #[inline(always)]
-    fn row<C: Code>(&self, first: usize) -> Vec4 {
-        let codes = self.codes();
-        let at = first * C::BYTES;
-        let code = |i: usize| match C::BYTES {
-            1 => codes[at + i] as f32,
-            _ => u16::from_le_bytes([codes[at + 2 * i], codes[at + 2 * i + 1]]) as f32,
-        };
-        Vec4::new(code(0), code(1), code(2), code(3))
+    fn row<C: Code>(&self, first: usize) -> (Vec4, BVec4A) {
+        let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];
+        // SAFETY: there are four codes.
+        let [low, high] = unsafe { [C::pair(codes.as_ptr()), C::pair(codes.as_ptr().add(2 * C::BYTES))] };
+        let [a, b, c, d] =
+            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part(code, self.map()));
+        (Vec4::new(a.0, b.0, c.0, d.0), BVec4A::new(a.1, b.1, c.1, d.1))
     }
 }
 

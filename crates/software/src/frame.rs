@@ -5,10 +5,11 @@ use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
 use crate::reading::Reading;
+use crate::sample::FloatMap;
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
-use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
+use brickyard_volume::macrocells::{ANYTHING, MacroCells, OpaqueCodes};
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Blend, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
@@ -44,6 +45,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) apron: u32,
     /// The nodes of the gradients that are stored with each brick.
     pub(crate) gradients: GradientNodes,
+    /// How the numbers of f32 slots become codes.
+    pub(crate) map: FloatMap,
+    /// What stored gradients have to be multiplied by to be differences as shares of the greatest code.
+    pub(crate) gradient_scale: f32,
     /// Positions in the transfer table, in entries, from one code to the next.
     pub(crate) positions_per_code: f32,
     /// Unit distances of the transfer function in a world unit.
@@ -165,7 +170,11 @@ impl<'a> Frame<'a> {
         let first = entries.iter().position(|e| e[3] > 0.0);
         let last = entries.iter().rposition(|e| e[3] > 0.0);
         let visible = match (first, last) {
-            (Some(first), Some(last)) => [first as f32 - 1.0, last as f32 + 1.0],
+            (Some(first), Some(last)) => [
+                // Past its ends the table goes on as there.
+                if first == 0 { f32::MIN } else { first as f32 - 1.0 },
+                if last + 1 == entries.len() { f32::MAX } else { last as f32 + 1.0 },
+            ],
             _ => [f32::MAX, f32::MIN],
         };
         let ticks = Ticks::new(&settings.lattice);
@@ -189,6 +198,8 @@ impl<'a> Frame<'a> {
             edge,
             apron,
             gradients: needs.gradients(edge),
+            map: FloatMap::of(&settings.encoding),
+            gradient_scale: settings.encoding.gradient_scale() as f32,
             positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
@@ -293,7 +304,8 @@ impl Shows {
             Self::Surface(threshold) => surface::straddles(range, *threshold),
             Self::Layers(thresholds, fog) => {
                 let [low, high] = range.map(|code| rank_of(thresholds, code as f32));
-                range[0] <= range[1] && low != high || fog.as_ref().is_some_and(|opaque| opaque.any(range))
+                let is_passed = range == ANYTHING || range[0] <= range[1] && low != high;
+                is_passed || fog.as_ref().is_some_and(|opaque| opaque.any(range))
             }
         }
     }
@@ -308,8 +320,10 @@ impl Shows {
     }
 
     /// How many surfaces all of a range is past; negative if that is not one number.
-    fn rank(&self, [low, high]: [u16; 2]) -> i32 {
+    fn rank(&self, range: [u16; 2]) -> i32 {
+        let [low, high] = range;
         match self {
+            _ if range == ANYTHING => -1,
             Self::Layers(thresholds, _) if low <= high => {
                 let [low, high] = [low, high].map(|code| rank_of(thresholds, code as f32));
                 if low == high { low } else { -1 }
@@ -319,8 +333,10 @@ impl Shows {
     }
 
     /// On which side of the surface a range is; 0 if on both, or if there is none.
-    fn side(&self, [low, high]: [u16; 2]) -> f32 {
+    fn side(&self, range: [u16; 2]) -> f32 {
+        let [low, high] = range;
         match self {
+            _ if range == ANYTHING => 0.0,
             Self::Surface(threshold) if low <= high && low as f32 >= *threshold => INSIDE,
             Self::Surface(threshold) if low <= high && (high as f32) < *threshold => OUTSIDE,
             _ => 0.0,

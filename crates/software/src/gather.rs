@@ -14,7 +14,7 @@ use crate::ray::Ray;
 use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
+use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
@@ -139,6 +139,8 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
+        (SlotFormat::F32, false) => with_code::<Float32, false>(frame, has_surfaces, is_read),
+        (SlotFormat::F32, true) => with_code::<Float32, true>(frame, has_surfaces, is_read),
     }
 }
 
@@ -184,7 +186,7 @@ fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
     chunk: &mut SampleChunk,
     media: &mut Media,
 ) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
     let march = March { frame, cell, brick };
     let mut tick = run.start;
     while tick < run.end {

@@ -25,7 +25,8 @@ impl<'a> Gradients<'a> {
         Self { nodes: bytes.as_chunks().0, along: nodes.along() as usize, first: nodes.first() + apron as f32 - 0.5 }
     }
 
-    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest code.
+    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest code, or of the unit of f32
+    /// slots.
     #[inline(always)]
     pub(crate) fn at(&self, place: [f32; 3]) -> Vec3 {
         let (mut first, mut t) = (0, [0.0; 3]);

@@ -10,7 +10,7 @@ use crate::ray::Ray;
 use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Portable, SampleChunk, Unit};
+use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
@@ -48,6 +48,8 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
+        (SlotFormat::F32, false) => with_code::<Float32, false>(frame),
+        (SlotFormat::F32, true) => with_code::<Float32, true>(frame),
     }
 }
 
@@ -205,7 +207,7 @@ impl Queue {
                 look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
-        let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron);
+        let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
         let march = March { frame, cell, brick };
         let mut ended = 0;
         for stretch in stretches {

@@ -249,7 +249,7 @@ impl Sum for Mip {
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
             for q in 0..LANES / 4 {
-                best = best.max(Vec4::select(weight[q].cmpgt(Vec4::ZERO), code[q], Self::START));
+                best = best.max(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown::<C>(code[q]), Self::START));
             }
         }
         sum.x = sum.x.max(best.max_element());
@@ -309,7 +309,7 @@ impl Sum for MinIp {
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
             for q in 0..LANES / 4 {
-                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), code[q], Self::START));
+                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown::<C>(code[q]), Self::START));
             }
         }
         sum.x = sum.x.min(best.min_element());
@@ -383,6 +383,12 @@ fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
         out[i] = Vec4::new(packet[4 * i], packet[4 * i + 1], packet[4 * i + 2], packet[4 * i + 3]);
     }
     out
+}
+
+/// Codes of which an extreme is shown: what is past the ends of the scale is as good as those.
+#[inline(always)]
+fn shown<C: Code>(codes: Vec4) -> Vec4 {
+    if C::IS_FLOAT { codes.clamp(Vec4::ZERO, Vec4::splat(C::MAX as f32)) } else { codes }
 }
 
 /// The table's colour at a code, opaque; nothing where there is none.

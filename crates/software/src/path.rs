@@ -430,7 +430,9 @@ impl<'a> Path<'a> {
             // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
             Gradient::Central => (false, 6),
             Gradient::Sobel => (true, 27),
-            Gradient::Stored => return self.stored_differences(along) * C::MAX as f32,
+            Gradient::Stored => {
+                return self.stored_differences(along) * (self.march.frame.gradient_scale * C::MAX as f32);
+            }
         };
         let centre = self.slot_place(along);
         let mut differences = Vec3::ZERO;
@@ -459,7 +461,7 @@ impl<'a> Path<'a> {
         Vec3::from_array([0, 1, 2].map(|axis| at(axis, 1.0) - at(axis, -1.0)))
     }
 
-    /// The stored differences, as shares of the greatest code. Out of line for the same reason.
+    /// The stored differences, as shares of the greatest code, or of the unit of f32 slots. Out of line for the same reason.
     #[inline(never)]
     fn stored_differences(&self, along: f32) -> Vec3 {
         let March { frame, cell, .. } = self.march;

@@ -251,7 +251,7 @@ fn is_one_cut(layers: &[Layer<'_>]) -> bool {
 fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), SoftwareError> {
     let settings = &layer.frame.settings;
     let edge = layer.pyramid.edge();
-    expect(needs.edge == edge && needs.encoding == settings.encoding, || {
+    expect(needs.edge == edge && needs.encoding.of_slots() == settings.encoding.of_slots(), || {
         format!(
             "a frame of {:?} in bricks of {edge}: it was made for {:?} in bricks of {}",
             settings.encoding, needs.encoding, needs.edge

@@ -3,8 +3,9 @@
 //! Samples go in packets of 8, one vector, and packets in chunks of 4: each step is done for the whole chunk before the next
 //! one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
 //!
-//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`); invalid ones are 0, so
-//! they drop out of the weighted sum by themselves and only the sum of weights has to know of them. Where all 8-bit codes are
+//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`), and numbers of f32 slots become codes
+//! once they are interpolated; invalid ones are 0, so they drop out of the weighted sum by themselves and only the sum of weights has to
+//! know of them. Where all 8-bit codes are
 //! valid, neighbours along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: that
 //! is exact to 1/256 of a code.
 //!
@@ -14,6 +15,8 @@
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
 use crate::steps::Places;
+use brickyard_volume::SlotEncoding;
+use brickyard_volume::float_slots::LEAST_SLOT;
 use glam::Vec4;
 
 /// Up to four packets of samples along a ray, near to far, and the room to work on them (kept, as clearing it takes time).
@@ -65,12 +68,14 @@ impl SampleChunk {
 /// All packets of a chunk, a bit for each.
 pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
 
-/// How a code lies in memory.
+/// How a code, or the number in an f32 slot, lies in memory.
 pub(crate) trait Code {
     /// The number of bytes of a code.
     const BYTES: usize;
-    /// The greatest code.
+    /// The greatest code; samples of f32 slots may have any.
     const MAX: u32;
+    /// Whether slots hold numbers that are not codes yet.
+    const IS_FLOAT: bool = false;
     /// Two neighbouring codes, the first in the low bits: no wider than they are, so that vectors of them are put together
     /// straight from memory.
     type Pair: Copy + Default;
@@ -82,10 +87,43 @@ pub(crate) trait Code {
     unsafe fn pair(at: *const u8) -> Self::Pair;
 
     /// The first of a pair.
-    fn near(pair: Self::Pair) -> i32;
+    fn near(pair: Self::Pair) -> f32;
 
     /// The second of a pair.
-    fn far(pair: Self::Pair) -> i32;
+    fn far(pair: Self::Pair) -> f32;
+
+    /// What of a voxel is interpolated, and whether the voxel has a value; 0 if it has none.
+    #[inline(always)]
+    fn part(code: f32, _: &FloatMap) -> (f32, bool) {
+        (code, code != 0.0)
+    }
+}
+
+/// How the numbers of f32 slots become codes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FloatMap {
+    /// The number of code 0.
+    first: f32,
+    /// Codes from a number to the next.
+    per_number: f32,
+    /// The greatest difference from the first number that is told from greater ones.
+    farthest: f32,
+}
+
+impl FloatMap {
+    /// How the slots of this encoding are mapped, if they hold no codes.
+    pub(crate) fn of(encoding: &SlotEncoding) -> Self {
+        let per_number = (1.0 / encoding.code_width()) as f32;
+        Self { first: encoding.first_slot(), per_number, farthest: encoding.farthest_slots() }
+    }
+
+    /// The code at an interpolated difference from the first number.
+    #[inline(always)]
+    pub(crate) fn code(&self, difference: f32) -> f32 {
+        let near = if difference < self.farthest { difference } else { self.farthest };
+        let near = if near > -self.farthest { near } else { -self.farthest };
+        near * self.per_number
+    }
 }
 
 /// 8-bit codes.
@@ -93,6 +131,9 @@ pub(crate) struct Code8;
 
 /// 16-bit codes.
 pub(crate) struct Code16;
+
+/// Numbers of f32 slots.
+pub(crate) struct Float32;
 
 impl Code for Code8 {
     const BYTES: usize = 1;
@@ -106,13 +147,13 @@ impl Code for Code8 {
     }
 
     #[inline(always)]
-    fn near(pair: u16) -> i32 {
-        (pair & 0xff) as i32
+    fn near(pair: u16) -> f32 {
+        (pair & 0xff) as i32 as f32
     }
 
     #[inline(always)]
-    fn far(pair: u16) -> i32 {
-        (pair >> 8) as i32
+    fn far(pair: u16) -> f32 {
+        (pair >> 8) as i32 as f32
     }
 }
 
@@ -128,13 +169,43 @@ impl Code for Code16 {
     }
 
     #[inline(always)]
-    fn near(pair: u32) -> i32 {
-        (pair & 0xffff) as i32
+    fn near(pair: u32) -> f32 {
+        (pair & 0xffff) as i32 as f32
     }
 
     #[inline(always)]
-    fn far(pair: u32) -> i32 {
-        (pair >> 16) as i32
+    fn far(pair: u32) -> f32 {
+        (pair >> 16) as i32 as f32
+    }
+}
+
+impl Code for Float32 {
+    const BYTES: usize = 4;
+    const MAX: u32 = 0xffff;
+    const IS_FLOAT: bool = true;
+    type Pair = u64;
+
+    #[inline(always)]
+    unsafe fn pair(at: *const u8) -> u64 {
+        // SAFETY: the caller promises eight bytes; no alignment is needed.
+        u64::from_le(unsafe { at.cast::<u64>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    fn near(pair: u64) -> f32 {
+        f32::from_bits(pair as u32)
+    }
+
+    #[inline(always)]
+    fn far(pair: u64) -> f32 {
+        f32::from_bits((pair >> 32) as u32)
+    }
+
+    /// Differences of near numbers are exact, so what is far from zero is interpolated as exactly as what is near.
+    #[inline(always)]
+    fn part(number: f32, map: &FloatMap) -> (f32, bool) {
+        let is_valid = number > LEAST_SLOT;
+        (if is_valid { number - map.first } else { 0.0 }, is_valid)
     }
 }
 
@@ -211,14 +282,21 @@ impl Grid {
 pub(crate) struct Brick<'a> {
     codes: &'a [u8],
     grid: Grid,
+    map: FloatMap,
 }
 
 impl<'a> Brick<'a> {
     #[inline(always)]
-    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32) -> Self {
+    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32, map: FloatMap) -> Self {
         let (n, grid) = (padded as usize, Grid::new(padded));
         assert!(codes.len() == n * n * n * C::BYTES, "not a padded brick");
-        Self { codes, grid }
+        Self { codes, grid, map }
+    }
+
+    /// How the brick's numbers become codes, if they are none.
+    #[inline(always)]
+    pub(crate) fn map(&self) -> &FloatMap {
+        &self.map
     }
 
     /// Voxels along the padded brick's edge.
@@ -367,10 +445,11 @@ impl<'a> Brick<'a> {
                     pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
                 }
                 for i in 0..LANES {
-                    let (near, far) = (C::near(pair[i]), C::far(pair[i]));
-                    line[y][i] = mix(near as f32, far as f32, t[0][i]);
+                    let (near, has_near) = C::part(C::near(pair[i]), &self.map);
+                    let (far, has_far) = C::part(C::far(pair[i]), &self.map);
+                    line[y][i] = mix(near, far, t[0][i]);
                     if INVALID {
-                        line_valid[y][i] = mix((near != 0) as u8 as f32, (far != 0) as u8 as f32, t[0][i]);
+                        line_valid[y][i] = mix(has_near as u8 as f32, has_far as u8 as f32, t[0][i]);
                     }
                 }
             }
@@ -386,8 +465,13 @@ impl<'a> Brick<'a> {
                 let enough = valid[i] >= 0.5;
                 // Rounding may carry the quotient a hair past the greatest code.
                 let mean = code[i] / if enough { valid[i] } else { 1.0 };
-                code[i] = if mean < C::MAX as f32 { mean } else { C::MAX as f32 };
+                code[i] = if C::IS_FLOAT || mean < C::MAX as f32 { mean } else { C::MAX as f32 };
                 weight[i] = if enough { weight[i] } else { 0.0 };
+            }
+        }
+        if C::IS_FLOAT {
+            for i in 0..LANES {
+                code[i] = self.map.code(code[i]);
             }
         }
         code
@@ -412,7 +496,7 @@ unsafe fn weighted_pairs<U: Unit>(at: *const u8, places: &[i32; LANES], weights:
     }
     let mut sums = [0.0; LANES];
     for i in 0..LANES {
-        let (near, far) = (Code8::near(pairs[i]), Code8::far(pairs[i]));
+        let [near, far] = pairs[i].to_le_bytes().map(i32::from);
         sums[i] = (near * (weights[i] & 0xffff) + far * (weights[i] >> 16)) as f32;
     }
     sums
@@ -456,6 +540,9 @@ fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::float_slots::INVALID_SLOT;
+
+    const CODES: FloatMap = FloatMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 
     /// Samples at eight places along x, at one y and z.
     fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
@@ -472,7 +559,7 @@ mod tests {
         let n = 5;
         let value = |i: usize| ((i % n) * 100 + (i / n % n) * 1000 + (i / n / n) * 7000) as u16;
         let codes: Vec<u8> = (0..n * n * n).flat_map(|i| value(i).to_le_bytes()).collect();
-        let brick = Brick::new::<Code16>(&codes, n as u32);
+        let brick = Brick::new::<Code16>(&codes, n as u32, CODES);
         let x = [0.0, 0.5, 3.25, 4.0, -9.0, 1e9, f32::NAN, 2.0];
         let clamp = |v: f32| if v > 0.0 { v.min(4.0) } else { 0.0 };
         for (y, z) in [(0.0, 2.5), (1.5, 4.0), (3.99, 0.01), (-1e9, 1e9), (f32::INFINITY, f32::NEG_INFINITY)] {
@@ -493,7 +580,7 @@ mod tests {
         let n = 4;
         let value = |i: usize| ((i % n) * 50 + (i / n % n) * 20 + (i / n / n) * 10) as u8;
         let codes: Vec<u8> = (0..n * n * n).map(value).collect();
-        let brick = Brick::new::<Code8>(&codes, n as u32);
+        let brick = Brick::new::<Code8>(&codes, n as u32, CODES);
         let x = [0.0, 0.5, 1.0 / 3.0, 0.999_999, 1.77, 2.25, 2.999_99, 3.0];
         for (y, z) in [(0.0, 2.5), (1.1, 3.0), (2.99, 0.01)] {
             let (code, _) = sample::<Code8, false>(&brick, x, y, z);
@@ -509,10 +596,25 @@ mod tests {
     fn invalid_corners_are_left_out() {
         // x = 0 is invalid, x = 1 holds 200.
         let codes = [0, 200, 0, 200, 0, 200, 0, 200];
-        let brick = Brick::new::<Code8>(&codes, 2);
+        let brick = Brick::new::<Code8>(&codes, 2, CODES);
         let x = [0.0, 0.25, 0.49, 0.51, 0.75, 0.9, 0.95, 1.0];
         let (code, weight) = sample::<Code8, true>(&brick, x, 0.3, 0.6);
         assert_eq!(weight, [0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
         assert!(code[3..].iter().all(|c| (c - 200.0).abs() < 1e-3), "{code:?}");
+    }
+
+    #[test]
+    fn numbers_become_codes_of_any_size() {
+        // x = 0 has no value, x = 1 holds 1e6, and x = 2 one more; beyond is an outlier.
+        let row = [INVALID_SLOT, 1e6, 1_000_001.0, 1e9];
+        let numbers: Vec<u8> = (0..64).flat_map(|i| row[i % 4].to_le_bytes()).collect();
+        let map = FloatMap { first: 999_999.0, per_number: 64.0, farthest: 1e4 };
+        let brick = Brick::new::<Float32>(&numbers, 4, map);
+        let x = [0.25, 0.75, 1.0, 1.25, 1.5, 2.0, 2.0, 2.5];
+        let (code, weight) = sample::<Float32, true>(&brick, x, 0.3, 1.6);
+        assert_eq!(weight, [0.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0]);
+        for (found, expected) in code[1..].iter().zip([64.0f32, 64.0, 80.0, 96.0, 128.0, 128.0, 64e4]) {
+            assert!((found - expected).abs() <= 1e-5 * expected, "{code:?}");
+        }
     }
 }

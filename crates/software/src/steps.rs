@@ -56,7 +56,7 @@ impl Places {
 pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
     match format {
         SlotFormat::U8 => zones * ENTRIES * size_of::<Vec4>(),
-        SlotFormat::U16 => 0,
+        SlotFormat::U16 | SlotFormat::F32 => 0,
     }
 }
 

@@ -37,6 +37,7 @@ impl Combination {
             low,
             high,
             has_invalid: false,
+            floats: None,
             nodata: None,
             is_labels: false,
             is_hashed: false,

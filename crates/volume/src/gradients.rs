@@ -8,12 +8,13 @@
 //! count for little.
 //!
 //! ```text
-//! texel    4 half floats: along x, y, z; and nothing.   2 * (next voxel - voxel) / greatest code * 256
+//! texel    4 half floats: along x, y, z; and nothing.   2 * (next voxel - voxel) / unit * 256, where the unit is the greatest code, or that of f32 slots
 //! brick    nodes^3 texels, x fastest, from node -layers on;  nodes = edge / 2 + 2 * layers
 //! ```
 //!
 //! Stored gradients cost a byte per voxel (`8 / 2^3`), and about half a millisecond for a brick of 64^3.
 
+use crate::float_slots::LEAST_SLOT;
 use crate::slot_encoding::SlotFormat;
 use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
@@ -22,8 +23,11 @@ use std::ops::Range;
 /// Bytes of a gradient node: three half floats, and a fourth that fills up the texel.
 pub const NODE_BYTES: usize = 8;
 
-/// What a difference of the whole code range is stored as. With it a difference of one code of 65,536 is no subnormal half float.
+/// What a difference of the unit, for codes their whole range, is stored as. With it a difference of one code of 65,536 is no subnormal half float.
 pub const SCALE: f32 = 256.0;
+
+/// The steepest that is stored: differences of codes are not, those of f32 slots can be steeper.
+const MOST_HALF: f32 = 65000.0;
 
 /// The layout of a brick's gradient nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,6 +78,9 @@ impl GradientNodes {
         let pairs = [0, 1, 2].map(|a| self.pairs(brick.apron, &inside[a]));
         match brick.format {
             SlotFormat::U8 => fill(&brick, brick.codes, padded, |&code| code as f32, &pairs, nodes),
+            SlotFormat::F32 => {
+                fill(&brick, brick.codes.as_chunks().0, padded, |&slot| f32::from_le_bytes(slot), &pairs, nodes);
+            }
             SlotFormat::U16 => {
                 let code = |&code: &[u8; 2]| u16::from_le_bytes(code) as f32;
                 fill(&brick, brick.codes.as_chunks().0, padded, code, &pairs, nodes);
@@ -95,12 +102,14 @@ impl GradientNodes {
 /// The codes of a padded brick's voxels.
 #[derive(Clone, Copy, Debug)]
 pub struct PaddedCodes<'a> {
-    /// `(edge + 2 * apron)^3` little-endian codes, x fastest.
+    /// `(edge + 2 * apron)^3` little-endian codes, or numbers of f32 slots, x fastest.
     pub codes: &'a [u8],
-    /// Width of the codes.
+    /// Format of the codes.
     pub format: SlotFormat,
-    /// Whether code 0 means that a voxel has no value.
+    /// Whether some voxels have no value.
     pub has_invalid: bool,
+    /// The difference that is stored as [`SCALE`]: of codes the greatest code, of f32 slots their [unit](crate::FloatSlots::unit).
+    pub unit: f32,
     /// Width of the apron around the core, in voxels.
     pub apron: u32,
 }
@@ -114,7 +123,8 @@ fn fill<T>(
     [x, y, z]: &[Vec<[usize; 2]>; 3],
     nodes: &mut [u8],
 ) {
-    let scale = 2.0 * SCALE / brick.format.max_code() as f32;
+    let scale = 2.0 * SCALE / brick.unit;
+    let least = if brick.format == SlotFormat::F32 { LEAST_SLOT } else { 0.0 };
     let (mut row, mut halves) = (vec![0.0; 4 * x.len()], vec![half::f16::ZERO; 4 * x.len()]);
     let mut rows = nodes.chunks_exact_mut(row.len() * 2);
     for z in z {
@@ -123,13 +133,20 @@ fn fill<T>(
             let lines = [0, 1, 2, 3].map(|i| &codes[(z[i / 2] * padded + y[i % 2]) * padded..][..padded]);
             for (x, node) in x.iter().zip(row.as_chunks_mut::<4>().0) {
                 let block: [f32; 8] = std::array::from_fn(|i| code(&lines[i / 2][x[i % 2]]));
-                let differences = if brick.has_invalid { valid_differences(&block) } else { differences(&block) };
-                *node = (differences * scale).extend(0.0).to_array();
+                let differences =
+                    if brick.has_invalid { valid_differences(&block, least) } else { differences(&block) };
+                *node = halved(differences * scale).extend(0.0).to_array();
             }
             halves.convert_from_f32_slice(&row);
             out.copy_from_slice(bytemuck::cast_slice(&halves));
         }
     }
+}
+
+/// A gradient that half floats can have: one that is too steep keeps its direction.
+fn halved(gradient: Vec3) -> Vec3 {
+    let steepest = gradient.abs().max_element();
+    if steepest > MOST_HALF { gradient * (MOST_HALF / steepest) } else { gradient }
 }
 
 /// The mean differences across a block of 2 x 2 x 2, x fastest.
@@ -139,13 +156,13 @@ fn differences(b: &[f32; 8]) -> Vec3 {
     0.25 * Vec3::new(all + x - y - z, all - x + y - z, all - x - y + z)
 }
 
-/// The same where code 0 is no value: of the pairs that have both.
-fn valid_differences(block: &[f32; 8]) -> Vec3 {
+/// The same where only what is more than `least` is a value: of the pairs that have both.
+fn valid_differences(block: &[f32; 8], least: f32) -> Vec3 {
     Vec3::from_array([1, 2, 4].map(|stride| {
         let (mut sum, mut count) = (0.0, 0.0);
         for i in (0..8).filter(|i| i & stride == 0) {
             let (near, far) = (block[i], block[i + stride]);
-            if near > 0.0 && far > 0.0 {
+            if near > least && far > least {
                 sum += far - near;
                 count += 1.0;
             }
@@ -154,7 +171,7 @@ fn valid_differences(block: &[f32; 8]) -> Vec3 {
     }))
 }
 
-/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the greatest code. The fourth number of each
+/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the unit. The fourth number of each
 /// node has no meaning; it is there so that the work is done in vectors.
 #[inline(always)]
 pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
@@ -193,7 +210,7 @@ mod tests {
         let at = |i: i64| [place(i % padded, 0), place(i / padded % padded, 1), place(i / padded / padded, 2)];
         let codes: Vec<u8> = (0..padded.pow(3)).flat_map(|i| code(at(i)).to_le_bytes()).collect();
         let mut out = vec![0; nodes.bytes()];
-        let brick = PaddedCodes { codes: &codes, format: SlotFormat::U16, has_invalid, apron };
+        let brick = PaddedCodes { codes: &codes, format: SlotFormat::U16, has_invalid, unit: 65535.0, apron };
         nodes.fill(brick, &n.map(|n| 0..n), &mut out);
         out.as_chunks().0.iter().map(|&node| Vec3::from_slice(&decode([node])[0])).collect()
     }
@@ -238,7 +255,7 @@ mod tests {
         #[test]
         fn nodes_are_the_trilinear_field_s_gradients(b in prop::array::uniform8(0u16..=65535)) {
             let block = b.map(f32::from);
-            let expected = valid_differences(&block.map(|code| code + 1.0));
+            let expected = valid_differences(&block.map(|code| code + 1.0), 0.0);
             prop_assert!((differences(&block) - expected).abs().max_element() <= 0.05);
         }
 

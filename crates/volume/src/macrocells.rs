@@ -24,6 +24,9 @@ pub struct MacroCells {
 /// The range of a cell without a valid voxel: its least code is past its greatest.
 pub const NONE: [u16; 2] = [u16::MAX, 0];
 
+/// A range that tells nothing: codes may be past its ends, too.
+pub const ANYTHING: [u16; 2] = [0, u16::MAX];
+
 fn join([a, b]: [u16; 2], [c, d]: [u16; 2]) -> [u16; 2] {
     [a.min(c), b.max(d)]
 }
@@ -40,11 +43,13 @@ pub const fn bytes(edge: usize) -> usize {
 
 impl MacroCells {
     /// The macro-cells of a padded brick: `(edge + 2 * apron)^3` codes, where `needs` says the apron, which must not be narrower than
-    /// its filter's [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`.
+    /// its filter's [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`. Of f32 slots nothing is known.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
             SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
             SlotFormat::U16 => Self::of::<u16>(codes.as_chunks().0, has_invalid, edge, needs),
+            // Their codes go with the window that is looked at, which may be another one by the next frame.
+            SlotFormat::F32 => Self::of_anything(format, edge),
         }
     }
 

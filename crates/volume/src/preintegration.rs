@@ -62,7 +62,7 @@ impl Integrals {
         Medium { rgb: [r, g, b], depth: depth(alpha) }
     }
 
-    /// The mean medium between two codes, which need not be whole, nor in order.
+    /// The mean medium between two codes, which need not be whole, nor in order, nor between the first and the last.
     pub fn between(&self, from: f64, to: f64) -> Medium {
         let length = (to - from).abs();
         if length < CLOSE_CODES {
@@ -74,10 +74,13 @@ impl Integrals {
         Medium { rgb: [r * share, g * share, b * share], depth: sum / length }
     }
 
+    /// The running integrals up to a code. Past the ends of the entries the medium is that at the end.
     fn upto(&self, code: f64) -> [f64; 4] {
         let (i, t) = self.split(code);
         let part = upto(self.entries[i], self.entries[i + 1], t);
-        std::array::from_fn(|k| self.sums[i][k] + part[k])
+        let Medium { rgb: [r, g, b], depth } = self.at(code);
+        let beyond = (code - (i as f64 + t)) * depth;
+        std::array::from_fn(|k| self.sums[i][k] + part[k] + beyond * [r, g, b, 1.0][k])
     }
 
     fn split(&self, code: f64) -> (usize, f64) {
@@ -131,6 +134,21 @@ mod tests {
             // Colours change by 1/255 from code to code.
             (0..3).for_each(|k| assert!((found.rgb[k] - rgb[k] / depth).abs() < 0.5 / 255.0, "{from} {to} {k}"));
         }
+    }
+
+    #[test]
+    fn past_its_ends_the_medium_goes_on() {
+        let integrals = Integrals::new(&table(|i| 0.25 + i as f32 / 1024.0));
+        let (first, last) = (integrals.at(0.0), integrals.at(255.0));
+        assert_eq!((integrals.between(-9.0, -4.0), integrals.between(300.0, 1e12)).0.rgb, first.rgb);
+        for (found, end) in [(integrals.between(-1e9, -4.0), first), (integrals.between(1e12, 300.0), last)] {
+            assert!((found.depth - end.depth).abs() < 1e-9, "{found:?}");
+        }
+        let whole = integrals.between(0.0, 255.0);
+        let found = integrals.between(-255.0, 510.0);
+        assert!((found.depth - (first.depth + whole.depth + last.depth) / 3.0).abs() < 1e-9, "{found:?}");
+        let rgb = (first.rgb[0] * first.depth + whole.rgb[0] * whole.depth + last.rgb[0] * last.depth) / 3.0;
+        assert!((found.rgb[0] - rgb / found.depth).abs() < 1e-9, "{found:?}");
     }
 
     #[test]

@@ -1,23 +1,27 @@
-//! Slot codes: how voxel values become the 8- or 16-bit codes that slots hold, in RAM and on the GPU.
+//! Slot codes: how voxel values become the 8- or 16-bit codes that slots hold, in RAM and on the GPU, or the 32-bit floats.
 //!
 //! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over
-//! the channel's value range: an error of at most range / 131,068. Where a store holds NaN or infinities, code 0 is kept
+//! the channel's value range, an error of at most range / 131,068; or where that is too much for what is looked at, held as 32-bit floats
+//! ([`float_slots`](crate::float_slots)). Where a store holds NaN or infinities, code 0 is kept
 //! for them and means *invalid*: not drawn, and left out of interpolation.
 //!
 //! Where integers mark by a value that nothing was measured, code 0 stands for that value. What is left of 8- and 16-bit types is
 //! kept exactly, from code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a channel of 16 bits
 //! that has both ends of its type is quantised.
 
+use crate::float_slots::{FloatSlots, INVALID_SLOT};
 use crate::voxel_type::{Voxel, VoxelType};
 use crate::with_voxel_type;
 
-/// The width of a slot's codes.
+/// The format of what a slot holds of a voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotFormat {
     /// One byte a voxel.
     U8,
     /// Two bytes a voxel, little-endian.
     U16,
+    /// A 32-bit float a voxel, little-endian: no code, but mapped to one as it is read.
+    F32,
 }
 
 impl SlotFormat {
@@ -26,19 +30,22 @@ impl SlotFormat {
         match self {
             Self::U8 => 1,
             Self::U16 => 2,
+            Self::F32 => 4,
         }
     }
 
-    /// The greatest code.
+    /// The greatest code, which is that of a transfer table's last entry. Samples of f32 slots have codes of any size; past the ends of the
+    /// table they are as good as those at the ends.
     pub const fn max_code(self) -> u32 {
         match self {
             Self::U8 => 255,
-            Self::U16 => 65535,
+            Self::U16 | Self::F32 => 65535,
         }
     }
 }
 
-/// The map between values and codes: `value = low + code / max_code * (high - low)`.
+/// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes, or, as f32 slots do, numbers
+/// that do not depend on `low` and `high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlotEncoding {
     /// The voxel type the codes come from.
@@ -49,8 +56,11 @@ pub struct SlotEncoding {
     pub low: f64,
     /// Value of the greatest code.
     pub high: f64,
-    /// Whether code 0 means *invalid* instead of `low`.
+    /// Whether there are voxels without a value: code 0 means *invalid* instead of `low`, and so does
+    /// [`INVALID_SLOT`](crate::float_slots::INVALID_SLOT) in f32 slots.
     pub has_invalid: bool,
+    /// What f32 slots hold; `None` where slots hold codes.
+    pub floats: Option<FloatSlots>,
     /// The integer value of voxels that hold no data, whose code is 0; `None` if no value says so.
     pub nodata: Option<f64>,
     /// Whether values are labels: a place has the label of the voxel that it is in, and labels are not interpolated.
@@ -67,6 +77,7 @@ const PLAIN: SlotEncoding = SlotEncoding {
     low: 0.0,
     high: 255.0,
     has_invalid: false,
+    floats: None,
     nodata: None,
     is_labels: false,
     is_hashed: false,
@@ -139,7 +150,7 @@ impl SlotEncoding {
         (value - self.low) / (self.high - self.low)
     }
 
-    /// Encodes little-endian voxels into `codes`. Costs a copy for unsigned 8- and 16-bit data.
+    /// Encodes little-endian voxels into `codes`, as slots hold them. Costs a copy for unsigned 8- and 16-bit data.
     ///
     /// # Panics
     /// If the two lengths do not hold the same number of voxels, or codes are those of a look.
@@ -147,7 +158,7 @@ impl SlotEncoding {
         assert!(!self.is_hashed, "codes by looks are made by LabelCodes");
         assert_eq!(voxels.len() / self.voxel_type.bytes(), codes.len() / self.format.bytes());
         match self.voxel_type {
-            voxel_type if self.nodata.is_some() => {
+            voxel_type if self.nodata.is_some() && self.format != SlotFormat::F32 => {
                 with_voxel_type!(voxel_type, T => self.encode_marked::<T>(voxels, codes))
             }
             VoxelType::U8 | VoxelType::U16 => codes.copy_from_slice(voxels),
@@ -158,7 +169,10 @@ impl SlotEncoding {
                 }
             }
             VoxelType::U32 | VoxelType::I32 | VoxelType::F32 => {
-                with_voxel_type!(self.voxel_type, T => self.quantise::<T>(voxels, codes));
+                with_voxel_type!(self.voxel_type, T => match self.format {
+                    SlotFormat::F32 => self.subtract_base::<T>(voxels, codes),
+                    SlotFormat::U8 | SlotFormat::U16 => self.quantise::<T>(voxels, codes),
+                });
             }
         }
     }
@@ -190,9 +204,18 @@ impl SlotEncoding {
         let voxels = voxels.chunks_exact(size_of::<T>());
         match self.format {
             SlotFormat::U8 => codes.iter_mut().zip(voxels).for_each(|(c, v)| *c = code(v) as u8),
-            SlotFormat::U16 => {
+            SlotFormat::U16 | SlotFormat::F32 => {
                 codes.as_chunks_mut().0.iter_mut().zip(voxels).for_each(|(c, v)| *c = code(v).to_le_bytes());
             }
+        }
+    }
+
+    fn subtract_base<T: Voxel>(&self, voxels: &[u8], slots: &mut [u8]) {
+        let nodata = self.nodata.map(T::from_f64_rounded);
+        for (slot, v) in slots.chunks_exact_mut(4).zip(voxels.chunks_exact(size_of::<T>())) {
+            let v: T = bytemuck::pod_read_unaligned(v);
+            let number = if v.is_valid() && Some(v) != nodata { self.slot(v.to_f64()) } else { INVALID_SLOT };
+            slot.copy_from_slice(&number.to_le_bytes());
         }
     }
 }
@@ -208,7 +231,7 @@ mod tests {
         let max = encoding.format.max_code() as f64;
         let code = |i: usize| match encoding.format {
             SlotFormat::U8 => codes[i] as f64,
-            SlotFormat::U16 => u16::from_le_bytes([codes[2 * i], codes[2 * i + 1]]) as f64,
+            SlotFormat::U16 | SlotFormat::F32 => u16::from_le_bytes([codes[2 * i], codes[2 * i + 1]]) as f64,
         };
         (0..n).map(|i| encoding.value(code(i) / max)).collect()
     }

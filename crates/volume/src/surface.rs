@@ -18,6 +18,7 @@
 //! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
 
 use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
+use crate::macrocells::ANYTHING;
 use crate::slot_encoding::SlotEncoding;
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
@@ -108,10 +109,11 @@ pub fn threshold(isovalue: f64, encoding: &SlotEncoding) -> f64 {
     isovalue - BELOW * encoding.code_width()
 }
 
-/// Whether samples with codes from `low` to `high` can be on both sides of a threshold, which is in codes, too.
+/// Whether samples with codes in a range can be on both sides of a threshold, which is in codes, too.
 #[inline(always)]
-pub fn straddles([low, high]: [u16; 2], threshold: f32) -> bool {
-    (low as f32) < threshold && threshold <= high as f32
+pub fn straddles(range: [u16; 2], threshold: f32) -> bool {
+    let [low, high] = range.map(f32::from);
+    range == ANYTHING || low < threshold && threshold <= high
 }
 
 /// What a surface shows if it is lit from the eye: the share of its own colour, and the share of white. `cosine` is that of the angle

@@ -10,6 +10,19 @@ impl TransferFunction {
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
     }
 
+    /// The least and the greatest value between which the function changes: outside of them colour and opacity are those at the nearer one.
+    /// `None` if it never changes.
+    pub fn changes(&self) -> Option<[f64; 2]> {
+        fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = f64> {
+            let pairs = || points.windows(2).filter(|pair| pair[0][1..] != pair[1][1..]);
+            pairs().next().map(|pair| pair[0][0]).into_iter().chain(pairs().last().map(|pair| pair[1][0]))
+        }
+        let regions = self.regions.iter().flat_map(|region| region.value);
+        let values = || of(&self.color).chain(of(&self.opacity)).chain(regions.clone());
+        let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        (low <= high).then_some([low, high])
+    }
+
     /// The function with the values of the interval `from` moved to the interval `to`, which has width 1 if it would be empty. Gradient
     /// magnitudes have the same units as values, and are stretched alike.
     pub fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {
@@ -123,6 +136,20 @@ mod tests {
             let (before, after) = (function.at(value, gradient), moved.at(106.0 + 3.0 * value, 3.0 * gradient));
             (0..4).for_each(|k| assert!((before[k] - after[k]).abs() < 1e-12, "{value}: {before:?} {after:?}"));
         }
+    }
+
+    #[test]
+    fn a_function_changes_between_its_first_and_its_last_change() {
+        let of = |color: &[[f64; 4]], opacity: &[[f64; 2]]| {
+            let (color, opacity) = (color.to_vec(), opacity.to_vec());
+            TransferFunction { color, opacity, ..TransferFunction::default() }.changes()
+        };
+        let red = [0.0, 1.0, 0.0, 0.0];
+        assert_eq!(of(&[red], &[[3.0, 0.5], [9.0, 0.5]]), None);
+        assert_eq!(of(&[red], &[[-9.0, 0.0], [2.0, 0.0], [3.0, 0.5], [9.0, 0.5]]), Some([2.0, 3.0]));
+        assert_eq!(of(&[red, [0.0, 0.0, 1.0, 0.0]], &[[3.0, 0.5]]), Some([0.0, 0.0]), "a step");
+        assert_eq!(of(&[red, [5.0, 0.0, 1.0, 0.0]], &[[2.0, 0.0], [7.0, 0.5]]), Some([0.0, 7.0]));
+        assert_eq!(function().changes(), Some([-2.0, 11.0]));
     }
 
     #[test]

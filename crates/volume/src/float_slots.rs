@@ -1,0 +1,320 @@
+//! f32 slots, for channels of 32-bit types of which a look shows a part so narrow that 16-bit codes over the whole channel are too coarse.
+//!
+//! The rule: a layer has 16-bit codes where a code is under a 510th of its look's *window*, so that rounding moves a value by less than a
+//! 1020th of it, a quarter of a display code; else it has f32 slots. The window is the range of values outside of which the look changes
+//! nothing any more: colours, opacities, and isovalues all lie in it.
+//!
+//! What is in f32 slots does not depend on the window but for where it roughly is, so a window is dragged or stretched without uploading
+//! a brick again: a slot holds the value less a *base*, as an f32. The base is 0 for floats, so nothing is lost. For integers it is one near
+//! the window: what an f32 rounds away is far from there. The transfer table covers the window, with a margin; renderers map slots to
+//! codes of that table as they read them, and codes past its ends are as good as those at the ends.
+
+use crate::slot_encoding::{SlotEncoding, SlotFormat};
+use crate::voxel_type::VoxelType;
+
+/// The most that a 16-bit code may be of the window.
+const SHARE: f64 = 1.0 / 510.0;
+
+/// How much more than enough 16-bit codes have to be before they take the place of f32 slots that there are: a window that is dragged or
+/// stretched does not go back and forth.
+const SURPLUS: f64 = 4.0;
+
+/// The part of the window that the transfer table has beyond it on each side.
+const MARGIN: f64 = 1.0 / 64.0;
+
+/// What an f32 slot holds where there is no value.
+pub const INVALID_SLOT: f32 = -3e38;
+
+/// A number between those of f32 slots with a value, which are more, and [`INVALID_SLOT`].
+pub const LEAST_SLOT: f32 = -2e38;
+
+/// The greatest magnitude of an f32 slot with a value, so that no difference overflows.
+const MOST: f64 = 1e38;
+
+/// How many codes a sample of f32 slots can be away from the transfer table's first code, so that no product of two overflows.
+pub const FARTHEST_CODES: f32 = 1e12;
+
+/// What f32 slots hold, besides the values themselves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FloatSlots {
+    /// The value that slots hold as 0.
+    pub base: f64,
+    /// The difference of values that stored gradients hold as [`SCALE`](crate::gradients::SCALE).
+    pub unit: f64,
+}
+
+impl FloatSlots {
+    /// The slots for a window of a channel of this type.
+    fn about(voxel_type: VoxelType, window: [f64; 2]) -> Self {
+        let [least, greatest] = window.map(|value| within(voxel_type, value));
+        let base = if voxel_type == VoxelType::F32 { 0.0 } else { (0.5 * (least + greatest)).round() };
+        Self { base, unit: power_of_two(window[1] - window[0]) }
+    }
+
+    /// Whether the slots are exact enough in a window, and their gradients neither too coarse nor too fine.
+    fn suffice(&self, voxel_type: VoxelType, window: [f64; 2]) -> bool {
+        let width = window[1] - window[0];
+        let farthest = window.iter().map(|value| (within(voxel_type, *value) - self.base).abs()).fold(0.0, f64::max);
+        let ulp = 1.0 / (1 << 24) as f64;
+        let is_near = voxel_type == VoxelType::F32 || farthest * ulp <= 1.0f64.max(SHARE * width);
+        is_near && (1.0 / 256.0..=16.0).contains(&(width / self.unit))
+    }
+}
+
+impl SlotEncoding {
+    /// This encoding of a channel for a look with this window: itself, or f32 slots if its codes are too coarse. `None` is a look that
+    /// tells no values apart. f32 slots that are `kept` stay as long as they can.
+    pub fn for_window(self, window: Option<[f64; 2]>, kept: Option<&Self>) -> Self {
+        let Some(window) = window.filter(|_| self.can_be_float()) else { return self };
+        let kept = kept.and_then(|kept| kept.floats);
+        let enough = if kept.is_some() { SHARE / SURPLUS } else { SHARE };
+        if self.code_width() <= enough * (window[1] - window[0]) {
+            return self;
+        }
+        let window = self.widened(window);
+        let kept = kept.filter(|floats| floats.suffice(self.voxel_type, window));
+        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(self.voxel_type, window)), window)
+    }
+
+    /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Then the value
+    /// divided by a power of two is the code. Stored gradients are fit for a window of values.
+    pub fn for_values(self, window: [f64; 2], kept: Option<&Self>) -> Self {
+        if !self.can_be_float() {
+            return self;
+        }
+        let window = self.widened(window);
+        let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window);
+        let kept = kept.and_then(|kept| kept.floats).filter(is_it);
+        let floats = kept.unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
+        let width = code_width(self.low.abs().max(self.high.abs()));
+        self.over(floats, 0.0, width)
+    }
+
+    /// Whether the channel's values need more than 16 bits. Labels do not: what is between two of them is nothing.
+    fn can_be_float(&self) -> bool {
+        self.voxel_type.bytes() == 4 && !self.is_labels
+    }
+
+    /// A window of more than one value. A single isovalue, beside which nothing changes, is taken for a 256th of itself.
+    fn widened(&self, [low, high]: [f64; 2]) -> [f64; 2] {
+        let [low, high] = [low, high].map(|value| value.clamp(-0.1 * MOST, 0.1 * MOST));
+        let least = if low == 0.0 { self.code_width() / 64.0 } else { low.abs() / 256.0 };
+        if high > low { [low, high] } else { [low - 0.5 * least, low + 0.5 * least] }
+    }
+
+    /// The encoding by f32 slots with a transfer table over a window. A code is a power of two wide, and whole multiples of it have codes of
+    /// their own: among them, where the window is not too wide for that, all integers.
+    fn with_table(self, floats: FloatSlots, window: [f64; 2]) -> Self {
+        let margin = MARGIN * (window[1] - window[0]);
+        let low = at_most(window[0] - margin - floats.base);
+        let width = code_width(window[1] + margin - floats.base - low);
+        // An f32 too: either it is a small multiple of a power of two, or it was a multiple before.
+        self.over(floats, (low / width).floor() * width, width)
+    }
+
+    /// The encoding by f32 slots whose table begins at a slot's number, with codes so wide.
+    fn over(self, floats: FloatSlots, first: f64, code_width: f64) -> Self {
+        let low = floats.base + first;
+        let high = low + SlotFormat::F32.max_code() as f64 * code_width;
+        Self { format: SlotFormat::F32, low, high, floats: Some(floats), ..self }
+    }
+
+    /// The encoding of the same channel by these slots, or by this one's codes, with no particular table.
+    pub fn in_slots(self, floats: Option<FloatSlots>) -> Self {
+        floats.map_or(self, |floats| {
+            let (low, high) = (floats.base, floats.base + floats.unit);
+            Self { format: SlotFormat::F32, low, high, floats: Some(floats), ..self }
+        })
+    }
+
+    /// What of this encoding is in slots, without the range that a transfer table covers: the same for two encodings if bricks in slots of
+    /// the one can be read by the other.
+    pub fn of_slots(self) -> Self {
+        self.in_slots(self.floats)
+    }
+
+    /// What an f32 slot of the table's first value holds.
+    pub fn first_slot(&self) -> f32 {
+        (self.low - self.base()) as f32
+    }
+
+    /// The difference of numbers in f32 slots that is taken for all greater ones: [`FARTHEST_CODES`].
+    pub fn farthest_slots(&self) -> f32 {
+        (FARTHEST_CODES as f64 * self.code_width()).min(2.0 * MOST) as f32
+    }
+
+    /// The number that an f32 slot holds for a value.
+    pub(crate) fn slot(&self, value: f64) -> f32 {
+        (value - self.base()).clamp(-MOST, MOST) as f32
+    }
+
+    fn base(&self) -> f64 {
+        self.floats.map_or(0.0, |floats| floats.base)
+    }
+
+    /// What stored gradients have to be multiplied by to be differences of normalised codes.
+    pub fn gradient_scale(&self) -> f64 {
+        self.floats.map_or(1.0, |floats| floats.unit / (self.high - self.low))
+    }
+}
+
+/// The value that a voxel type has next to a value.
+fn within(voxel_type: VoxelType, value: f64) -> f64 {
+    let (least, greatest) = voxel_type.limits();
+    value.clamp(least, greatest)
+}
+
+/// The least power of two that is not less, of a number of a size that an f32 has.
+fn power_of_two(number: f64) -> f64 {
+    number.max(1e-30).log2().ceil().exp2()
+}
+
+/// The width of a code, so that one code less than all cover a range.
+fn code_width(range: f64) -> f64 {
+    power_of_two(range / (SlotFormat::F32.max_code() - 1) as f64)
+}
+
+/// The nearest f32 that is not greater.
+fn at_most(value: f64) -> f64 {
+    let near = value as f32;
+    f64::from(if near as f64 > value { near.next_down() } else { near })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn encoding(voxel_type: VoxelType, range: (f64, f64), window: [f64; 2]) -> SlotEncoding {
+        SlotEncoding::new(voxel_type, range, false).for_window(Some(window), None)
+    }
+
+    /// The values that slots of these voxels stand for, within an encoding's table and outside.
+    fn round_trip(encoding: &SlotEncoding, voxels: &[f64]) -> Vec<f64> {
+        let write = |value: &f64| match encoding.voxel_type {
+            VoxelType::U32 => (*value as u32).to_le_bytes(),
+            VoxelType::I32 => (*value as i32).to_le_bytes(),
+            _ => (*value as f32).to_le_bytes(),
+        };
+        let bytes: Vec<u8> = voxels.iter().flat_map(write).collect();
+        let mut slots = vec![0; bytes.len()];
+        encoding.encode(&bytes, &mut slots);
+        let slot = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes) - encoding.first_slot();
+        slots.as_chunks().0.iter().map(|bytes| encoding.low + slot(bytes) as f64).collect()
+    }
+
+    #[test]
+    fn codes_are_kept_where_they_are_fine_enough() {
+        let format = |window: [f64; 2]| encoding(VoxelType::F32, (0.0, 65535.0), window).format;
+        assert_eq!(format([100.0, 611.0]), SlotFormat::U16, "codes are one wide");
+        assert_eq!(format([100.0, 609.0]), SlotFormat::F32);
+        for voxel_type in [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16] {
+            let codes = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+            assert_eq!(codes.for_window(Some([1.0, 2.0]), None), codes);
+            assert_eq!(codes.for_values([1.0, 2.0], None), codes);
+        }
+        let codes = SlotEncoding::new(VoxelType::F32, (0.0, 1.0), false);
+        assert_eq!(codes.for_window(None, None), codes, "what tells nothing apart");
+    }
+
+    #[test]
+    fn a_window_that_is_stretched_does_not_go_back_and_forth() {
+        let codes = SlotEncoding::new(VoxelType::F32, (0.0, 65535.0), false);
+        let (mut kept, mut changes) = (codes, Vec::new());
+        for i in 0..400 {
+            // From 200 to 900 and back, time and again: past the bound of 510.
+            let width = 550.0 + 350.0 * (i as f64 / 10.0).sin();
+            let next = codes.for_window(Some([1000.0 + i as f64, 1000.0 + i as f64 + width]), Some(&kept));
+            if next.of_slots() != kept.of_slots() {
+                changes.push(i);
+            }
+            kept = next;
+        }
+        assert_eq!(changes.len(), 1, "{changes:?}");
+        assert_eq!(codes.for_window(Some([0.0, 3000.0]), Some(&kept)).format, SlotFormat::U16, "enough by far");
+    }
+
+    #[test]
+    fn slots_of_floats_do_not_depend_on_where_the_window_is() {
+        let codes = SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true);
+        let first = codes.for_window(Some([0.0, 1.0]), None);
+        for low in [-1e9, -3.5, 0.25, 1e3, 9.9e8] {
+            for width in [0.05, 1.0, 9.0] {
+                let next = codes.for_window(Some([low, low + width]), Some(&first));
+                assert_eq!(next.of_slots(), first.of_slots(), "{low} {width}");
+                assert!(next.low < low && low + width < next.high, "{low} {width}: {next:?}");
+                assert_eq!(next.first_slot() as f64, next.low, "it is an f32");
+            }
+        }
+    }
+
+    #[test]
+    fn values_in_the_window_are_exact() {
+        let floats = encoding(VoxelType::F32, (-1e9, 1e9), [0.25, 0.75]);
+        let values = [0.25f32, 0.3, 0.7].map(f64::from);
+        for (found, value) in round_trip(&floats, &values).into_iter().zip(values) {
+            // A rounding of the difference, which is as large as the window.
+            assert!((found - value).abs() <= 1e-7 * 0.5, "{value}: {found}");
+        }
+        for (voxel_type, range, low) in [
+            (VoxelType::U32, (0.0, 4294967295.0), 70000.0),
+            (VoxelType::U32, (0.0, 4294967295.0), 4294967290.0),
+            (VoxelType::I32, (-2147483648.0, 2147483647.0), -2147483648.0),
+            (VoxelType::I32, (-2147483648.0, 2147483647.0), 2147483640.0),
+        ] {
+            let integers = encoding(voxel_type, range, [low, low + 5.0]);
+            assert_eq!(integers.format, SlotFormat::F32);
+            let values: Vec<f64> = (0..=5).map(|i| low + i as f64).collect();
+            assert_eq!(round_trip(&integers, &values), values);
+            for value in values {
+                let code = integers.unorm(value) * 65535.0;
+                assert!((code - code.round()).abs() < 1e-9, "integers have codes of their own: {code}");
+            }
+        }
+        // A window so wide that f32s lose integers in it.
+        let wide = encoding(VoxelType::I32, (-2147483648.0, 2147483647.0), [0.0, 3e6]);
+        for (found, value) in round_trip(&wide, &[0.0, 1.0, 2999999.0]).into_iter().zip([0.0, 1.0, 2999999.0]) {
+            assert!((found - value).abs() <= SHARE * 3e6);
+        }
+    }
+
+    #[test]
+    fn an_integer_s_base_goes_with_its_window() {
+        let codes = SlotEncoding::new(VoxelType::U32, (0.0, 4294967295.0), false);
+        let first = codes.for_window(Some([70000.0, 70002.0]), None);
+        assert_eq!(first.base(), 70001.0);
+        let near = codes.for_window(Some([9e6, 9e6 + 2.0]), Some(&first));
+        assert_eq!(near.of_slots(), first.of_slots());
+        let far = codes.for_window(Some([4e9, 4e9 + 2.0]), Some(&near));
+        assert_eq!(far.base(), 4e9 + 1.0);
+    }
+
+    #[test]
+    fn what_is_no_number_is_below_all_others() {
+        let voxels = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 0.5];
+        let bytes: Vec<u8> = voxels.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let floats = SlotEncoding::new(VoxelType::F32, (f32::MIN as f64, f32::MAX as f64), true);
+        let floats = floats.for_window(Some([0.0, 1.0]), None);
+        let mut slots = vec![0; bytes.len()];
+        floats.encode(&bytes, &mut slots);
+        let slots: Vec<f32> = slots.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        assert_eq!(slots, [INVALID_SLOT, INVALID_SLOT, INVALID_SLOT, 1e38, -1e38, 0.5]);
+        const { assert!(INVALID_SLOT < LEAST_SLOT && LEAST_SLOT < -1e38) };
+    }
+
+    #[test]
+    fn an_expression_s_codes_are_values_by_a_power_of_two() {
+        let codes = SlotEncoding::new(VoxelType::F32, (-3.0, 1e9), false);
+        let values = codes.for_values([0.0, 1.0], None);
+        assert_eq!((values.low, values.first_slot(), values.code_width().log2().fract()), (0.0, 0.0, 0.0));
+        assert!(values.unorm(1e9) <= 1.0 && values.unorm(-3.0) < 0.0);
+    }
+
+    #[test]
+    fn a_single_isovalue_has_a_table() {
+        for value in [0.0, 0.5, -70000.5, 1e30] {
+            let alone = encoding(VoxelType::F32, (-1e31, 1e31), [value, value]);
+            assert_eq!(alone.format, SlotFormat::F32);
+            assert!(alone.low < value && value < alone.high, "{alone:?}");
+        }
+    }
+}
