@@ -10,6 +10,7 @@ use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::tiles::render_exact;
 use brickyard::volume::{Extent, Geometry, LevelPolicy, Mode, Picture, Scene, Stereo, StereoLayout, TransferFunction};
+use brickyard_pager::encoding_of;
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, assert_same, assert_same_surface, in_mode, leave_out, oracle, read_png,
     resolved,
@@ -63,7 +64,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
 
 /// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.
 fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
-    match ExactRenderer::new(store.clone(), 0, surfaces().needs(), SIZE, &options(1000, 1 << 20))
+    match ExactRenderer::new(store.clone(), encoding_of(&**store, 0), surfaces().needs(), SIZE, &options(1000, 1 << 20))
         .err()
         .expect("1000 bytes hold nothing")
     {
@@ -89,9 +90,14 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
     let Some(least) = least_gpu_bytes(&test.store) else { return };
     const HOST_BYTES: u64 = 2 << 20;
     for (gpu_bytes, passes) in [(least, 108..=108), (2 * least, 4..=50)] {
-        let mut exact =
-            ExactRenderer::new(test.store.clone(), 0, surfaces().needs(), SIZE, &options(gpu_bytes, HOST_BYTES))
-                .expect("it fits");
+        let mut exact = ExactRenderer::new(
+            test.store.clone(),
+            encoding_of(&*test.store, 0),
+            surfaces().needs(),
+            SIZE,
+            &options(gpu_bytes, HOST_BYTES),
+        )
+        .expect("it fits");
         for mode in [Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average] {
             let scene = scene(mode, LevelPolicy::Locked(0));
             let (picture, stats) = draw(&mut exact, &test.store, &scene);

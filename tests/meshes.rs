@@ -14,6 +14,7 @@ use brickyard::volume::{
     Camera, Extent, FrameSettings, Geometry, LevelPolicy, Lighting, LightingModel, Mesh, MeshLook, Method, Mode,
     Picture, Projection, Sampling, Scene, Stereo, StereoLayout, TransferFunction, Voxel,
 };
+use brickyard_pager::encoding_of;
 use brickyard_tests::{
     FunctionSource, TestStore, WAYS, in_mode, leave_out, open_session, options, oracle, resolved, session, settled,
 };
@@ -354,13 +355,14 @@ fn exact_pictures_have_meshes_too() {
     let scene = Scene { camera: Some(views(world)[0].1), meshes, level: LevelPolicy::Locked(0), ..scene };
     let way = (BackendChoice::Gpu, CompositorChoice::Sorted);
     let options = options(way, BYTES, 4 << 20);
-    let mut exact = match ExactRenderer::new(test.store.clone(), 0, scene.needs(), SIZE, &options) {
-        Ok(exact) => exact,
-        Err(ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
-            return leave_out("gpu", error);
-        }
-        Err(error) => panic!("{error}"),
-    };
+    let mut exact =
+        match ExactRenderer::new(test.store.clone(), encoding_of(&*test.store, 0), scene.needs(), SIZE, &options) {
+            Ok(exact) => exact,
+            Err(ExactPictureError::Backend(BackendError::Gpu(error @ GpuError::NoAdapter { .. }))) => {
+                return leave_out("gpu", error);
+            }
+            Err(error) => panic!("{error}"),
+        };
     let resolved = resolved(&test.store, &scene, SIZE);
     for is_lost in [false, true] {
         if is_lost {

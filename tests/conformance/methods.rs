@@ -3,7 +3,8 @@
 
 use crate::list::finest;
 use crate::scenery::{
-    SMALL, is_hole, lightings, overview, range, scaled, steep, tinted, u8_codes, uneven, waves, wavy, wide_codes,
+    SMALL, float_slots, is_hole, lightings, overview, range, scaled, steep, tinted, u8_codes, uneven, waves, wavy,
+    wide_codes, wild,
 };
 use crate::shot::{Shot, assert_telling};
 use crate::stage::{ALL, CPU, MOST, RAYCAST, SORTED, Stage, Way};
@@ -102,10 +103,17 @@ fn every_method_and_lighting_matches_the_oracle_with_splines() {
 
 #[test]
 fn invalid_voxels_in_wide_codes_match_the_oracle() {
-    let value = |p: DVec3| {
-        if is_hole(p) { f64::NAN } else { -1.0 + 4.0 * waves(p) }
-    };
-    let of = |edge| Volume::new(SMALL, edge, uneven(), wide_codes(), value);
+    agree_with_holes(wide_codes(), &|p| -1.0 + 4.0 * waves(p));
+}
+
+#[test]
+fn f32_slots_match_the_oracle() {
+    agree_with_holes(float_slots(), &wild(float_slots()));
+}
+
+fn agree_with_holes(encoding: SlotEncoding, field: &dyn Fn(DVec3) -> f64) {
+    let value = |p: DVec3| if is_hole(p) { f64::NAN } else { field(p) };
+    let of = |edge| Volume::new(SMALL, edge, uneven(), encoding, value);
     for (f, filter) in Filter::ALL.into_iter().enumerate() {
         // A place has a value if half of the weight is valid: where it is just half, rounding decides, and with it a gradient.
         let allowed = |way, take: &Take| (way != CPU || take.is_steep) as usize + rounded(take);

@@ -1,7 +1,7 @@
 //! Every mode from everywhere, by codes of every kind.
 
 use crate::list::finest;
-use crate::scenery::{parallel, scaled, tinted, u8_codes, uneven, views, vivid, waves, wavy};
+use crate::scenery::{float_slots, parallel, scaled, tinted, u8_codes, uneven, views, vivid, waves, wavy, wild};
 use crate::shot::{Shot, assert_close};
 use crate::stage::{ALL, CPU, MOST, Stage, Way};
 use crate::volume::Volume;
@@ -69,6 +69,25 @@ fn sixteen_bits_and_floats_match_the_oracle() {
     let mut stage = Stage::exact(&[&volume]);
     let modes = [Mode::Dvr, Mode::Average, Mode::Isosurface];
     agree(&mut stage, &MOST, &all, &modes, &vivid((0.0, 1e-3)), &short);
+}
+
+/// Values past both ends of the table, with outliers, and integers that f32s do not have.
+#[test]
+fn f32_slots_match_the_oracle() {
+    let floats = SlotEncoding { has_invalid: false, ..float_slots() };
+    let volume = Volume::new([40, 40, 40], 16, uneven(), floats, wild(floats));
+    let (transfer, all) = (vivid((floats.low, floats.high)), views(&volume));
+    let mut stage = Stage::exact(&[&volume]);
+    agree(&mut stage, &ALL, &all[..2], &Mode::ALL, &transfer, &short);
+    agree(&mut stage, &MOST, &all[2..], &Mode::ALL, &transfer, &short);
+    for (voxel_type, low) in [(VoxelType::U32, 4294967000.0), (VoxelType::I32, -2147483648.0)] {
+        let whole = SlotEncoding::new(voxel_type, voxel_type.limits(), false);
+        let encoding = whole.for_window(Some([low, low + 290.0]), None);
+        let volume = Volume::new([40, 40, 40], 32, uneven(), encoding, |p| (low + 290.0 * waves(p)).round());
+        let mut stage = Stage::exact(&[&volume]);
+        let transfer = tinted((low, low + 290.0));
+        agree(&mut stage, &MOST, &all[..1], &[Mode::Dvr, Mode::Average, Mode::Isosurface], &transfer, &short);
+    }
 }
 
 #[test]

@@ -13,6 +13,21 @@ pub(crate) fn wide_codes() -> SlotEncoding {
     SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true)
 }
 
+/// Of f32 slots, with a window from about -1 to 3 of a channel that is far wider, where some voxels have no value.
+pub(crate) fn float_slots() -> SlotEncoding {
+    SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true).for_window(Some([-1.0, 3.0]), None)
+}
+
+/// Waves past both ends of an encoding's range, with outliers as far as its channel goes.
+pub(crate) fn wild(encoding: SlotEncoding) -> impl Fn(DVec3) -> f64 {
+    let wide = scaled(encoding, |p| 1.2 * waves(p) - 0.03);
+    move |p| match p.as_uvec3().to_array() {
+        [13, 11, 21] => 1e9,
+        [24, 8, 9] => -1e9,
+        _ => wide(p),
+    }
+}
+
 /// Of spacings that differ, away from the origin.
 pub(crate) fn uneven() -> Geometry {
     Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), unit: None }

@@ -2,8 +2,8 @@
 
 use crate::list::finest;
 use crate::scenery::{
-    SMALL, is_hole, lightings, look, overview, parallel, range, steep, tinted, u8_codes, uneven, vivid, waves,
-    wide_codes,
+    SMALL, float_slots, is_hole, lightings, look, overview, parallel, range, steep, tinted, u8_codes, uneven, vivid,
+    waves, wide_codes, wild,
 };
 use crate::shot::{Shot, pixels_off};
 use crate::stage::{CPU, MOST, RAYCAST, Stage};
@@ -50,7 +50,11 @@ const MORE_LOOKS: [Look; 5] = [
 /// In bricks of 16, by the CPU by turns in those of other sizes too.
 fn agree(encoding: SlotEncoding, filter: Filter, on_gpu: bool) {
     let (low, high) = range(&encoding);
-    let value = |p: DVec3| if encoding.has_invalid && is_hole(p) { f64::NAN } else { low + (high - low) * waves(p) };
+    let value = |p: DVec3| match encoding.floats {
+        _ if encoding.has_invalid && is_hole(p) => f64::NAN,
+        Some(_) => wild(encoding)(p),
+        None => low + (high - low) * waves(p),
+    };
     let volumes = [16, 64, 8, 32].map(|edge| Volume::new(SMALL, edge, uneven(), encoding, value));
     let transfers = [tinted(range(&encoding)), steep(range(&encoding))];
     let frame = |&(mode, is_steep, method, lighting): &Look| {
@@ -101,6 +105,12 @@ fn surfaces_match_the_oracle_with_splines() {
 fn surfaces_of_what_has_holes_match_the_oracle() {
     agree(wide_codes(), Filter::Trilinear, true);
     agree(wide_codes(), Filter::Tricubic, false);
+}
+
+#[test]
+fn surfaces_in_f32_slots_match_the_oracle() {
+    agree(float_slots(), Filter::Trilinear, true);
+    agree(float_slots(), Filter::Tricubic, false);
 }
 
 /// A ball, of which only the bricks are there that its surface is in. Whatever the step, every ray that is longer inside than

@@ -7,13 +7,40 @@ use brickyard_volume::*;
 use glam::DVec3;
 use std::sync::Arc;
 
+/// What slots hold of values, which become what they stand for.
+fn hold(encoding: &SlotEncoding, values: &mut [f64]) -> Vec<u8> {
+    if encoding.floats.is_some() {
+        let mut slots = vec![0; values.len() * 4];
+        let write = |v: &f64| match encoding.voxel_type {
+            VoxelType::U32 => (*v as u32).to_le_bytes(),
+            VoxelType::I32 => (*v as i32).to_le_bytes(),
+            _ => (*v as f32).to_le_bytes(),
+        };
+        let voxels: Vec<u8> = values.iter().flat_map(write).collect();
+        values.iter_mut().enumerate().for_each(|(i, v)| *v = encoding.voxel_type.read(&voxels, i));
+        encoding.encode(&voxels, &mut slots);
+        return slots;
+    }
+    let max = encoding.format.max_code() as f64;
+    let code = |v: f64| {
+        let first = encoding.has_invalid as u32 as f64;
+        let scaled = (v - encoding.low) / (encoding.high - encoding.low) * max;
+        if v.is_nan() { 0 } else { scaled.round().clamp(first, max) as u16 }
+    };
+    let decode = |c: u16| if encoding.has_invalid && c == 0 { f64::NAN } else { encoding.value(c as f64 / max) };
+    let codes: Vec<u16> = values.iter().map(|&v| code(v)).collect();
+    values.iter_mut().zip(&codes).for_each(|(v, &c)| *v = decode(c));
+    codes.iter().flat_map(|code| code.to_le_bytes()[..encoding.format.bytes()].to_vec()).collect()
+}
+
 /// A volume whose level arrays hold exactly what its slot codes stand for.
 pub(crate) struct Volume {
     pub(crate) pyramid: Pyramid,
     pub(crate) geometry: Geometry,
     pub(crate) encoding: SlotEncoding,
     pub(crate) levels: Vec<Array>,
-    codes: Vec<Vec<u16>>,
+    /// What slots hold of each level's voxels.
+    slots: Vec<Vec<u8>>,
 }
 
 impl Volume {
@@ -26,23 +53,14 @@ impl Volume {
         value: impl Fn(DVec3) -> f64,
     ) -> Self {
         let pyramid = Pyramid::new(Extent::from_array(extent), geometry.spacing.to_array(), edge);
-        let max = encoding.format.max_code() as f64;
-        let code = |v: f64| {
-            let first = encoding.has_invalid as u32 as f64;
-            let scaled = (v - encoding.low) / (encoding.high - encoding.low) * max;
-            if v.is_nan() { 0 } else { scaled.round().clamp(first, max) as u16 }
-        };
-        let decode = |c: u16| if encoding.has_invalid && c == 0 { f64::NAN } else { encoding.value(c as f64 / max) };
-        let (mut levels, mut codes) = (Vec::new(), Vec::new());
+        let (mut levels, mut slots) = (Vec::new(), Vec::new());
         for grid in pyramid.levels() {
             let factor = DVec3::from_array(grid.factor.map(f64::from));
             let mut level = Array::from_fn(grid, |i| value((DVec3::from_array(i.map(f64::from)) + 0.5) * factor));
-            let level_codes: Vec<u16> = level.values.iter().map(|&v| code(v)).collect();
-            level.values = level_codes.iter().map(|&c| decode(c)).collect();
+            slots.push(hold(&encoding, &mut level.values));
             levels.push(level);
-            codes.push(level_codes);
         }
-        Self { pyramid, geometry, encoding, levels, codes }
+        Self { pyramid, geometry, encoding, levels, slots }
     }
 
     /// What a renderer has to know of it, where bricks have what these pictures need.
@@ -81,6 +99,7 @@ impl Volume {
     pub(crate) fn padded(&self, brick: BrickId, needs: &Needs) -> Arc<[u8]> {
         let (edge, apron, level) = (self.pyramid.edge(), needs.apron, brick.level.index());
         let (extent, SlotEncoding { format, has_invalid, .. }) = (self.levels[level].extent, self.encoding);
+        let unit = self.encoding.floats.map_or(format.max_code() as f32, |floats| floats.unit as f32);
         let (n, first) = (extent.to_array(), brick.index.to_array().map(|i| (i * edge) as i64));
         let along = |a: usize| {
             let start = first[a] - apron as i64;
@@ -90,8 +109,8 @@ impl Volume {
         for z in along(2) {
             for y in along(1) {
                 for x in along(0) {
-                    let code = self.codes[level][extent.linear([x, y, z]) as usize];
-                    bytes.extend_from_slice(&code.to_le_bytes()[..format.bytes()]);
+                    let at = extent.linear([x, y, z]) as usize * format.bytes();
+                    bytes.extend_from_slice(&self.slots[level][at..at + format.bytes()]);
                 }
             }
         }
@@ -99,7 +118,7 @@ impl Volume {
         if gradients.layers > 0 {
             let inside = std::array::from_fn(|a| -first[a]..n[a] as i64 - first[a]);
             let mut nodes = vec![0; gradients.bytes()];
-            gradients.fill(PaddedCodes { codes: &bytes, format, has_invalid, apron }, &inside, &mut nodes);
+            gradients.fill(PaddedCodes { codes: &bytes, format, has_invalid, unit, apron }, &inside, &mut nodes);
             bytes.extend(nodes);
         }
         bytes.into()

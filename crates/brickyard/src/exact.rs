@@ -9,9 +9,9 @@ use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
-use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View, encoding_of};
+use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
 use brickyard_render::{GpuError, GpuPreference, GpuRenderer};
-use brickyard_volume::{FrameSettings, Needs, Picture};
+use brickyard_volume::{FrameSettings, Needs, Picture, SlotEncoding};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -65,14 +65,14 @@ pub struct ExactRenderer {
 }
 
 impl ExactRenderer {
-    /// Makes a renderer for a source, on a GPU. `bricks` is what the pictures need of bricks, and `max_size_px` the
-    /// size of the largest picture.
+    /// Makes a renderer for a source, on a GPU. `encoding` is that of the pictures' frames, `bricks` what they need of
+    /// bricks, and `max_size_px` the size of the largest picture.
     ///
     /// # Errors
     /// If the options ask for the CPU or for rays, there is no GPU, or a budget is too small.
     pub fn new(
         source: Arc<dyn BrickSource>,
-        channel: u32,
+        encoding: SlotEncoding,
         bricks: Needs,
         max_size_px: (u32, u32),
         options: &SessionOptions,
@@ -82,7 +82,7 @@ impl ExactRenderer {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
-        let needs = layer_needs(&*source, encoding_of(&*source, channel), bricks);
+        let needs = layer_needs(&*source, encoding, bricks);
         let pictures = Pictures { size_px: max_size_px, has_expressions: false };
         let (renderer, backend_line) =
             open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;
@@ -91,6 +91,7 @@ impl ExactRenderer {
             apron: needs.bricks.apron,
             gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
+            floats: vec![encoding.floats],
             workers: options.threads as u32,
             planning: Planning::Inline,
             prefetch: false,

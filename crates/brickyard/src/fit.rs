@@ -20,7 +20,7 @@ use brickyard_pager::{
     BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status,
     UploadLimits, View, VolumeNeeds, pools, share,
 };
-use brickyard_volume::{LabelCodes, Needs, Picture, SlotEncoding};
+use brickyard_volume::{FloatSlots, LabelCodes, Needs, Picture, SlotEncoding};
 #[cfg(feature = "gpu")]
 use shown::Shown;
 use std::sync::Arc;
@@ -85,7 +85,8 @@ struct DemandLayer {
     place: usize,
     /// The index of the layer's volume in the session.
     volume: usize,
-    /// How slot codes stand for the values of the layer's channel: another channel of a 32-bit type has other slots.
+    /// What slots hold of the layer's channel: another channel of a 32-bit type has other codes. How values of f32 slots become codes is not
+    /// part of it.
     encoding: SlotEncoding,
     /// The codes of the layer's labels, where they have codes by their look.
     codes: Option<Arc<LabelCodes>>,
@@ -93,12 +94,13 @@ struct DemandLayer {
 
 impl DemandLayer {
     fn shown(layer: &ResolvedLayer) -> Self {
-        let (encoding, codes) = (layer.frames[0].settings.encoding, layer.codes.clone());
+        let (encoding, codes) = (layer.frames[0].settings.encoding.of_slots(), layer.codes.clone());
         Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
 
     fn hidden(layer: &HiddenLayer) -> Self {
-        Self { place: layer.place, volume: layer.volume, encoding: layer.encoding, codes: layer.codes.clone() }
+        let (encoding, codes) = (layer.encoding.of_slots(), layer.codes.clone());
+        Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
 }
 
@@ -180,6 +182,12 @@ impl Fit {
             && (has_expressions || scene.combination.is_none())
             && size_px.0 >= asked.pictures.size_px.0
             && size_px.1 >= asked.pictures.size_px.1
+    }
+
+    /// The f32 slots that hold a volume for the layer in a place; `None` if there is no such layer, or its slots hold codes.
+    pub(crate) fn floats(&self, place: usize, volume: usize) -> Option<FloatSlots> {
+        let is_it = |own: &&FitLayer| (own.asked.place, own.asked.volume) == (place, volume);
+        self.layers.iter().find(is_it).and_then(|own| own.asked.encoding.floats)
     }
 
     /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit.
@@ -337,6 +345,7 @@ fn pools_of(
         apron: bricks.apron,
         gradient_layers: bricks.gradient_layers,
         host_bytes: 0,
+        floats: layers.iter().map(|&layer| needs[layer].encoding.floats).collect(),
         // Twice as many as there are threads, in all: some wait while others read.
         workers: (2 * options.threads).div_ceil(needs.len()).min(options.threads).max(1) as u32,
         planning: if options.live { Planning::Thread } else { Planning::Inline },

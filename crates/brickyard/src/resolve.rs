@@ -4,11 +4,12 @@
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::View;
+use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FrameSettings, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs, Occupancy,
-    Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout, StoreCounts,
-    Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
+    Camera, Clip, Combination, FloatSlots, FrameSettings, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs,
+    Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout,
+    StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -138,16 +139,20 @@ impl Eyes {
 /// If the scene is invalid ([`Scene::check`]), or its camera is.
 pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
     let table = |_, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
-    resolve_with(volumes, scene, size_px, table)
+    resolve_with(volumes, scene, size_px, (table, |_, _| None))
 }
 
 /// Resolves a scene as [`resolve`] does, with transfer tables from `table`, which is given a store's place, a transfer
-/// function and the encoding of codes.
+/// function and the encoding of codes. f32 slots that there are already, which `kept` says of a layer's place and its
+/// store's, stay as long as they can.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
     size_px: (u32, u32),
-    table: impl Fn((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+    (table, kept): (
+        impl Fn((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+        impl Fn(usize, usize) -> Option<FloatSlots>,
+    ),
 ) -> Result<ResolvedScene, SessionError> {
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
     scene.check(&counts)?;
@@ -166,8 +171,15 @@ pub(crate) fn resolve_with(
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
     let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
-    let hidden = hidden.map(|place| hidden_layer(place, volumes, scene, &eyes)).collect::<Result<_, _>>()?;
-    let layers = shown.into_iter().map(|layer| layer.resolve(scene, &eyes, lattice, &table));
+    let hidden = hidden.map(|place| {
+        let volume = scene.store(place);
+        hidden_layer((place, volume), &volumes[volume], scene, &eyes, kept(place, volume))
+    });
+    let hidden = hidden.collect::<Result<_, _>>()?;
+    let layers = shown.into_iter().map(|layer| {
+        let kept = kept(layer.place, layer.store);
+        layer.resolve(scene, &eyes, lattice, (&table, kept))
+    });
     let mut layers = layers.collect::<Result<Vec<ResolvedLayer>, _>>()?;
     if layers.len() > 1 || combination.is_some() {
         let appearance = joint_appearance(&layers, combination.as_ref());
@@ -196,10 +208,11 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
         if scene.expression.is_some() && codes.is_some() {
             return Err(refused(LayerError::HashedLabels));
         }
+        let window = window(&function, &layer.isosurfaces);
         let transfer = function.scaled(layer.opacity);
         let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
         let placement = scene.placement(place, &volume.place())?;
-        Ok(ShownLayer { place, store, volume, placement, style, transfer, codes })
+        Ok(ShownLayer { place, store, volume, placement, style, transfer, window, codes })
     };
     scene.shown_layers()?.into_iter().map(shown).collect()
 }
@@ -214,8 +227,14 @@ fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combina
     Ok(Some(Combination::new(read.of_its_own(), transfer)))
 }
 
-fn hidden_layer(place: usize, volumes: &[VolumeSource], scene: &Scene, eyes: &Eyes) -> Result<HiddenLayer, SceneError> {
-    let volume = scene.store(place);
+fn hidden_layer(
+    (place, volume): (usize, usize),
+    source: &VolumeSource,
+    scene: &Scene,
+    eyes: &Eyes,
+    kept: Option<FloatSlots>,
+) -> Result<HiddenLayer, SceneError> {
+    let layer = &scene.layers[place];
     let view = View {
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),
@@ -224,16 +243,19 @@ fn hidden_layer(place: usize, volumes: &[VolumeSource], scene: &Scene, eyes: &Ey
         level: LevelPolicy::Auto,
         pixel_error: scene.pixel_error,
         time: scene.time,
-        channel: scene.layers[place].channel,
+        channel: layer.channel,
         clip: None,
-        placement: scene.placement(place, &volumes[volume].place())?,
+        placement: scene.placement(place, &source.place())?,
         appearance: 0,
         window: None,
     };
     let (layer, source) = (&scene.layers[place], &volumes[volume]);
-    let codes = source.function(layer).and_then(|function| source.label_codes(layer.channel, &function));
-    let codes = codes.map_err(|error| SceneError::Layer { layer: place, error })?.map(Arc::new);
-    Ok(HiddenLayer { place, volume, encoding: source.encoding(layer.channel), codes, view })
+    // As if it were shown, so that the same slots do when it is.
+    let function = source.function(layer);
+    let function = function.and_then(|function| Ok((source.label_codes(layer.channel, &function)?, function)));
+    let (codes, function) = function.map_err(|error| SceneError::Layer { layer: place, error })?;
+    let encoding = source.encoding(layer.channel).for_window(window(&function, &layer.isosurfaces), kept);
+    Ok(HiddenLayer { place, volume, encoding, codes: codes.map(Arc::new), view })
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
@@ -280,6 +302,8 @@ struct ShownLayer<'a> {
     style: SceneLayer,
     transfer: TransferFunction,
     codes: Option<LabelCodes>,
+    /// The window of its look.
+    window: Option<[f64; 2]>,
 }
 
 impl ShownLayer<'_> {
@@ -293,22 +317,33 @@ impl ShownLayer<'_> {
         scene: &Scene,
         eyes: &Eyes,
         lattice: Lattice,
-        table: impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+        (table, kept): (
+            impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
+            Option<FloatSlots>,
+        ),
     ) -> Result<ResolvedLayer, SceneError> {
-        let Self { place, store, volume, placement, style, transfer, codes } = self;
+        let Self { place, store, volume, placement, style, transfer, window, codes } = self;
         let SceneLayer { channel, crop, opacity, blend, .. } = style;
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
         let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
         let crop = crop.map(|corners| corners.map(|corner| geometry.world_from_voxel(corner)));
         let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
-        let encoding = volume.encoding(channel);
-        let table = table((store, channel), &transfer, &encoding);
+        let (encoding, shown) = match &scene.expression {
+            None => (volume.encoding(channel).for_window(window, kept), None),
+            Some(_) => {
+                let (low, high) = volume.default_window(channel);
+                let encoding = volume.encoding(channel).for_values([low, high], kept);
+                // Floats have no codes of which some are clear.
+                (encoding, encoding.floats.map(|_| opaque(transfer.unit_distance)))
+            }
+        };
+        let table = table((store, channel), shown.as_ref().unwrap_or(&transfer), &encoding);
         let surfaces = Surface::all(&style.isosurfaces, &transfer, &encoding);
         let meshes = scene.shown_meshes()?;
         let view = View {
             rays,
             other_eye: eyes.rays.get(1).copied(),
-            opaque: opaque_bins(volume, channel, scene.mode, &transfer, &table, &surfaces),
+            opaque: opaque_bins(volume, channel, scene.mode, &transfer, (&table, &encoding), &surfaces),
             filter: scene.sampling.filter,
             level: match scene.level {
                 // The coarsest of a volume that does not have it.
@@ -352,17 +387,23 @@ fn layer_mode(mode: Mode, encoding: &SlotEncoding) -> Mode {
     if encoding.is_labels && mode.is_projection() { Mode::Mip } else { mode }
 }
 
+/// A function that is opaque at all values.
+fn opaque(unit_distance: f64) -> TransferFunction {
+    let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 1.0]]);
+    TransferFunction { color, opacity, unit_distance, ..TransferFunction::default() }
+}
+
 /// The bins of values of which a brick must have one to show anything; `None` where all may.
 fn opaque_bins(
     volume: &VolumeSource,
     channel: u32,
     mode: Mode,
     transfer: &TransferFunction,
-    table: &TransferTable,
+    (table, encoding): (&TransferTable, &SlotEncoding),
     surfaces: &[Surface],
 ) -> Option<Occupancy> {
     // Quantisation moves a value by half a code.
-    let slack = (table.reach_codes() + 0.5) * volume.encoding(channel).code_width();
+    let slack = (table.reach_codes() + 0.5) * encoding.code_width();
     let bins = volume.source.occupancy_bins(channel);
     // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
     let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));

@@ -141,15 +141,15 @@ impl Session {
     /// # Errors
     /// As [`resolve`]; and if the compositor has no order for the scene's layers.
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
-        let table = |(volume, channel): (usize, u32), transfer: &TransferFunction, _: &SlotEncoding| {
-            self.tables[volume].of(channel).table(transfer)
+        let table = |(volume, channel): (usize, u32), transfer: &TransferFunction, encoding: &SlotEncoding| {
+            self.tables[volume].of(channel).table(transfer, encoding)
         };
         for (i, tables) in self.tables.iter().enumerate() {
             let layers = (0..scene.layers.len()).filter(|&layer| scene.store(layer) == i);
-            let channels = layers.map(|layer| scene.layers[layer].channel);
-            tables.expect(channels, scene.sampling.method.is_pre_integrated());
+            tables.expect(layers.map(|layer| &scene.layers[layer]), scene.sampling.method.is_pre_integrated());
         }
-        let mut resolved = resolve_with(&self.volumes, scene, size_px, table)?;
+        let kept = |place, volume| self.fit.as_ref().and_then(|fit| fit.floats(place, volume));
+        let mut resolved = resolve_with(&self.volumes, scene, size_px, (table, kept))?;
         self.check_order(&resolved)?;
         for layer in &mut resolved.layers {
             layer.view.opaque = layer.view.opaque.filter(|_| self.options.skips_empty);

@@ -2,15 +2,23 @@
 //! that by a thread, so that what is drawn meanwhile does not wait: for 16-bit codes table and running integrals take some
 //! milliseconds.
 
-use brickyard_volume::{SlotEncoding, TransferFunction, TransferTable};
+use brickyard_volume::float_slots::window;
+use brickyard_volume::{Isosurface, SceneLayer, SlotEncoding, TransferFunction, TransferTable};
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-/// A function and its table.
+/// A function and its table for an encoding.
 #[derive(Clone)]
 struct Made {
-    transfer: TransferFunction,
+    wanted: Wanted,
     table: Arc<TransferTable>,
+}
+
+/// What a table is made of.
+#[derive(Clone, PartialEq)]
+struct Wanted {
+    transfer: TransferFunction,
+    encoding: SlotEncoding,
 }
 
 /// The tables that are kept: the ones last used, the latest first, and the one last made ahead.
@@ -21,14 +29,19 @@ struct Kept {
     /// How many are in use at once, and whether running integrals will be wanted of them.
     layers: usize,
     has_integrals: bool,
+    /// The isosurfaces of those layers.
+    isosurfaces: Vec<Isosurface>,
+    /// The encoding that was used last; `None` before the first table.
+    encoding: Option<SlotEncoding>,
 }
 
 /// The transfer tables of the layers that show one volume.
 pub(crate) struct Tables {
+    /// How codes stand for values, where slots hold codes.
     encoding: SlotEncoding,
     kept: Arc<Mutex<Kept>>,
     /// To the thread that makes them ahead, from when one is first asked for; it ends when this is gone.
-    wanted: OnceLock<Sender<TransferFunction>>,
+    wanted: OnceLock<Sender<Wanted>>,
 }
 
 /// The transfer tables of one volume: those of its channels. Channels with the same codes share theirs.
@@ -57,11 +70,11 @@ impl VolumeTables {
         &self.tables[self.of_channel[channel as usize]]
     }
 
-    /// Says which channels the layers of the next scene show, and whether their tables need running integrals.
-    pub(crate) fn expect(&self, channels: impl Iterator<Item = u32> + Clone, has_integrals: bool) {
+    /// Says which layers of the next scene show the volume, and whether their tables need running integrals.
+    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, has_integrals: bool) {
         for (i, tables) in self.tables.iter().enumerate() {
-            let is_its_own = |channel: &u32| self.of_channel.get(*channel as usize) == Some(&i);
-            tables.expect(channels.clone().filter(is_its_own).count(), has_integrals);
+            let is_its_own = |layer: &&SceneLayer| self.of_channel.get(layer.channel as usize) == Some(&i);
+            tables.expect(layers.clone().filter(is_its_own), has_integrals);
         }
     }
 
@@ -81,10 +94,19 @@ impl Tables {
         Self { encoding, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// Says in how many layers the next scene shows the volume, and whether their tables need running integrals.
-    pub(crate) fn expect(&self, layers: usize, has_integrals: bool) {
+    /// Says in which layers the next scene shows the volume, and whether their tables need running integrals.
+    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, has_integrals: bool) {
         let mut kept = lock(&self.kept);
-        (kept.layers, kept.has_integrals) = (layers, has_integrals);
+        (kept.layers, kept.has_integrals) = (layers.clone().count(), has_integrals);
+        kept.isosurfaces = layers.flat_map(|layer| &layer.isosurfaces).copied().collect();
+    }
+
+    /// A function, and the encoding that it will have if the next scene is like the last one but for it.
+    fn foreseen(&self, transfer: &TransferFunction) -> Wanted {
+        let kept = lock(&self.kept);
+        let floats = kept.encoding.and_then(|encoding| encoding.floats);
+        let encoding = self.encoding.for_window(window(transfer, &kept.isosurfaces), floats);
+        Wanted { transfer: transfer.clone(), encoding }
     }
 
     /// Whether the last scene shows a layer with these tables.
@@ -92,16 +114,17 @@ impl Tables {
         lock(&self.kept).layers > 0
     }
 
-    /// Returns a transfer function's table: one that was used lately or made ahead, or a new one.
-    pub(crate) fn table(&self, transfer: &TransferFunction) -> Arc<TransferTable> {
-        let is_it = |made: &&Made| made.transfer == *transfer;
+    /// Returns a transfer function's table for an encoding: one that was used lately or made ahead, or a new one.
+    pub(crate) fn table(&self, transfer: &TransferFunction, encoding: &SlotEncoding) -> Arc<TransferTable> {
+        let is_it = |made: &&Made| made.wanted.transfer == *transfer && made.wanted.encoding == *encoding;
         let found = {
             let kept = lock(&self.kept);
             kept.used.iter().chain(&kept.ahead).find(is_it).cloned()
         };
-        let made = found.unwrap_or_else(|| make(transfer.clone(), &self.encoding, false));
+        let made = found.unwrap_or_else(|| make(Wanted { transfer: transfer.clone(), encoding: *encoding }, false));
         let (table, kept) = (made.table.clone(), &mut *lock(&self.kept));
-        kept.used.retain(|other| other.transfer != made.transfer);
+        kept.encoding = Some(*encoding);
+        kept.used.retain(|other| other.wanted != made.wanted);
         kept.used.insert(0, made);
         kept.used.truncate(kept.layers.max(1));
         table
@@ -113,20 +136,21 @@ impl Tables {
         if !self.is_prepared(transfer) {
             let wanted = self.wanted.get_or_init(|| self.start());
             // Where there is no thread nobody receives it.
-            let _ = wanted.send(transfer.clone());
+            let _ = wanted.send(self.foreseen(transfer));
         }
     }
 
     /// Whether a transfer function's table is there.
     pub(crate) fn is_prepared(&self, transfer: &TransferFunction) -> bool {
+        let wanted = self.foreseen(transfer);
         let kept = lock(&self.kept);
-        kept.used.iter().chain(&kept.ahead).any(|made| made.transfer == *transfer)
+        kept.used.iter().chain(&kept.ahead).any(|made| made.wanted == wanted)
     }
 
-    fn start(&self) -> Sender<TransferFunction> {
+    fn start(&self) -> Sender<Wanted> {
         let (send, receive) = unbounded();
-        let (encoding, kept) = (self.encoding, self.kept.clone());
-        let run = move || make_ahead(&receive, &encoding, &kept);
+        let kept = self.kept.clone();
+        let run = move || make_ahead(&receive, &kept);
         if let Err(error) = std::thread::Builder::new().name("tables".into()).spawn(run) {
             tracing::warn!("no thread for transfer tables: {error}");
         }
@@ -134,19 +158,19 @@ impl Tables {
     }
 }
 
-fn make(transfer: TransferFunction, encoding: &SlotEncoding, has_integrals: bool) -> Made {
-    let table = TransferTable::new(&transfer, encoding);
+fn make(wanted: Wanted, has_integrals: bool) -> Made {
+    let table = TransferTable::new(&wanted.transfer, &wanted.encoding);
     if has_integrals {
         table.integrals();
     }
-    Made { transfer, table: Arc::new(table) }
+    Made { wanted, table: Arc::new(table) }
 }
 
-fn make_ahead(wanted: &Receiver<TransferFunction>, encoding: &SlotEncoding, kept: &Mutex<Kept>) {
+fn make_ahead(wanted: &Receiver<Wanted>, kept: &Mutex<Kept>) {
     while let Ok(first) = wanted.recv() {
         let newest = wanted.try_iter().last().unwrap_or(first);
         let has_integrals = lock(kept).has_integrals;
-        let made = make(newest, encoding, has_integrals);
+        let made = make(newest, has_integrals);
         lock(kept).ahead = Some(made);
     }
 }
@@ -173,18 +197,20 @@ mod tests {
     fn tables_made_ahead_are_those_made_at_once_and_are_made_once() {
         let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
         let tables = Tables::new(encoding);
-        tables.expect(2, true);
+        let layers = [SceneLayer::default(), SceneLayer::default()];
+        tables.expect(layers.iter(), true);
+        let table = |transfer: &TransferFunction| tables.table(transfer, &encoding);
         let [now, next] = [0.3, 0.6].map(function);
-        let other = tables.table(&function(0.1));
-        let first = tables.table(&now);
-        assert!(Arc::ptr_eq(&other, &tables.table(&function(0.1))), "each layer's stays");
-        assert!(Arc::ptr_eq(&first, &tables.table(&now)), "made once");
+        let other = table(&function(0.1));
+        let first = table(&now);
+        assert!(Arc::ptr_eq(&other, &table(&function(0.1))), "each layer's stays");
+        assert!(Arc::ptr_eq(&first, &table(&now)), "made once");
         assert!(!tables.is_prepared(&next));
         tables.prepare(&next);
         wait(&tables, &next);
         assert!(tables.is_prepared(&now), "what is shown meanwhile stays");
-        let ahead = tables.table(&next);
-        assert!(Arc::ptr_eq(&ahead, &tables.table(&next)));
+        let ahead = table(&next);
+        assert!(Arc::ptr_eq(&ahead, &table(&next)));
         assert_eq!(*ahead, TransferTable::new(&next, &encoding));
         assert_ne!(*ahead, *first);
     }

@@ -10,6 +10,8 @@
 //! codes of that table as they read them, and codes past its ends are as good as those at the ends.
 
 use crate::slot_encoding::{SlotEncoding, SlotFormat};
+use crate::surface::Isosurface;
+use crate::transfer::TransferFunction;
 use crate::voxel_type::VoxelType;
 
 /// The most that a 16-bit code may be of the window.
@@ -61,12 +63,20 @@ impl FloatSlots {
     }
 }
 
+/// The window of a look: the least and the greatest value at which its transfer function changes, or of which it has an isosurface. `None`
+/// is a look that tells no values apart.
+pub fn window(transfer: &TransferFunction, isosurfaces: &[Isosurface]) -> Option<[f64; 2]> {
+    let isovalues = isosurfaces.iter().map(|surface| surface.value);
+    let values = || isovalues.clone().chain(transfer.changes().into_iter().flatten());
+    let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+    (low <= high).then_some([low, high])
+}
+
 impl SlotEncoding {
     /// This encoding of a channel for a look with this window: itself, or f32 slots if its codes are too coarse. `None` is a look that
     /// tells no values apart. f32 slots that are `kept` stay as long as they can.
-    pub fn for_window(self, window: Option<[f64; 2]>, kept: Option<&Self>) -> Self {
+    pub fn for_window(self, window: Option<[f64; 2]>, kept: Option<FloatSlots>) -> Self {
         let Some(window) = window.filter(|_| self.can_be_float()) else { return self };
-        let kept = kept.and_then(|kept| kept.floats);
         let enough = if kept.is_some() { SHARE / SURPLUS } else { SHARE };
         if self.code_width() <= enough * (window[1] - window[0]) {
             return self;
@@ -78,14 +88,13 @@ impl SlotEncoding {
 
     /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Then the value
     /// divided by a power of two is the code. Stored gradients are fit for a window of values.
-    pub fn for_values(self, window: [f64; 2], kept: Option<&Self>) -> Self {
+    pub fn for_values(self, window: [f64; 2], kept: Option<FloatSlots>) -> Self {
         if !self.can_be_float() {
             return self;
         }
         let window = self.widened(window);
         let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window);
-        let kept = kept.and_then(|kept| kept.floats).filter(is_it);
-        let floats = kept.unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
+        let floats = kept.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
         let width = code_width(self.low.abs().max(self.high.abs()));
         self.over(floats, 0.0, width)
     }
@@ -217,20 +226,30 @@ mod tests {
     }
 
     #[test]
+    fn a_look_s_window_has_all_that_it_tells_apart() {
+        let plain =
+            TransferFunction { color: vec![[0.0; 4]], opacity: vec![[0.0, 0.5]], ..TransferFunction::default() };
+        assert_eq!(window(&plain, &[]), None);
+        assert_eq!(window(&plain, &[Isosurface::at(3.0)]), Some([3.0, 3.0]));
+        let ramp = TransferFunction { opacity: vec![[0.0, 0.0], [2.0, 0.5]], ..plain };
+        assert_eq!(window(&ramp, &[Isosurface::at(3.0), Isosurface::at(1.0)]), Some([0.0, 3.0]));
+    }
+
+    #[test]
     fn a_window_that_is_stretched_does_not_go_back_and_forth() {
         let codes = SlotEncoding::new(VoxelType::F32, (0.0, 65535.0), false);
         let (mut kept, mut changes) = (codes, Vec::new());
         for i in 0..400 {
             // From 200 to 900 and back, time and again: past the bound of 510.
             let width = 550.0 + 350.0 * (i as f64 / 10.0).sin();
-            let next = codes.for_window(Some([1000.0 + i as f64, 1000.0 + i as f64 + width]), Some(&kept));
+            let next = codes.for_window(Some([1000.0 + i as f64, 1000.0 + i as f64 + width]), kept.floats);
             if next.of_slots() != kept.of_slots() {
                 changes.push(i);
             }
             kept = next;
         }
         assert_eq!(changes.len(), 1, "{changes:?}");
-        assert_eq!(codes.for_window(Some([0.0, 3000.0]), Some(&kept)).format, SlotFormat::U16, "enough by far");
+        assert_eq!(codes.for_window(Some([0.0, 3000.0]), kept.floats).format, SlotFormat::U16, "enough by far");
     }
 
     #[test]
@@ -239,7 +258,7 @@ mod tests {
         let first = codes.for_window(Some([0.0, 1.0]), None);
         for low in [-1e9, -3.5, 0.25, 1e3, 9.9e8] {
             for width in [0.05, 1.0, 9.0] {
-                let next = codes.for_window(Some([low, low + width]), Some(&first));
+                let next = codes.for_window(Some([low, low + width]), first.floats);
                 assert_eq!(next.of_slots(), first.of_slots(), "{low} {width}");
                 assert!(next.low < low && low + width < next.high, "{low} {width}: {next:?}");
                 assert_eq!(next.first_slot() as f64, next.low, "it is an f32");
@@ -282,9 +301,9 @@ mod tests {
         let codes = SlotEncoding::new(VoxelType::U32, (0.0, 4294967295.0), false);
         let first = codes.for_window(Some([70000.0, 70002.0]), None);
         assert_eq!(first.base(), 70001.0);
-        let near = codes.for_window(Some([9e6, 9e6 + 2.0]), Some(&first));
+        let near = codes.for_window(Some([9e6, 9e6 + 2.0]), first.floats);
         assert_eq!(near.of_slots(), first.of_slots());
-        let far = codes.for_window(Some([4e9, 4e9 + 2.0]), Some(&near));
+        let far = codes.for_window(Some([4e9, 4e9 + 2.0]), near.floats);
         assert_eq!(far.base(), 4e9 + 1.0);
     }
 

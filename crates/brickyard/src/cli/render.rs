@@ -128,7 +128,8 @@ impl Pictures<'_> {
             return self.in_tiles(options);
         }
         let source = self.volumes[first.layers[0].volume].source.clone();
-        match ExactRenderer::new(source, first.layers[0].style.channel, first.needs, self.arguments.size, &options) {
+        let encoding = first.layers[0].frames[0].settings.encoding;
+        match ExactRenderer::new(source, encoding, first.needs, self.arguments.size, &options) {
             Ok(exact) => self.in_passes(exact),
             Err(ExactPictureError::Backend(BackendError::Gpu(GpuError::NoAdapter { .. })))
                 if options.backend == BackendChoice::Auto && compositor == CompositorChoice::Auto =>
