@@ -55,10 +55,8 @@ fn subjects() -> Vec<Subject> {
         GREAT => 4_000_000_000,
         _ => 70_000 + (waves(v) > 0.5) as u32,
     };
-    let at_the_ends = |v: [u32; 3]| match v[0] < 20 {
-        true => i32::MIN + (20.0 * waves(v)) as i32,
-        false => i32::MAX - (20.0 * waves(v)) as i32,
-    };
+    let least = |v| if v == GREAT { i32::MAX } else { i32::MIN + (20.0 * waves(v)) as i32 };
+    let greatest = |v| if v == GREAT { i32::MIN } else { i32::MAX - (20.0 * waves(v)) as i32 };
     let holes = |v: [u32; 3]| match v {
         [_, 10..14, 12..20] | [3, 4, 5] => f32::NAN,
         _ => with_outliers(v),
@@ -66,8 +64,8 @@ fn subjects() -> Vec<Subject> {
     vec![
         of("outliers", pack(with_outliers), [0.2, 0.8]),
         of("labels", pack(label), [69_999.5, 70_001.5]),
-        of("the least integers", pack(at_the_ends), [i32::MIN as f64, i32::MIN as f64 + 20.0]),
-        of("the greatest integers", pack(at_the_ends), [i32::MAX as f64 - 20.0, i32::MAX as f64]),
+        of("the least integers", pack(least), [i32::MIN as f64, i32::MIN as f64 + 20.0]),
+        of("the greatest integers", pack(greatest), [i32::MAX as f64 - 20.0, i32::MAX as f64]),
         of("holes", pack(holes), [0.2, 0.8]),
     ]
 }

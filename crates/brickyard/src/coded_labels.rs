@@ -2,6 +2,7 @@
 //! look of a layer. Costs a search among the labels that the look names for each voxel that is read.
 
 use brickyard_pager::{BrickError, BrickSource};
+use brickyard_volume::labels::BACKGROUND;
 use brickyard_volume::{BrickId, Geometry, LabelCodes, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 use std::sync::Arc;
 

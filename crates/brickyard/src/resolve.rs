@@ -249,7 +249,6 @@ fn hidden_layer(
         appearance: 0,
         window: None,
     };
-    let (layer, source) = (&scene.layers[place], &volumes[volume]);
     // As if it were shown, so that the same slots do when it is.
     let function = source.function(layer);
     let function = function.and_then(|function| Ok((source.label_codes(layer.channel, &function)?, function)));

@@ -258,14 +258,16 @@ mod tests {
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
     use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
+    use brickyard_volume::float_slots::INVALID_SLOT;
     use brickyard_volume::macrocells::MacroCells;
     use brickyard_volume::*;
     use glam::DVec3;
 
     /// The vector unit must not show in the picture.
     fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
-        let voxel_type = if C::BYTES == 1 { VoxelType::U8 } else { VoxelType::U16 };
-        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
+        let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
+        let window = Some([20.0, 200.0]);
+        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, None);
         encoding.has_invalid = INVALID;
         let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };
@@ -297,7 +299,11 @@ mod tests {
         };
         let needs = settings.needs();
         let padded = 16 + 2 * needs.apron as usize;
-        let codes: std::sync::Arc<[u8]> = (0..padded.pow(3) * C::BYTES).map(noise).collect();
+        let number = |byte: u8| if byte == 0 { INVALID_SLOT } else { 1.1 * byte as f32 };
+        let codes: std::sync::Arc<[u8]> = match C::IS_FLOAT {
+            true => (0..padded.pow(3)).map(noise).flat_map(|byte| number(byte).to_le_bytes()).collect(),
+            false => (0..padded.pow(3) * C::BYTES).map(noise).collect(),
+        };
         let cells = MacroCells::new(&codes, encoding.format, INVALID, 16, needs);
         let resident = Resident::new(codes.clone(), codes.len(), cells);
         let brick = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
@@ -328,5 +334,9 @@ mod tests {
         same_on_all_units::<Code16, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
         same_on_all_units::<Code8, Isosurface, false>(Mode::Isosurface, &[0.4]);
         same_on_all_units::<Code16, Isosurface, true>(Mode::Isosurface, &[0.4]);
+        same_on_all_units::<Float32, Dvr, true>(Mode::Dvr, &[]);
+        same_on_all_units::<Float32, Mip, true>(Mode::Mip, &[]);
+        same_on_all_units::<Float32, Average, true>(Mode::Average, &[]);
+        same_on_all_units::<Float32, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
     }
 }

@@ -114,7 +114,13 @@ impl Brick<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16};
+    use crate::sample::{Code8, Code16, FloatMap};
+    use brickyard_volume::{SlotEncoding, VoxelType};
+
+    /// How slots of codes are mapped: not at all.
+    fn codes_alone() -> FloatMap {
+        FloatMap::of(&SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false))
+    }
 
     /// Labels 1 and 3 side by side along x, in a brick of four voxels along an edge.
     fn two_labels() -> Vec<u8> {
@@ -124,12 +130,12 @@ mod tests {
     #[test]
     fn labels_are_those_of_the_nearest_voxels() {
         let codes = two_labels();
-        let brick = Brick::new::<Code8>(&codes, 4);
+        let brick = Brick::new::<Code8>(&codes, 4, codes_alone());
         let x = [-0.4, 0.0, 1.0, 1.49, 1.51, 2.0, 3.4, f32::NAN];
         let found = brick.labels::<Code8, false>(&[x, [1.2; LANES], [2.8; LANES]], &mut [1.0; LANES]);
         assert_eq!(found, [1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 1.0]);
         let wide: Vec<u8> = codes.iter().flat_map(|&c| (if c == 1 { 0u16 } else { 60_000 }).to_le_bytes()).collect();
-        let (brick, mut weight) = (Brick::new::<Code16>(&wide, 4), [2.0; LANES]);
+        let (brick, mut weight) = (Brick::new::<Code16>(&wide, 4, codes_alone()), [2.0; LANES]);
         let found = brick.labels::<Code16, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
         assert_eq!((found[3], found[4], weight[3], weight[4]), (0.0, 60_000.0, 0.0, 2.0));
     }
@@ -137,7 +143,7 @@ mod tests {
     #[test]
     fn an_indicator_falls_from_one_to_zero_between_voxels() {
         let codes = two_labels();
-        let brick = Brick::new::<Code8>(&codes, 4);
+        let brick = Brick::new::<Code8>(&codes, 4, codes_alone());
         let at = |x: f32, label: f32| brick.indicator::<Code8>([x, 1.3, 0.6], label);
         for (x, share) in [(0.0, 1.0), (1.0, 1.0), (1.25, 0.75), (1.5, 0.5), (2.0, 0.0), (3.0, 0.0)] {
             assert!((at(x, 1.0) - share).abs() < 1e-6 && (at(x, 3.0) - (1.0 - share)).abs() < 1e-6, "{x}");
