@@ -349,8 +349,9 @@ fn padding_that_one_integer_cannot_stand_for_is_nan() {
     // The type holds the value that stands for a range of padding, where there is some.
     let mut looked_at = slice(0.0, 0, 0);
     looked_at.number(tags::PIXEL_PADDING_RANGE_LIMIT, 200).text(tags::RESCALE_INTERCEPT, VR::DS, "-1024");
+    looked_at.number(tags::BITS_STORED, 16).number(tags::HIGH_BIT, 15);
     for (pixel, nodata, first) in [(100, Some(-1024.0), -1024.0), (1024, None, 0.0)] {
-        looked_at.pixels(&[pixel, 1024, 1025, 1026, 1027, 1028, 1029, 1030, 1031, 1032, 1033, 1034]);
+        looked_at.pixels(&[pixel, 1024, 1025, 1026, 1027, 1028, 1029, 1030, 1031, 1032, 1033, 65535]);
         let (_folder, source) = Folder::opened([Written(looked_at.0.clone())]);
         assert_eq!((source.info().nodata, voxels(&*source)[0]), (nodata, first), "{:?}", source.info());
     }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use tiff::ColorType;
 use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
-use tiff::tags::{ByteOrder, Tag};
+use tiff::tags::{ByteOrder, Tag, Type};
 
 /// Most bytes of a description that are read; OME-XML of large plates reaches tens of megabytes.
 const LONGEST_DESCRIPTION: u64 = 256 << 20;
@@ -178,8 +178,8 @@ impl OpenTiff {
         let path = self.path.clone();
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
-        let length =
-            tags.find_entry(Tag::GdalNodata).map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
+        let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
+        let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
         said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
         let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
         Ok(text.trim_matches(['\0', ' ']).parse().ok())
