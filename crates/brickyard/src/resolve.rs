@@ -249,11 +249,11 @@ fn hidden_layer(
         appearance: 0,
         window: None,
     };
-    // As if it were shown, so that the same slots do when it is.
-    let function = source.function(layer);
-    let function = function.and_then(|function| Ok((source.label_codes(layer.channel, &function)?, function)));
-    let (codes, function) = function.map_err(|error| SceneError::Layer { layer: place, error })?;
-    let encoding = source.encoding(layer.channel).for_window(window(&function, &layer.isosurfaces), kept);
+    // As if it were shown, so that the same slots do when it is. A look that cannot be made is refused then.
+    let function = source.function(layer).ok();
+    let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
+    let window = function.and_then(|function| window(&function, &layer.isosurfaces));
+    let encoding = source.encoding(layer.channel).for_window(window, kept);
     Ok(HiddenLayer { place, volume, encoding, codes: codes.map(Arc::new), view })
 }
 

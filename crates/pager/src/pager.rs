@@ -135,7 +135,10 @@ impl Pager {
         };
         meter.charge(tables.min(given));
         let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
-            let own = kept.iter().position(|cores| cores.is_of(source)).map(|i| kept.swap_remove(i));
+            let (alike, own) =
+                (|cores: &KeptCores| cores.is_for(source, &layout), |cores: &KeptCores| cores.is_of(source));
+            let own = kept.iter().position(alike).or_else(|| kept.iter().position(own));
+            let own = own.map(|i| kept.swap_remove(i));
             let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter), own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },

@@ -130,8 +130,7 @@ impl RamCache {
     /// Takes over cores that another cache of the same source has decoded, the last used ones if there is no room for all. The others are
     /// dropped, as are all cores of another source, with other stored aprons, or for other f32 slots.
     pub(crate) fn adopt(&self, kept: KeptCores) {
-        let is_alike = (kept.stored_apron, kept.floats) == (self.layout.stored, self.layout.floats);
-        if !kept.is_of(&self.source) || !is_alike {
+        if !kept.is_for(&self.source, &self.layout) {
             return;
         }
         let mut inner = self.lock();
@@ -310,6 +309,11 @@ impl KeptCores {
     /// Whether the cores were read from this source.
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
+    }
+
+    /// Whether a cache of this source with this layout can take the cores over.
+    pub(crate) fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
+        self.is_of(source) && (self.stored_apron, self.floats) == (layout.stored, layout.floats)
     }
 }
 

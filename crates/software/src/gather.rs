@@ -139,8 +139,8 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
-        (SlotFormat::F32, false) => with_code::<Float32, false>(frame, has_surfaces, is_read),
-        (SlotFormat::F32, true) => with_code::<Float32, true>(frame, has_surfaces, is_read),
+        // One function for both: whether a voxel has a value costs little beside the fetch.
+        (SlotFormat::F32, _) => with_code::<Float32, true>(frame, has_surfaces, is_read),
     }
 }
 
@@ -281,7 +281,7 @@ impl<const ENDS: bool> Look for Any<ENDS> {
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let path = Path::new(march, stretch, ray);
         (media.alone.blend, media.alone.first) = (march.frame.blend, at);
-        stretch.reach::<INVALID>(ray, &segments);
+        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
         let mut pieces = Pieces::new(march, stretch, path, segments);
         while let Some(piece) = pieces.next::<C, U, INVALID>(ray) {
             if has_fog {

@@ -48,8 +48,8 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
-        (SlotFormat::F32, false) => with_code::<Float32, false>(frame),
-        (SlotFormat::F32, true) => with_code::<Float32, true>(frame),
+        // One function for both: whether a voxel has a value costs little beside the fetch.
+        (SlotFormat::F32, _) => with_code::<Float32, true>(frame),
     }
 }
 

@@ -46,7 +46,7 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
         if !ENDS {
             return take::<C, U, INVALID>(&path, ray, segments, &mut chunk.media);
         }
-        stretch.reach::<INVALID>(ray, &segments);
+        stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let mut pieces = Pieces::new(march, stretch, path, segments);
         while !Self::is_final::<C>(ray.sum)

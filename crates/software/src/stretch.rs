@@ -91,11 +91,11 @@ impl Stretch {
         Blocks::new(self.origin, self.step, self.block, reach, frame.edge, frame.apron)
     }
 
-    /// Notes that a ray goes on to look for surfaces in these segments. With `INVALID`, a ray that has skipped segments before them forgets its
+    /// Notes that a ray goes on to look for surfaces in these segments. If `has_invalid`, a ray that has skipped segments before them forgets its
     /// rank, as voxels there may have had no value.
     #[inline(always)]
-    pub(crate) fn reach<const INVALID: bool>(&self, ray: &mut Ray, segments: &Range<i32>) {
-        if INVALID && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
+    pub(crate) fn reach(&self, ray: &mut Ray, segments: &Range<i32>, has_invalid: bool) {
+        if has_invalid && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
             ray.past.rank = NO_RANK;
         }
         ray.past.reached = self.start + ((segments.end as u32) << self.zone);

@@ -61,7 +61,7 @@ impl Accumulate for Isosurface {
             }
         };
         let first = stretch.start + ((segments.start as u32) << stretch.zone);
-        if INVALID && ray.past.reached != first {
+        if INVALID && march.frame.settings.encoding.has_invalid && ray.past.reached != first {
             ray.sum.x = 0.0;
         }
         if ray.sum.x == 0.0 {
