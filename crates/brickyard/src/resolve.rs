@@ -254,7 +254,8 @@ fn hidden_layer(
     let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
     let window = function.and_then(|function| window(&function, &layer.isosurfaces));
     let encoding = source.encoding(layer.channel).for_window(window, kept);
-    Ok(HiddenLayer { place, volume, encoding, codes: codes.map(Arc::new), view })
+    let codes = encoding.is_hashed.then(|| Arc::new(codes.unwrap_or_default()));
+    Ok(HiddenLayer { place, volume, encoding, codes, view })
 }
 
 /// A number of all in a picture of several layers that decides which bricks of one hide those of another.
