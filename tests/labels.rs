@@ -273,7 +273,7 @@ fn labels_over_an_image_equal_the_oracle() {
         let turned = Placement::from_text("0.8 -0.6 0 12  0.6 0.8 0.1 -5  0 0 1.1 3").expect("a map");
         let mut apart = both(at_an_angle(), 0.5);
         apart.layers[1].world_from_volume = turned;
-        let scenes = [
+        let mut scenes = vec![
             ("fog", both(at_an_angle(), 0.3)),
             ("lit", Scene { lighting: lit(Gradient::Central), ..both(at_an_angle(), 1.0) }),
             ("lines of fog", Scene { sampling: sampled(Method::Lvs, Filter::Trilinear), ..both(at_an_angle(), 0.3) }),
@@ -289,9 +289,12 @@ fn labels_over_an_image_equal_the_oracle() {
             ("turned", apart),
             ("slice", both(slice.clone(), 0.5)),
             ("over a slice", over_it(both(slice.clone(), 0.5))),
-            ("over a mean", over_it(both(looking_at(None, Mode::Average), 0.7))),
             ("over light", Scene { layers: vec![over.clone(), bright.clone(), bright], ..slice }),
         ];
+        if labels.store.voxel_type().bytes() == 1 {
+            // Codes by looks are not in the order of labels, which decides what a projection shows.
+            scenes.push(("over a mean", over_it(both(looking_at(None, Mode::Average), 0.7))));
+        }
         let sources = stores.map(|store| VolumeSource::open(store.path()).expect("a store"));
         let open = |way| {
             let options = SessionOptions { threads: 2, ..options(way, 64 << 20, 64 << 20) };
@@ -370,7 +373,7 @@ fn the_command_shows_labels_and_says_what_is_wrong() {
         (vec![&*labels, "--show-labels", "2"], "no label 2, did you mean 1 or 3?: the store has labels from 0 to 255"),
         (vec![&*far, "--show-labels", "5000000000"], "no label 5000000000"),
         (vec![&*labels, "--show-labels", "3;4"], "whole numbers"),
-        (vec![&*image, "--show-labels", "3"], "has no labels: pack it with --kind labels"),
+        (vec![&*image, "--show-labels", "3"], "has no labels: pack it as labels"),
         (vec![&*labels, "--window", "0,9"], "labels have no window"),
         (vec![&*labels, "--gamma", "0.5"], "labels have no gamma"),
         (vec![&*labels, "--mode", "isosurface", "--isovalue", "3"], "labels have no isosurfaces"),

@@ -3,7 +3,7 @@
 //! `WGPU_BACKEND` and `WGPU_ADAPTER_NAME` narrow the choice as wgpu's users expect.
 
 use crate::error::GpuError;
-use brickyard_volume::SlotFormat;
+use brickyard_volume::{SlotEncoding, SlotFormat};
 use std::fmt;
 use wgpu::{Backends, DeviceType, DownlevelFlags, Features, Limits, TextureFormat, TextureFormatFeatureFlags};
 
@@ -52,6 +52,12 @@ impl GpuFormats {
             composite: if blends32 { TextureFormat::Rgba32Float } else { TextureFormat::Rgba16Float },
             project: if blends32 { TextureFormat::Rg32Float } else { TextureFormat::Rg16Float },
         }
+    }
+
+    /// Whether an atlas tells apart all codes that have to be: half floats have 11 bits, which do for measurements, but not for labels.
+    pub(crate) fn tells_apart(&self, encoding: &SlotEncoding) -> bool {
+        let is_rounded = encoding.format == SlotFormat::U16 && self.atlas_u16 == TextureFormat::R16Float;
+        !(is_rounded && encoding.is_labels)
     }
 
     /// Returns the format of an atlas for slots of this format. Shaders filter 32-bit floats themselves, so every adapter has them.

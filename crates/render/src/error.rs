@@ -59,6 +59,11 @@ pub enum GpuError {
         /// Number of textures that a shader can see.
         limit: u32,
     },
+    /// Some volume has labels of 16 bits, and the device's textures that shaders can filter have fewer.
+    #[error(
+        "this GPU has no textures of 16 bits, without which labels of more than 8 bits are not told apart: draw on the CPU"
+    )]
+    Labels,
     /// The picture is larger than the adapter's textures, or than this renderer was made for.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]
     PictureTooLarge {

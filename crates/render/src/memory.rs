@@ -320,6 +320,14 @@ mod tests {
         project: TextureFormat::Rg32Float,
     };
 
+    #[test]
+    fn half_floats_do_for_measurements_and_not_for_labels() {
+        let halves = GpuFormats { atlas_u16: TextureFormat::R16Float, ..FORMATS };
+        let labels = |voxel_type| SlotEncoding::of_labels(voxel_type, (0.0, 9.0), false, None);
+        assert!(halves.tells_apart(&layer(VoxelType::U16).encoding) && halves.tells_apart(&labels(VoxelType::U8)));
+        assert!(!halves.tells_apart(&labels(VoxelType::U16)) && FORMATS.tells_apart(&labels(VoxelType::U16)));
+    }
+
     fn layer(voxel_type: VoxelType) -> VolumeNeeds {
         VolumeNeeds {
             encoding: SlotEncoding::new(voxel_type, (0.0, 1.0), false),

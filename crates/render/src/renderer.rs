@@ -126,6 +126,9 @@ impl Recipe {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
         self.check_textures(gpu)?;
+        if !self.layers.iter().all(|layer| gpu.report.formats.tells_apart(&layer.encoding)) {
+            return Err(GpuError::Labels);
+        }
         MemoryPlan::new(&MemoryNeeds {
             formats: gpu.report.formats,
             layers: &self.layers,

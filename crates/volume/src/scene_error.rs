@@ -165,11 +165,11 @@ pub enum LayerError {
     Flat(f64),
     /// The layer's style is about labels, and its store's values are measurements.
     #[error(
-        "the layer says which labels it shows, and the store has no labels: pack it with `kind` labels, or leave `show-labels` out"
+        "the layer says which labels it shows, and the store has no labels: pack it as labels, or leave the labels out"
     )]
     NoLabels,
     /// The layer's style has a part, named here, that labels do not have: they have no order, and nothing is between two of them.
-    #[error("labels have no {0}: leave it out; `show-labels`, `color` and `opacity` are for labels")]
+    #[error("labels have no {0}: leave it out; they have a color, an opacity, and a choice of those that are shown")]
     OfLabels(&'static str),
     /// The layer's labels have codes by their looks, since they are further apart than 16 bits reach, and the transfer function is one of their
     /// numbers, or an expression reads them.

@@ -15,7 +15,7 @@ impl TransferFunction {
     pub fn changes(&self) -> Option<[f64; 2]> {
         fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = f64> {
             let pairs = || points.windows(2).filter(|pair| pair[0][1..] != pair[1][1..]);
-            pairs().next().map(|pair| pair[0][0]).into_iter().chain(pairs().last().map(|pair| pair[1][0]))
+            pairs().next().map(|pair| pair[0][0]).into_iter().chain(pairs().next_back().map(|pair| pair[1][0]))
         }
         let regions = self.regions.iter().flat_map(|region| region.value);
         let values = || of(&self.color).chain(of(&self.opacity)).chain(regions.clone());
