@@ -519,7 +519,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --scene hidden.json --expr a+b", 2, "layer 1, which is hidden"),
         ("render a.zarr -o no.png --channel 3", 2, "no channel '3'"),
         ("render a.zarr b.zarr -o no.png --volume 2:blend=add", 2, "2 layers"),
-        ("render a.zarr b.zarr -o no.png --volume 1:blend=over", 2, "mix or add"),
+        ("render a.zarr b.zarr -o no.png --volume 1:blend=under", 2, "mix, add or over"),
         ("render a.zarr b.zarr -o no.png --mode mip --expr a+b", 2, "mode dvr"),
         ("render a.zarr b.zarr -o no.png --mode isosurface", 2, "isovalue"),
         ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "without lighting"),
