@@ -73,6 +73,11 @@ fn raw_files_that_do_not_fit_their_flags() {
             ("pack --order given a.raw a.raw o.zarr --shape 20,30,20 --dtype u8 --times 2", USAGE, &["2 files"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --spacing 1,0,1", USAGE, &["1,0,1", "positive"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --origin 1,nan,1", USAGE, &["1,nan,1", "finite"]),
+            (
+                "pack a.raw o.zarr --shape 20,30,40 --dtype u8 --kind labels --downsample mode,mean",
+                USAGE,
+                &["mean of two labels"],
+            ),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --nodata abc", USAGE, &["'abc'", "finite number, or none"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --nodata nan", USAGE, &["'nan'", "finite number", "NaN"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --nodata 300", USAGE, &["--nodata 300", "u8", "0 to 255"]),

@@ -79,6 +79,15 @@ impl PackSettings {
             Kind::Image => Downsample::Mean,
             Kind::Labels => Downsample::Mode,
         };
+        let downsample = self.downsample.unwrap_or(by_kind.into());
+        let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
+        if kind == Kind::Labels && averages {
+            let problem = "--downsample mean: the mean of two labels is another label: mode, max, min and nearest are for --kind labels";
+            return Err(Failure::usage(problem));
+        }
+        if kind == Kind::Labels && voxel_type.is_float() {
+            eprintln!("note: labels are whole numbers: what is not is shown as the nearest one");
+        }
         let exists = match (self.resume, self.overwrite) {
             (true, _) => Exists::Resume,
             (_, true) => Exists::Overwrite,
@@ -89,7 +98,7 @@ impl PackSettings {
             edge: self.brick,
             shard_edge: self.shard,
             codec: self.codec.unwrap_or(defaults.codec),
-            downsample: self.downsample.unwrap_or(by_kind.into()),
+            downsample,
             kind,
             aprons: self.aprons.unwrap_or(0),
             memory_bytes: self.memory,
