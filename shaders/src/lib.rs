@@ -488,8 +488,7 @@ pub fn peel() -> String {
 mod tests {
     use super::*;
     use brickyard_volume::{
-        TransferGrid, compositing, float_slots, gradients, jitter, lighting, macrocells, mesh, preintegration,
-        sampling, surface,
+        TransferGrid, compositing, gradients, jitter, lighting, mesh, preintegration, sampling, slot_encoding, surface,
     };
     use naga::{Module, TypeInner};
     use std::mem::{offset_of, size_of};
@@ -773,7 +772,7 @@ mod tests {
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),
             ("NO_RANGES", naga::Literal::U32(NO_RANGES)),
-            ("ANYTHING", naga::Literal::U32(u32::from(macrocells::ANYTHING[1]) << 16)),
+            ("ANYTHING", naga::Literal::U32(u32::from(slot_encoding::ANYTHING[1]) << 16)),
         ];
         let surface = parse("a surface", &raycast(&surface, COMPUTE, true));
         let expected = expected.map(|(name, value)| (&surface, name, value));
@@ -795,7 +794,7 @@ mod tests {
             (&foggy, "ROUNDS", naga::Literal::U32(surface::ROUNDS as u32)),
         ];
         let floats = parse("floats", &raycast(&floats, COMPUTE, true));
-        let of_floats = [("LEAST_SLOT", single(float_slots::LEAST_SLOT as f64)), ("NO_VALUE", single(-1e30))];
+        let of_floats = [("LEAST_SLOT", single(slot_encoding::LEAST_SLOT as f64)), ("NO_VALUE", single(-1e30))];
         let of_floats = of_floats.map(|(name, value)| (&floats, name, value));
         let peel = parse("peel", &peel());
         let of_meshes = [

@@ -1,4 +1,4 @@
-// Numbers of f32 slots, and the normalised codes that they become. Twin of the volume crate's `float_slots`.
+// Numbers of f32 slots, and the normalised codes that they become. Twin of the volume crate's `slot_encoding` and `float_slots`.
 //!import frame no_value
 const LEAST_SLOT: f32 = -2e38;
 

@@ -3,6 +3,7 @@
 use crate::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
 use brickyard_store::{Downsample, IoMode, OpenError, Store};
+use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{
     Extent, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, SceneLayer, SlotEncoding,
@@ -139,7 +140,7 @@ impl VolumeSource {
         channel: u32,
         function: &TransferFunction,
     ) -> Result<Option<LabelCodes>, LayerError> {
-        LabelCodes::for_function(function, &self.encoding(channel))
+        label_codes(function, &self.encoding(channel))
     }
 
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {

@@ -9,7 +9,8 @@ use crate::sample::FloatMap;
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
-use brickyard_volume::macrocells::{ANYTHING, MacroCells, OpaqueCodes};
+use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
+use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Blend, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,

@@ -258,8 +258,8 @@ mod tests {
     use crate::surface::Isosurface;
     use crate::tiles::TILE_PX;
     use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
-    use brickyard_volume::float_slots::INVALID_SLOT;
     use brickyard_volume::macrocells::MacroCells;
+    use brickyard_volume::slot_encoding::INVALID_SLOT;
     use brickyard_volume::*;
     use glam::DVec3;
 

@@ -16,7 +16,7 @@ use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
 use crate::steps::Places;
 use brickyard_volume::SlotEncoding;
-use brickyard_volume::float_slots::LEAST_SLOT;
+use brickyard_volume::slot_encoding::LEAST_SLOT;
 use glam::Vec4;
 
 /// Up to four packets of samples along a ray, near to far, and the room to work on them (kept, as clearing it takes time).
@@ -540,7 +540,7 @@ fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::float_slots::INVALID_SLOT;
+    use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const CODES: FloatMap = FloatMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 

@@ -9,7 +9,7 @@
 //! the window: what an f32 rounds away is far from there. The transfer table covers the window, with a margin; renderers map slots to
 //! codes of that table as they read them, and codes past its ends are as good as those at the ends.
 
-use crate::slot_encoding::{SlotEncoding, SlotFormat};
+use crate::slot_encoding::{FloatSlots, MOST, SlotEncoding, SlotFormat};
 use crate::surface::Isosurface;
 use crate::transfer::TransferFunction;
 use crate::voxel_type::VoxelType;
@@ -24,26 +24,8 @@ const SURPLUS: f64 = 4.0;
 /// The part of the window that the transfer table has beyond it on each side.
 const MARGIN: f64 = 1.0 / 64.0;
 
-/// What an f32 slot holds where there is no value.
-pub const INVALID_SLOT: f32 = -3e38;
-
-/// A number between those of f32 slots with a value, which are more, and [`INVALID_SLOT`].
-pub const LEAST_SLOT: f32 = -2e38;
-
-/// The greatest magnitude of an f32 slot with a value, so that no difference overflows.
-const MOST: f64 = 1e38;
-
 /// How many codes a sample of f32 slots can be away from the transfer table's first code, so that no product of two overflows.
 pub const FARTHEST_CODES: f32 = 1e12;
-
-/// What f32 slots hold, besides the values themselves.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FloatSlots {
-    /// The value that slots hold as 0.
-    pub base: f64,
-    /// The difference of values that stored gradients hold as [`SCALE`](crate::gradients::SCALE).
-    pub unit: f64,
-}
 
 impl FloatSlots {
     /// The slots for a window of a channel of this type.
@@ -152,15 +134,6 @@ impl SlotEncoding {
         (FARTHEST_CODES as f64 * self.code_width()).min(2.0 * MOST) as f32
     }
 
-    /// The number that an f32 slot holds for a value.
-    pub(crate) fn slot(&self, value: f64) -> f32 {
-        (value - self.base()).clamp(-MOST, MOST) as f32
-    }
-
-    fn base(&self) -> f64 {
-        self.floats.map_or(0.0, |floats| floats.base)
-    }
-
     /// What stored gradients have to be multiplied by to be differences of normalised codes.
     pub fn gradient_scale(&self) -> f64 {
         self.floats.map_or(1.0, |floats| floats.unit / (self.high - self.low))
@@ -192,6 +165,7 @@ fn at_most(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::slot_encoding::{INVALID_SLOT, LEAST_SLOT};
 
     fn encoding(voxel_type: VoxelType, range: (f64, f64), window: [f64; 2]) -> SlotEncoding {
         SlotEncoding::new(voxel_type, range, false).for_window(Some(window), None)

@@ -14,8 +14,7 @@
 //!
 //! Stored gradients cost a byte per voxel (`8 / 2^3`), and about half a millisecond for a brick of 64^3.
 
-use crate::float_slots::LEAST_SLOT;
-use crate::slot_encoding::SlotFormat;
+use crate::slot_encoding::{LEAST_SLOT, SlotFormat};
 use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
 use std::ops::Range;

@@ -4,9 +4,6 @@
 //! Colours are hashed from the labels, so that a label has the same colour in every picture, of every store, without a table of all labels.
 //! Label 0 is the background, which is hidden.
 
-use crate::scene_error::LayerError;
-use crate::slot_encoding::SlotEncoding;
-use crate::transfer::{TransferError, TransferFunction};
 use serde::{Deserialize, Serialize};
 
 /// The label of what is nothing in particular: hidden unless it is asked for.
@@ -67,26 +64,17 @@ impl LabelLook {
         Some(own.unwrap_or_else(|_| hashed_color(color_index(label))))
     }
 
-    /// Checks that colours are sorted by label, and in 0..=1.
-    ///
-    /// # Errors
-    /// Names the first offending colour.
-    pub(crate) fn validate(&self) -> Result<(), TransferError> {
-        const LIST: &str = "labels.colors";
+    /// The first of the colours that is not in 0..=1, or not sorted by label: its index, and what is wrong with it.
+    pub(crate) fn bad_color(&self) -> Option<(usize, String)> {
         let colors = self.colors.as_deref().unwrap_or_default();
-        if let Some(index) = colors.iter().position(|entry| entry.color.iter().any(|c| !(0.0..=1.0).contains(c))) {
-            let problem = format!("{:?} is outside 0..1", colors[index].color);
-            return Err(TransferError::Point { list: LIST, index, problem });
-        }
-        if let Some(before) = colors.windows(2).position(|pair| pair[1].label <= pair[0].label) {
-            let problem = format!(
-                "label {} comes after {}: sort the colours by label",
-                colors[before + 1].label,
-                colors[before].label
-            );
-            return Err(TransferError::Point { list: LIST, index: before + 1, problem });
-        }
-        Ok(())
+        colors.iter().enumerate().find_map(|(index, LabelColor { label, color })| {
+            let before = index.checked_sub(1).map(|before| colors[before].label).filter(|before| before >= label);
+            let disorder =
+                before.map(|before| format!("label {label} comes after {before}: sort the colours by label"));
+            let is_color = color.iter().all(|part| (0.0..=1.0).contains(part));
+            let outside = (!is_color).then(|| format!("{color:?} is outside 0..1"));
+            Some((index, outside.or(disorder)?))
+        })
     }
 }
 
@@ -113,20 +101,6 @@ impl LabelCodes {
         named.sort_unstable();
         named.dedup();
         (named.len() <= Self::MOST).then_some(Self { named })
-    }
-
-    /// The codes that a function's look asks of a layer with this encoding; `None` if its labels have the encoding's own codes.
-    ///
-    /// # Errors
-    /// If the function is one of the labels' numbers, or its look names too many labels.
-    pub fn for_function(function: &TransferFunction, encoding: &SlotEncoding) -> Result<Option<Self>, LayerError> {
-        if !encoding.is_hashed {
-            return Ok(None);
-        }
-        match &function.labels {
-            Some(look) if function.is_even() => Self::of(look).map(Some).ok_or(LayerError::ManyLabels),
-            _ => Err(LayerError::HashedLabels),
-        }
     }
 
     /// The code of a label; 0 for the background.
@@ -232,10 +206,10 @@ mod tests {
         let look = LabelLook { shown: None, colors: Some(own.clone()) };
         assert_eq!([look.color(3), look.color(4)], [Some([1.0, 0.0, 0.0]), Some(hashed_color(color_index(4)))]);
         assert_eq!(LabelLook::default().color(3), None);
-        look.validate().unwrap();
+        assert_eq!(look.bad_color(), None);
         let swapped = LabelLook { shown: None, colors: Some(vec![own[1], own[0]]) };
-        assert!(swapped.validate().unwrap_err().to_string().contains("label 3 comes after 9"));
+        assert!(swapped.bad_color().is_some_and(|(i, problem)| i == 1 && problem.contains("label 3 comes after 9")));
         let bright = LabelLook { shown: None, colors: Some(vec![LabelColor { label: 1, color: [1.5, 0.0, 0.0] }]) };
-        assert!(bright.validate().is_err());
+        assert!(bright.bad_color().is_some_and(|(i, problem)| i == 0 && problem.contains("outside")));
     }
 }

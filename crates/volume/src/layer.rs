@@ -2,9 +2,10 @@
 //! function, at the cost of a copy of the points.
 
 use crate::compositing::Blend;
-use crate::labels::LabelLook;
+use crate::labels::{LabelCodes, LabelLook};
 use crate::placement::Placement;
 use crate::scene_error::LayerError;
+use crate::slot_encoding::SlotEncoding;
 use crate::surface::Isosurface;
 use crate::transfer::{Subject, TransferChoice, TransferFunction};
 use glam::DVec3;
@@ -141,6 +142,20 @@ impl SceneLayer {
     pub(crate) fn has_no_style(&self) -> bool {
         let Self { source, channel, world_from_volume, crop, visible, .. } = self.clone();
         *self == Self { source, channel, world_from_volume, crop, visible, ..Self::default() }
+    }
+}
+
+/// The codes that a function's look asks of a layer with this encoding; `None` if its labels have the encoding's own codes.
+///
+/// # Errors
+/// If the function is one of the labels' numbers, or its look names too many labels.
+pub fn label_codes(function: &TransferFunction, encoding: &SlotEncoding) -> Result<Option<LabelCodes>, LayerError> {
+    if !encoding.is_hashed {
+        return Ok(None);
+    }
+    match &function.labels {
+        Some(look) if function.is_even() => LabelCodes::of(look).map(Some).ok_or(LayerError::ManyLabels),
+        _ => Err(LayerError::HashedLabels),
     }
 }
 

@@ -24,9 +24,6 @@ pub struct MacroCells {
 /// The range of a cell without a valid voxel: its least code is past its greatest.
 pub const NONE: [u16; 2] = [u16::MAX, 0];
 
-/// A range that tells nothing: codes may be past its ends, too.
-pub const ANYTHING: [u16; 2] = [0, u16::MAX];
-
 fn join([a, b]: [u16; 2], [c, d]: [u16; 2]) -> [u16; 2] {
     [a.min(c), b.max(d)]
 }

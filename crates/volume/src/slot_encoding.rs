@@ -9,7 +9,6 @@
 //! kept exactly, from code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a channel of 16 bits
 //! that has both ends of its type is quantised.
 
-use crate::float_slots::{FloatSlots, INVALID_SLOT};
 use crate::voxel_type::{Voxel, VoxelType};
 use crate::with_voxel_type;
 
@@ -44,6 +43,27 @@ impl SlotFormat {
     }
 }
 
+/// A range of codes that tells nothing: codes may be past its ends, too.
+pub const ANYTHING: [u16; 2] = [0, u16::MAX];
+
+/// What an f32 slot holds where there is no value.
+pub const INVALID_SLOT: f32 = -3e38;
+
+/// A number between those of f32 slots with a value, which are more, and [`INVALID_SLOT`].
+pub const LEAST_SLOT: f32 = -2e38;
+
+/// The greatest magnitude of an f32 slot with a value, so that no difference overflows.
+pub(crate) const MOST: f64 = 1e38;
+
+/// What f32 slots hold, besides the values themselves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FloatSlots {
+    /// The value that slots hold as 0.
+    pub base: f64,
+    /// The difference of values that stored gradients hold as [`SCALE`](crate::gradients::SCALE).
+    pub unit: f64,
+}
+
 /// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes, or, as f32 slots do, numbers
 /// that do not depend on `low` and `high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +77,7 @@ pub struct SlotEncoding {
     /// Value of the greatest code.
     pub high: f64,
     /// Whether there are voxels without a value: code 0 means *invalid* instead of `low`, and so does
-    /// [`INVALID_SLOT`](crate::float_slots::INVALID_SLOT) in f32 slots.
+    /// [`INVALID_SLOT`] in f32 slots.
     pub has_invalid: bool,
     /// What f32 slots hold; `None` where slots hold codes.
     pub floats: Option<FloatSlots>,
@@ -148,6 +168,15 @@ impl SlotEncoding {
     /// The normalised code of a value: below 0 or above 1 outside of the encoding's range.
     pub fn unorm(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
+    }
+
+    /// The number that an f32 slot holds for a value.
+    fn slot(&self, value: f64) -> f32 {
+        (value - self.base()).clamp(-MOST, MOST) as f32
+    }
+
+    pub(crate) fn base(&self) -> f64 {
+        self.floats.map_or(0.0, |floats| floats.base)
     }
 
     /// Encodes little-endian voxels into `codes`, as slots hold them. Costs a copy for unsigned 8- and 16-bit data.

@@ -18,8 +18,7 @@
 //! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
 
 use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
-use crate::macrocells::ANYTHING;
-use crate::slot_encoding::SlotEncoding;
+use crate::slot_encoding::{ANYTHING, SlotEncoding};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 

@@ -165,7 +165,9 @@ impl TransferFunction {
         if self.is_by_gradient() {
             self.check_gradients()?;
         }
-        self.labels.iter().try_for_each(LabelLook::validate)?;
+        if let Some((index, problem)) = self.labels.as_ref().and_then(LabelLook::bad_color) {
+            return Err(TransferError::Point { list: "labels.colors", index, problem });
+        }
         if !(self.unit_distance.is_finite() && self.unit_distance > 0.0) {
             return Err(TransferError::UnitDistance(self.unit_distance));
         }

@@ -1,8 +1,9 @@
 use super::*;
+use crate::layer::label_codes;
 use crate::lighting::LightingModel;
 use crate::scene::VolumePlace;
 use crate::transfer::TransferFunction;
-use crate::{LabelCodes, LabelLook, Placement, SlotEncoding, VoxelType};
+use crate::{LabelLook, Placement, SlotEncoding, VoxelType};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -146,7 +147,7 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
     let look = LabelLook { shown: Some((0..40_000).collect()), colors: None };
     for (name, labels, word) in [("HashedLabels", None, "too far apart"), ("ManyLabels", Some(look), "32767 labels")] {
         let function = TransferFunction { labels, ..TransferFunction::default() };
-        let error = LabelCodes::for_function(&function, &encoding).expect_err(name);
+        let error = label_codes(&function, &encoding).expect_err(name);
         assert!(format!("{error:?}") == name && error.to_string().contains(word), "{error}");
         found.insert(name);
     }
