@@ -48,7 +48,7 @@ impl LabelLook {
 
     /// Whether one of the labels from `low` to `high`, which may be infinite, is shown.
     pub fn shows_between(&self, low: f64, high: f64) -> bool {
-        let is_between = |label: i64| low <= label as f64 && label as f64 <= high;
+        let is_between = |label: i64| (low..=high).contains(&(label as f64));
         match &self.shown {
             Some(shown) => shown.iter().any(|&label| is_between(label)),
             None => {
@@ -170,7 +170,7 @@ mod tests {
         for index in (0..HASHED_COLORS).step_by(7) {
             let color = hashed_color(index);
             let (least, most) = color.iter().fold((1.0f64, 0.0f64), |(a, b), &c| (a.min(c), b.max(c)));
-            assert!(most >= 0.7 - 1e-9 && most <= 1.0 && most - least > 0.35, "{index}: {color:?}");
+            assert!((0.7 - 1e-9..=1.0).contains(&most) && most - least > 0.35, "{index}: {color:?}");
         }
     }
 
