@@ -189,7 +189,7 @@ impl Pager {
         }
         self.motion.see(at, &views[0].rays);
         let occupancy: Vec<u64> = self.volumes.iter().map(PagedVolume::occupancy_version).collect();
-        let Outlook { cuts, ahead } = self.planner.outlook(Job {
+        let Outlook { cuts, ahead, .. } = self.planner.outlook(Job {
             views: views.to_vec(),
             visibility: self.volumes.iter().map(|volume| volume.visibility.clone()).collect(),
             ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME)),

@@ -72,6 +72,8 @@ pub(crate) struct Outlook {
     pub(crate) cuts: Vec<Arc<Cut>>,
     /// The bricks to fetch ahead, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
+    /// Whether `ahead` is of these cuts; if not, the same cuts come once more, with what is.
+    pub(crate) is_whole: bool,
 }
 
 /// Makes one plan after the other.
@@ -205,7 +207,8 @@ impl Planner {
             match &mut self.place {
                 Place::Inline(desk) => {
                     let cuts = desk.cuts(&job);
-                    self.newest = Some((self.number, Outlook { ahead: desk.look_ahead(&job, &cuts), cuts }));
+                    let ahead = desk.look_ahead(&job, &cuts);
+                    self.newest = Some((self.number, Outlook { cuts, ahead, is_whole: true }));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
@@ -219,7 +222,7 @@ impl Planner {
             }
             self.asked = Some(job.clone());
         }
-        let guess = |cuts| (0, Outlook { cuts, ahead: [].into() });
+        let guess = |cuts| (0, Outlook { cuts, ahead: [].into(), is_whole: false });
         let newest = match self.newest.take() {
             // Before the first: the coarsest level.
             None => {
@@ -243,8 +246,9 @@ impl Planner {
 
     /// The channel from which the next outlook comes, if one is on its way.
     pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
+        let is_whole = self.newest.as_ref().is_some_and(|(_, newest)| newest.is_whole);
         match &self.place {
-            Place::Thread(thread) if !self.is_done() => Some(&thread.outlooks),
+            Place::Thread(thread) if !(self.is_done() && is_whole) => Some(&thread.outlooks),
             _ => None,
         }
     }
@@ -265,17 +269,17 @@ impl PlannerThread {
         let (finished, outlooks) = bounded(1);
         let (inbox, unseen) = (untaken.clone(), outlooks.clone());
         let work = move || {
-            let finish = |number, cuts, ahead| {
+            let finish = |number, outlook: Outlook| {
                 while unseen.try_recv().is_ok() {}
-                finished.send((number, Outlook { cuts, ahead })).is_ok()
+                finished.send((number, outlook)).is_ok()
             };
             let mut ahead: Arc<[_]> = [].into();
             for (number, job) in inbox {
                 // A frame may be waiting for the cuts.
                 let cuts = desk.cuts(&job);
-                let mut goes_on = finish(number, cuts.clone(), ahead);
+                let mut goes_on = finish(number, Outlook { cuts: cuts.clone(), ahead, is_whole: false });
                 ahead = desk.look_ahead(&job, &cuts);
-                goes_on = goes_on && finish(number, cuts, ahead.clone());
+                goes_on = goes_on && finish(number, Outlook { cuts, ahead: ahead.clone(), is_whole: true });
                 if !goes_on {
                     return;
                 }
