@@ -1,33 +1,5 @@
-// Maximum and minimum intensity, as (value, 1) where something was sampled, else (0, 0). The minimum is
-// the maximum of 1 - value (`frame.invert` 1), so both blend by max over a target cleared to zero.
-// A ray takes its far half first: from the middle of things an extreme is soon found, and what is around them skipped, before
-// and behind.
-//!import frame
-const FIRST_SHARE: f32 = 0.5;
-
-struct Pixel {
-    value: f32,
-    sampled: f32,
-}
-
-fn pixel_start() -> Pixel {
-    return Pixel(0.0, 0.0);
-}
-
+// Maximum and minimum intensity. The minimum is the maximum of 1 - value (`frame.invert` 1).
+//!import extreme frame
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
     return Pixel(max(pixel.value, abs(frame.invert - clamp(value, 0.0, 1.0))), 1.0);
-}
-
-// Nothing hides anything.
-fn light_left(pixel: Pixel) -> f32 {
-    return 1.0;
-}
-
-// Nothing passes the end of the scale.
-fn is_final(pixel: Pixel) -> bool {
-    return pixel.value >= 1.0;
-}
-
-fn pixel_end(pixel: Pixel) -> vec4f {
-    return vec4f(pixel.value, pixel.sampled, 0.0, 0.0);
 }
