@@ -14,7 +14,7 @@ struct Made {
     table: Arc<TransferTable>,
 }
 
-/// What a table is made of.
+/// The function and the encoding that a table is made of.
 #[derive(Clone, PartialEq)]
 struct Wanted {
     transfer: TransferFunction,

@@ -18,12 +18,12 @@ pub enum FileOrder {
 /// Which voxels of an input hold no data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NoData {
-    /// Those of the value that the file says, if it does.
+    /// Voxels of the value that the file says hold no data, if it says one.
     #[default]
     OfFile,
-    /// None, whatever the file says.
+    /// All voxels hold data, whatever the file says.
     None,
-    /// Those of this value, whatever the file says. It is one of the values that voxels are given, after the file's own scaling.
+    /// Voxels of this value hold no data, whatever the file says. It is one of the values that voxels are given, after the file's own scaling.
     Value(f64),
 }
 

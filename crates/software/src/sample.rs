@@ -92,7 +92,7 @@ pub(crate) trait Code {
     /// The second of a pair.
     fn far(pair: Self::Pair) -> f32;
 
-    /// What of a voxel is interpolated, and whether the voxel has a value; 0 if it has none.
+    /// The number of a voxel that is interpolated, 0 if the voxel has no value, and whether it has one.
     #[inline(always)]
     fn part(code: f32, _: &FloatMap) -> (f32, bool) {
         (code, code != 0.0)

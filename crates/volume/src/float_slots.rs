@@ -4,7 +4,7 @@
 //! 1020th of it, a quarter of a display code; else it has f32 slots. The window is the range of values outside of which the look changes
 //! nothing any more: colours, opacities, and isovalues all lie in it.
 //!
-//! What is in f32 slots does not depend on the window but for where it roughly is, so a window is dragged or stretched without uploading
+//! The contents of f32 slots do not depend on the window but for where it roughly is, so a window is dragged or stretched without uploading
 //! a brick again: a slot holds the value less a *base*, as an f32. The base is 0 for floats, so nothing is lost. For integers it is one near
 //! the window: what an f32 rounds away is far from there. The transfer table covers the window, with a margin; renderers map slots to
 //! codes of that table as they read them, and codes past its ends are as good as those at the ends.
@@ -118,8 +118,8 @@ impl SlotEncoding {
         })
     }
 
-    /// What of this encoding is in slots, without the range that a transfer table covers: the same for two encodings if bricks in slots of
-    /// the one can be read by the other.
+    /// This encoding without the range that its transfer table covers: two encodings are equal then if bricks in slots of the one can be
+    /// read by the other.
     pub fn of_slots(self) -> Self {
         self.in_slots(self.floats)
     }

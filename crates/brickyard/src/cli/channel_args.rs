@@ -199,9 +199,8 @@ impl ChannelArguments {
     /// # Errors
     /// If no layer shows a channel that is named, percentiles are one value, or labels are shown that there are not.
     pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
-        let store = |volume: &VolumeSource| volume.store().cloned();
         let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], volume: &VolumeSource| {
-            layer.window = Some(found_window(*bounds, store(volume).as_deref(), layer.channel)?);
+            layer.window = Some(found_window(*bounds, volume.store().map(|store| &**store), layer.channel)?);
             Ok(())
         };
         each(&self.window, "--window", Suits::Measurements, scene, volumes, window)?;
