@@ -212,6 +212,60 @@ fn what_an_application_shows_is_the_picture_in_every_format() {
     assert_eq!(app.errors.load(Ordering::Relaxed), 0);
 }
 
+/// Where a look asks for slots of another format, the application's texture shows the picture before until the new one is whole; a camera
+/// that moves meanwhile is followed at once.
+#[test]
+fn slots_change_behind_the_picture_before() {
+    let Some(app) = Application::new() else { return };
+    let value = |[x, y, z]: [u32; 3]| match [x, y, z] {
+        [11, 9, 20] => 1e3f32,
+        [30, 21, 7] => -1e3,
+        _ => 0.5 + 0.2 * (0.3 * f64::from(x + y)).sin() as f32 + 0.2 * (0.2 * f64::from(y + z)).cos() as f32,
+    };
+    let store = TestStore::pack(&FunctionSource::new(EXTENT, Geometry::default(), move |_, _, v| value(v)), 16);
+    let looking = |low: f64, high: f64, turn_deg: f64| {
+        let color = vec![[low, 0.9, 0.1, 0.4], [high, 0.3, 0.8, 0.2]];
+        let transfer = TransferFunction { color, opacity: vec![[low, 0.05], [high, 0.5]], ..transfer(0.5) };
+        Scene { camera: scene(0.5, turn_deg).camera, ..Scene::of(transfer) }
+    };
+    let texture = app.texture(FORMAT, SIZE);
+    let view = texture.create_view(&Default::default());
+    for moves in [false, true] {
+        let mut session = app.session(&store, true);
+        app.settle(&mut session, &looking(-1e3, 1e3, 20.0), SIZE, &whole(&view));
+        // The first picture of the window, from codes.
+        let narrow = looking(0.2, 0.8, 20.0);
+        let frame = session.step(&narrow, SIZE).expect("a step");
+        while !app.draw(&mut session, &frame, &whole(&view)) {}
+        let before = rgb(&app.read(&texture));
+        let (mut kept, mut begun) = (0, None);
+        loop {
+            let frame = session.step(&narrow, SIZE).expect("a step");
+            let uploaded = frame.status.counters.uploaded;
+            let is_this = app.draw(&mut session, &frame, &whole(&view));
+            if is_this && frame.status.settled || moves && kept > 0 {
+                break;
+            }
+            let is_changing = uploaded > *begun.get_or_insert(uploaded);
+            let is_before = rgb(&app.read(&texture)) == before;
+            assert!(is_before || !is_changing || is_this && frame.status.awaits_feedback, "{:?}", frame.status);
+            kept += u32::from(is_changing && !is_this && is_before);
+            session.wait(Duration::from_millis(5));
+        }
+        assert!(kept > 0, "slots were filled behind the picture");
+        let last = looking(0.2, 0.8, if moves { 50.0 } else { 20.0 });
+        if moves {
+            let frame = session.step(&last, SIZE).expect("a step");
+            while !app.draw(&mut session, &frame, &whole(&view)) {}
+            assert_ne!(rgb(&app.read(&texture)), before, "the camera has moved");
+        }
+        app.settle(&mut session, &last, SIZE, &whole(&view));
+        let (found, expected) = (rgb(&app.read(&texture)), rendered(&store, &last, SIZE));
+        assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
+    }
+    assert_eq!(app.errors.load(Ordering::Relaxed), 0);
+}
+
 /// The copy beside it, of the same frame, costs no drawing; what is beside both stays as it was.
 #[test]
 fn a_frame_goes_where_the_application_wants_it() {

@@ -74,6 +74,28 @@ fn looking_at(slice: Option<Slice>, mode: Mode) -> Scene {
     Scene { slice, mode, ..at_an_angle() }
 }
 
+/// Labels that a look names have codes of their own where 16 bits do not reach: these are made of the voxels in memory.
+#[test]
+fn naming_a_label_decodes_nothing_again() {
+    let test = store::<u32>([0.0, 3.0, 70_000.0, 70_001.0, 4e9]);
+    let naming = |labels: Vec<i64>| Scene {
+        layers: vec![SceneLayer { show_labels: Some(labels), ..SceneLayer::default() }],
+        level: LevelPolicy::Locked(0),
+        ..at_an_angle()
+    };
+    for way in [WAYS[1], WAYS[3]] {
+        // Every brick is there from the start, so that only codes change.
+        let options = SessionOptions { skips_empty: false, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open_session(&test.store, options) else { continue };
+        let (_, first) = settled(&mut session, &naming(vec![3]), SIZE);
+        let (found, second) = settled(&mut session, &naming(vec![70_000, 4_000_000_000]), SIZE);
+        assert!(second.bricks.uploaded > first.bricks.uploaded, "{way:?}: other codes");
+        assert_eq!(second.bytes.decoded, first.bytes.decoded, "{way:?}");
+        let expected = oracle(&test.store, &naming(vec![70_000, 4_000_000_000]), SIZE);
+        assert!(off(&found, &expected).len() <= found.rgb.len() / 1000, "{way:?}");
+    }
+}
+
 /// The pixels in which a picture is more than 1/255 off.
 fn off(found: &Picture, expected: &Picture) -> Vec<usize> {
     let is_off = |i: &usize| (0..3).any(|k| found.rgb[*i][k].abs_diff(expected.rgb[*i][k]) > 1);

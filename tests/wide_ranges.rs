@@ -3,17 +3,19 @@
 
 use brickyard::import::Source;
 use brickyard::oracle::render_reference;
-use brickyard::session::{VolumeSource, resolve};
+use brickyard::session::{SessionOptions, VolumeSource, resolve};
 use brickyard::store::Store;
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Isosurface, LevelPolicy, Lighting, LightingModel, Method, Mode, Picture,
     Sampling, Scene, SceneExpression, SceneLayer, Slice, SlotFormat, TransferFunction, Voxel,
 };
+use brickyard_pager::Status;
 use brickyard_tests::{
     FunctionSource, TestStore, WAYS, assert_same, assert_same_surface, open_session_of, options, oracle, session,
     settled,
 };
 use glam::DVec3;
+use std::time::{Duration, Instant};
 
 const SIZE: (u32, u32) = (61, 47);
 const EXTENT: Extent = Extent::new(40, 33, 36);
@@ -184,6 +186,7 @@ fn a_window_that_is_dragged_uploads_nothing_again() {
         let (_, first) = settled(&mut session, &wide, SIZE);
         let (_, narrow) = settled(&mut session, &scene(0.2, 0.6), SIZE);
         assert!(narrow.bricks.uploaded > first.bricks.uploaded, "{way:?}: codes are uploaded again as floats");
+        assert_eq!(narrow.bytes.decoded, first.bytes.decoded, "{way:?}: floats are made of the voxels in memory");
         for i in 0..200 {
             let t = i as f64 / 200.0;
             let edited = scene(if i < 100 { 2.0 * t - 0.5 } else { 1e8 * t * t }, 0.6 * (1.0 + 3.0 * t));
@@ -194,6 +197,69 @@ fn a_window_that_is_dragged_uploads_nothing_again() {
                 assert_same(&picture, &oracle(&test.store, &edited, SIZE), &format!("{way:?} {i}"));
             }
         }
+    }
+}
+
+/// In a live session a drag is drawn from the codes that there are. Once it rests they are replaced by floats, which nobody sees happen: the
+/// picture before stays until the new one is whole.
+#[test]
+fn slots_change_after_a_drag_behind_the_picture_before() {
+    let value = |v| match v {
+        GREAT => 1e3,
+        SMALL => -1e3,
+        _ => waves(v) as f32,
+    };
+    let test = pack(value);
+    let scene = |low: f64, width: f64| Scene {
+        camera: Some(camera()),
+        level: LevelPolicy::Locked(0),
+        ..Scene::of(ramp([low, low + width]))
+    };
+    for way in [WAYS[1], WAYS[3]] {
+        let options = SessionOptions { live: true, ..options(way, 64 << 20, 64 << 20) };
+        let Some(mut session) = open_session_of(vec![VolumeSource::of_store(&test.store)], options) else { continue };
+        let mut step = |scene: &Scene| {
+            session.wait(Duration::from_millis(5));
+            let frame = session.step(scene, SIZE).expect("a step");
+            (session.draw(&frame).expect("a picture"), frame.status)
+        };
+        let settle = |scene: &Scene, step: &mut dyn FnMut(&Scene) -> (Picture, Status)| {
+            let begun = Instant::now();
+            let mut pictures = Vec::new();
+            loop {
+                let (picture, status) = step(scene);
+                pictures.push(picture);
+                if status.settled {
+                    return (pictures, status.counters);
+                }
+                assert!(begun.elapsed() < Duration::from_secs(60), "{status:?}");
+            }
+        };
+        let (_, wide) = settle(&scene(-1e3, 2e3), &mut step);
+        let mut dragged = None;
+        for i in 0..20 {
+            let (picture, status) = step(&scene(0.2 - 0.005 * i as f64, 0.6));
+            assert_eq!(status.counters.uploaded, wide.uploaded, "{way:?} {i}: nothing changes during a drag");
+            assert!(!status.settled, "{way:?} {i}: the picture is not what it will be");
+            dragged = Some(picture);
+        }
+        let last = scene(0.2 - 0.005 * 19.0, 0.6);
+        let (before, expected) = (dragged.expect("a picture"), oracle(&test.store, &last, SIZE));
+        let apart = before.rgb.iter().flatten().zip(expected.rgb.iter().flatten()).map(|(a, b)| a.abs_diff(*b));
+        let apart = apart.max().unwrap_or(0);
+        // A code is a twentieth of the window.
+        assert!((3..100).contains(&apart), "{way:?}: the drag was drawn from codes, off by {apart}");
+        let (pictures, floats) = settle(&last, &mut step);
+        let (found, meanwhile) = pictures.split_last().expect("a picture");
+        assert!(floats.uploaded > wide.uploaded && floats.bytes_decoded == wide.bytes_decoded, "{way:?}: {floats:?}");
+        assert_same(found, &expected, &format!("{way:?}"));
+        let is_whole = |picture: &&Picture| picture.rgb == before.rgb || picture.rgb == found.rgb;
+        let half_made = meanwhile.iter().filter(|picture| !is_whole(picture)).count();
+        assert!(half_made == 0 && meanwhile.iter().any(|picture| picture.rgb == before.rgb), "{way:?}: {half_made}");
+        // Back to a wide window: codes again, once.
+        let (pictures, codes) = settle(&scene(-1e3, 2e3), &mut step);
+        assert!(codes.uploaded > floats.uploaded && codes.bytes_decoded == wide.bytes_decoded, "{way:?}: {codes:?}");
+        assert_same(pictures.last().expect("a picture"), &oracle(&test.store, &scene(-1e3, 2e3), SIZE), "codes");
     }
 }
 

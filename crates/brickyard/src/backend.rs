@@ -118,9 +118,10 @@ pub trait Renderer: Send {
         None
     }
 
-    /// Ends the backend, and returns its device with what has been compiled for it. `None` if it has no device.
+    /// Ends the backend, and returns its device with what has been compiled for it, and with the picture that was shown last if
+    /// `keeps_picture`. `None` if it has no device.
     #[cfg(feature = "gpu")]
-    fn into_compiled(self: Box<Self>) -> Option<Result<Compiled, GpuError>> {
+    fn into_compiled(self: Box<Self>, _keeps_picture: bool) -> Option<Result<Compiled, GpuError>> {
         None
     }
 

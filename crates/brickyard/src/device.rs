@@ -36,16 +36,17 @@ impl Device {
         self.left.take().or_else(|| self.lent.clone().map(Compiled::from))
     }
 
-    /// Ends a backend, and keeps its device for the next one with what has been compiled for it.
-    pub(crate) fn take_back(&mut self, backend: Box<dyn Renderer>) {
+    /// Ends a backend, and keeps its device for the next one with what has been compiled for it; with the picture that was shown last, too,
+    /// if `keeps_picture`.
+    pub(crate) fn take_back(&mut self, backend: Box<dyn Renderer>, keeps_picture: bool) {
         #[cfg(feature = "gpu")]
-        match backend.into_compiled() {
+        match backend.into_compiled(keeps_picture) {
             Some(Ok(compiled)) => self.left = Some(compiled),
             // The next backend opens another one, or says that it is lost.
             Some(Err(error)) => tracing::warn!("giving memory back to the GPU: {error}"),
             None => {}
         }
         #[cfg(not(feature = "gpu"))]
-        drop(backend);
+        drop((backend, keeps_picture));
     }
 }

@@ -54,7 +54,7 @@ impl Session {
     /// pass in the application's encoder. Nothing is waited for. Submit the encoder before the next call.
     ///
     /// Returns whether the target shows this frame, and all of it. While a thread compiles the shaders of a new kind of
-    /// picture, the target shows the picture before; if there is none it stays as it was. While it is not known how
+    /// picture, or slots of another format are filled for a look with a narrower or wider window, the target shows the picture before; if there is none it stays as it was. While it is not known how
     /// many layers translucent meshes have, some layers may be missing.
     ///
     /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes.
@@ -84,6 +84,9 @@ impl Session {
             return Err(SessionError::Superseded);
         };
         fit.hear()?;
+        if self.shown.is_some() && self.slot_change.shows_before() {
+            return Ok(false);
+        }
         let lacks_layers = fit.lacks_layers();
         if self.shown.as_ref().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
             return Ok(lacks_layers == Some(false));

@@ -3,10 +3,10 @@
 
 use crate::backend::Pictures;
 use crate::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs};
-use crate::coded_labels::coded;
 use crate::device::Device;
 use crate::gpu_backend::open_gpu;
 use crate::memory::ProcessMemory;
+use crate::resolve::slot_contents;
 use crate::session::{ResolvedScene, SessionOptions};
 use crate::stats::{BrickCounts, ByteCounts, RenderStats, ms};
 use brickyard_pager::{BrickSource, ExactError, ExactPasses, Next, PagerConfig, Planning, View};
@@ -91,7 +91,7 @@ impl ExactRenderer {
             apron: needs.bricks.apron,
             gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
-            floats: vec![encoding.floats],
+            contents: Vec::new(),
             workers: options.threads as u32,
             planning: Planning::Inline,
             prefetch: false,
@@ -159,25 +159,25 @@ impl ExactRenderer {
             return Err(ExactPictureError::Mixed);
         }
         let layer = &scene.layers[0];
-        let source = coded(&self.source, layer.codes.as_ref());
+        self.config.contents = vec![slot_contents(&layer.frames[0].settings.encoding, layer.codes.as_ref())];
         scene.picture(|eye| {
             let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
-            self.try_render((&source, &view), &layer.frames[eye].settings, begun, max_wait, stats)
+            self.try_render(&view, &layer.frames[eye].settings, begun, max_wait, stats)
         })
     }
 
     fn try_render(
         &mut self,
-        (source, view): (&Arc<dyn BrickSource>, &View),
+        view: &View,
         frame: &FrameSettings,
         begun: Instant,
         max_wait: Duration,
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
-        let pyramid = source.pyramid();
+        let pyramid = self.source.pyramid();
         let mut picture = self.renderer.passes(frame, pyramid)?;
         loop {
-            let mut passes = ExactPasses::new(source.clone(), view, &self.config)?;
+            let mut passes = ExactPasses::new(self.source.clone(), view, &self.config)?;
             let mut level_cells = vec![0; pyramid.levels().len()];
             let mut stand_ins = 0;
             loop {

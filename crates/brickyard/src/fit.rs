@@ -10,17 +10,16 @@
 mod shown;
 
 use crate::backend::{self, BackendError, Pictures, Renderer, layer_needs};
-use crate::coded_labels::coded;
 use crate::device::Device;
 use crate::options::SessionOptions;
-use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene};
+use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, slot_contents};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{
-    BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Status,
-    UploadLimits, View, VolumeNeeds, pools, share,
+    BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, SlotContents,
+    Status, UploadLimits, View, VolumeNeeds, pools, share,
 };
-use brickyard_volume::{FloatSlots, LabelCodes, Needs, Picture, SlotEncoding};
+use brickyard_volume::{LabelCodes, Needs, Picture, SlotEncoding};
 #[cfg(feature = "gpu")]
 use shown::Shown;
 use std::sync::Arc;
@@ -102,6 +101,11 @@ impl DemandLayer {
         let (encoding, codes) = (layer.encoding.of_slots(), layer.codes.clone());
         Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
+
+    /// What slots hold of the layer's voxels.
+    fn contents(&self) -> SlotContents {
+        slot_contents(&self.encoding, self.codes.as_ref())
+    }
 }
 
 /// A layer, and what of it is drawn now.
@@ -145,16 +149,16 @@ impl Fit {
         options: &SessionOptions,
         (device, kept): (&mut Device, &mut Vec<KeptCores>),
     ) -> Result<Self, SessionError> {
-        let sources: Vec<_> =
-            demand.layers.iter().map(|layer| coded(&volumes[layer.volume].source, layer.codes.as_ref())).collect();
+        let sources: Vec<_> = demand.layers.iter().map(|layer| volumes[layer.volume].source.clone()).collect();
         let needs = demand.layers.iter().zip(&sources);
         let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks));
         let needs: Vec<VolumeNeeds> = needs.collect();
+        let contents: Vec<SlotContents> = demand.layers.iter().map(DemandLayer::contents).collect();
         let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
-        let pools = match pools_of(&needs, &sources, &*backend, options, kept) {
+        let pools = match pools_of(&needs, (&sources, &contents), &*backend, options, kept) {
             Ok(pools) => pools,
             Err(error) => {
-                device.take_back(backend);
+                device.take_back(backend, false);
                 return Err(error);
             }
         };
@@ -184,15 +188,16 @@ impl Fit {
             && size_px.1 >= asked.pictures.size_px.1
     }
 
-    /// The f32 slots that hold a volume for the layer in a place; `None` if there is no such layer, or its slots hold codes.
-    pub(crate) fn floats(&self, place: usize, volume: usize) -> Option<FloatSlots> {
+    /// What slots hold of a volume for the layer in a place; `None` if there is no such layer.
+    pub(crate) fn slots_of(&self, place: usize, volume: usize) -> Option<SlotEncoding> {
         let is_it = |own: &&FitLayer| (own.asked.place, own.asked.volume) == (place, volume);
-        self.layers.iter().find(is_it).and_then(|own| own.asked.encoding.floats)
+        self.layers.iter().find(is_it).map(|own| own.asked.encoding)
     }
 
-    /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit.
-    pub(crate) fn into_cores(self, device: &mut Device) -> Vec<KeptCores> {
-        device.take_back(self.backend);
+    /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit. The device keeps the picture that was
+    /// shown last if `keeps_picture`.
+    pub(crate) fn into_cores(self, device: &mut Device, keeps_picture: bool) -> Vec<KeptCores> {
+        device.take_back(self.backend, keeps_picture);
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
     }
 
@@ -329,7 +334,7 @@ static NOTHING: DrawList = DrawList { cells: Vec::new() };
 /// The pools of layers with these needs, all within the host budget.
 fn pools_of(
     needs: &[VolumeNeeds],
-    sources: &[Arc<dyn BrickSource>],
+    (sources, contents): (&[Arc<dyn BrickSource>], &[SlotContents]),
     backend: &dyn Renderer,
     options: &SessionOptions,
     kept: &mut Vec<KeptCores>,
@@ -345,7 +350,7 @@ fn pools_of(
         apron: bricks.apron,
         gradient_layers: bricks.gradient_layers,
         host_bytes: 0,
-        floats: layers.iter().map(|&layer| needs[layer].encoding.floats).collect(),
+        contents: layers.iter().map(|&layer| contents[layer].clone()).collect(),
         // Twice as many as there are threads, in all: some wait while others read.
         workers: (2 * options.threads).div_ceil(needs.len()).min(options.threads).max(1) as u32,
         planning: if options.live { Planning::Thread } else { Planning::Inline },

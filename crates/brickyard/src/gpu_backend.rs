@@ -116,8 +116,8 @@ impl Renderer for GpuRenderer {
         Some(self)
     }
 
-    fn into_compiled(self: Box<Self>) -> Option<Result<Compiled, GpuError>> {
-        Some((*self).into_compiled())
+    fn into_compiled(self: Box<Self>, keeps_picture: bool) -> Option<Result<Compiled, GpuError>> {
+        Some((*self).into_compiled(keeps_picture))
     }
 
     fn destroy_device(&self) {

@@ -73,7 +73,6 @@
 
 pub mod backend;
 pub mod channels;
-mod coded_labels;
 mod device;
 mod device_losses;
 #[cfg(feature = "gpu")]
@@ -99,6 +98,7 @@ pub mod scenario;
 pub mod scene_file;
 pub mod session;
 mod session_error;
+mod slot_change;
 pub mod stats;
 #[cfg(feature = "survey")]
 pub mod survey;

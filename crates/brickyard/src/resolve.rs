@@ -3,11 +3,11 @@
 
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
-use brickyard_pager::View;
+use brickyard_pager::{SlotContents, View};
 use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FloatSlots, FrameSettings, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs,
+    Camera, Clip, Combination, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs,
     Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout,
     StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
@@ -139,11 +139,11 @@ impl Eyes {
 /// If the scene is invalid ([`Scene::check`]), or its camera is.
 pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
     let table = |_, transfer: &TransferFunction, encoding: &_| TransferTable::new(transfer, encoding).into();
-    resolve_with(volumes, scene, size_px, (table, |_, _| None))
+    resolve_with(volumes, scene, size_px, (table, |_, _| KeptSlots::default()))
 }
 
 /// Resolves a scene as [`resolve`] does, with transfer tables from `table`, which is given a store's place, a transfer
-/// function and the encoding of codes. f32 slots that there are already, which `kept` says of a layer's place and its
+/// function and the encoding of codes. Slots that there are already, which `kept` says of a layer's place and its
 /// store's, stay as long as they can.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
@@ -151,7 +151,7 @@ pub(crate) fn resolve_with(
     size_px: (u32, u32),
     (table, kept): (
         impl Fn((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
-        impl Fn(usize, usize) -> Option<FloatSlots>,
+        impl Fn(usize, usize) -> KeptSlots,
     ),
 ) -> Result<ResolvedScene, SessionError> {
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
@@ -197,6 +197,15 @@ pub(crate) fn resolve_with(
     })
 }
 
+/// What slots hold of a layer's voxels, given its encoding and the codes of its labels, if they have codes by their look.
+pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCodes>>) -> SlotContents {
+    match (encoding.floats, codes) {
+        (Some(floats), _) => SlotContents::Floats(floats),
+        (None, Some(codes)) => SlotContents::Labels(codes.clone()),
+        (None, None) => SlotContents::Codes,
+    }
+}
+
 /// The layers that are shown. What an expression takes the place of is left as it is.
 fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<ShownLayer<'a>>, SceneError> {
     let shown = |place: usize| {
@@ -232,7 +241,7 @@ fn hidden_layer(
     source: &VolumeSource,
     scene: &Scene,
     eyes: &Eyes,
-    kept: Option<FloatSlots>,
+    kept: KeptSlots,
 ) -> Result<HiddenLayer, SceneError> {
     let layer = &scene.layers[place];
     let view = View {
@@ -317,10 +326,7 @@ impl ShownLayer<'_> {
         scene: &Scene,
         eyes: &Eyes,
         lattice: Lattice,
-        (table, kept): (
-            impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>,
-            Option<FloatSlots>,
-        ),
+        (table, kept): (impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>, KeptSlots),
     ) -> Result<ResolvedLayer, SceneError> {
         let Self { place, store, volume, placement, style, transfer, window, codes } = self;
         let SceneLayer { channel, crop, opacity, blend, .. } = style;

@@ -17,10 +17,13 @@ pub use crate::options::SessionOptions;
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
+use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
-use brickyard_volume::{FrameSettings, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction};
+use brickyard_volume::{
+    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, StoreCounts, TransferFunction,
+};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -98,6 +101,8 @@ pub struct Session {
     pub(crate) shown: Option<Frame>,
     /// When it began, if it is live.
     clock: Option<Instant>,
+    /// A live session's change of what slots hold.
+    pub(crate) slot_change: SlotChange,
 }
 
 impl Session {
@@ -113,7 +118,7 @@ impl Session {
     /// the first step.
     pub fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Self {
         Self {
-            tables: volumes.iter().map(VolumeSource::tables).collect(),
+            tables: volumes.iter().map(|volume| volume.tables(options.live)).collect(),
             volumes,
             options,
             device: Device::default(),
@@ -127,6 +132,7 @@ impl Session {
             #[cfg(feature = "gpu")]
             shown: None,
             clock: options.live.then(Instant::now),
+            slot_change: SlotChange::default(),
         }
     }
 
@@ -141,6 +147,16 @@ impl Session {
     /// # Errors
     /// As [`resolve`]; and if the compositor has no order for the scene's layers.
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
+        self.resolve_for(scene, size_px, KeptSlots::replaceable)
+    }
+
+    /// Resolves a scene. `kept` says whether slots that there are, and hold codes or floats, may be replaced.
+    fn resolve_for(
+        &self,
+        scene: &Scene,
+        size_px: (u32, u32),
+        kept: impl Fn(Option<FloatSlots>) -> KeptSlots,
+    ) -> Result<ResolvedScene, SessionError> {
         let table = |(volume, channel): (usize, u32), transfer: &TransferFunction, encoding: &SlotEncoding| {
             self.tables[volume].of(channel).table(transfer, encoding)
         };
@@ -148,7 +164,8 @@ impl Session {
             let layers = (0..scene.layers.len()).filter(|&layer| scene.store(layer) == i);
             tables.expect(layers.map(|layer| &scene.layers[layer]), scene.sampling.method.is_pre_integrated());
         }
-        let kept = |place, volume| self.fit.as_ref().and_then(|fit| fit.floats(place, volume));
+        let slots = |place, volume| self.fit.as_ref().and_then(|fit| fit.slots_of(place, volume));
+        let kept = |place, volume| slots(place, volume).map_or_else(KeptSlots::default, |slots| kept(slots.floats));
         let mut resolved = resolve_with(&self.volumes, scene, size_px, (table, kept))?;
         self.check_order(&resolved)?;
         for layer in &mut resolved.layers {
@@ -186,8 +203,11 @@ impl Session {
         if self.fit.as_ref().is_some_and(|fit| fit.suffices(scene, &asked)) {
             return Ok(());
         }
+        let keeps_picture = self.slot_change.shows_before();
+        #[cfg(feature = "gpu")]
+        let shown = self.shown.take().filter(|_| keeps_picture);
         let (before, mut kept) = match self.take_fit() {
-            Some(fit) => (Some(fit.demand.clone()), fit.into_cores(&mut self.device)),
+            Some(fit) => (Some(fit.demand.clone()), fit.into_cores(&mut self.device, keeps_picture)),
             None => (None, std::mem::take(&mut self.kept)),
         };
         let Self { volumes, options, device, .. } = self;
@@ -199,6 +219,10 @@ impl Session {
             None => make(asked),
         };
         self.fit = Some(made?);
+        #[cfg(feature = "gpu")]
+        {
+            self.shown = shown;
+        }
         Ok(())
     }
 
@@ -214,7 +238,7 @@ impl Session {
     #[cfg(feature = "gpu")]
     pub(crate) fn move_to(&mut self, device: Device) {
         if let Some(fit) = self.take_fit() {
-            self.kept = fit.into_cores(&mut self.device);
+            self.kept = fit.into_cores(&mut self.device, false);
         }
         self.device = device;
     }
@@ -255,7 +279,29 @@ impl Session {
     /// picture can be drawn from no level at all.
     pub fn step(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<Frame, SessionError> {
         self.suit(scene)?;
-        self.step_resolved(&self.resolve(scene, size_px)?)
+        let shot = Shot { scene: scene.clone(), size_px };
+        let is_put_off = self.puts_off_slots(scene);
+        let resolved = match is_put_off {
+            true => self.resolve_for(scene, size_px, KeptSlots::fixed),
+            false => self.resolve(scene, size_px),
+        }?;
+        let Self { fit, device, slot_change, .. } = self;
+        slot_change.begin_step(&shot, is_put_off, |before| {
+            // A lent device keeps the texture that shows it.
+            fit.as_mut().filter(|_| !device.is_lent()).and_then(|fit| fit.draw(before, false).ok())
+        });
+        let mut frame = self.step_resolved(&resolved)?;
+        let is_whole = frame.status.settled || frame.status.awaits_feedback;
+        self.slot_change.end_step(shot, &frame.scene, is_whole);
+        frame.status.settled &= !is_put_off;
+        Ok(frame)
+    }
+
+    /// Whether a change of what slots hold is put off in a step towards a scene.
+    fn puts_off_slots(&mut self, scene: &Scene) -> bool {
+        let Self { fit: Some(fit), volumes, clock: Some(clock), slot_change, .. } = self else { return false };
+        let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
+        scene.check(&counts).is_ok() && slot_change.is_put_off(fit, volumes, scene, clock.elapsed())
     }
 
     /// Opens the pyramids that suit the scene's mode: maxima for maximum projections, where a store has them.
@@ -270,7 +316,7 @@ impl Session {
         if is_other {
             // Its slots hold bricks of another pyramid.
             if let Some(fit) = self.take_fit() {
-                fit.into_cores(&mut self.device);
+                fit.into_cores(&mut self.device, false);
             }
         }
         Ok(())
@@ -316,7 +362,8 @@ impl Session {
 
     /// Renders the last step's frame from the bricks in the slots, both eyes from the same bricks. If the device turns
     /// out to be lost, it is made anew and its slots are filled as far as before. The picture is the same then, but
-    /// takes as long as the first one of its view.
+    /// takes as long as the first one of its view. While a live session fills slots of another format for a look with a narrower or wider
+    /// window, the picture before is returned.
     ///
     /// # Errors
     /// If the frame is an earlier step's, there is no device any more, or the device is out of memory.
@@ -327,6 +374,9 @@ impl Session {
         // It is drawn where frames are shown, too.
         #[cfg(feature = "gpu")]
         drop(self.shown.take());
+        if let Some(picture) = self.slot_change.picture_before().filter(|_| frame.step == self.steps) {
+            return Ok(picture.clone());
+        }
         loop {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
                 return Err(SessionError::Superseded);

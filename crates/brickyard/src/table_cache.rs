@@ -3,7 +3,7 @@
 //! milliseconds.
 
 use brickyard_volume::float_slots::window;
-use brickyard_volume::{Isosurface, SceneLayer, SlotEncoding, TransferFunction, TransferTable};
+use brickyard_volume::{Isosurface, KeptSlots, SceneLayer, SlotEncoding, TransferFunction, TransferTable};
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -39,6 +39,8 @@ struct Kept {
 pub(crate) struct Tables {
     /// How codes stand for values, where slots hold codes.
     encoding: SlotEncoding,
+    /// Whether the next scene is drawn from the slots of the last one.
+    slots_stay: bool,
     kept: Arc<Mutex<Kept>>,
     /// To the thread that makes them ahead, from when one is first asked for; it ends when this is gone.
     wanted: OnceLock<Sender<Wanted>>,
@@ -52,13 +54,14 @@ pub(crate) struct VolumeTables {
 }
 
 impl VolumeTables {
-    /// Makes the tables of channels with these encodings, none of them filled.
-    pub(crate) fn new(encodings: impl Iterator<Item = SlotEncoding>) -> Self {
+    /// Makes the tables of channels with these encodings, none of them filled. `slots_stay` says whether a scene is first drawn from the
+    /// slots of the scene before.
+    pub(crate) fn new(encodings: impl Iterator<Item = SlotEncoding>, slots_stay: bool) -> Self {
         let (mut of_channel, mut tables): (_, Vec<Tables>) = (Vec::new(), Vec::new());
         for encoding in encodings {
             let known = tables.iter().position(|tables| tables.encoding == encoding);
             of_channel.push(known.unwrap_or_else(|| {
-                tables.push(Tables::new(encoding));
+                tables.push(Tables { slots_stay, ..Tables::new(encoding) });
                 tables.len() - 1
             }));
         }
@@ -91,7 +94,7 @@ fn lock(kept: &Mutex<Kept>) -> MutexGuard<'_, Kept> {
 
 impl Tables {
     pub(crate) fn new(encoding: SlotEncoding) -> Self {
-        Self { encoding, kept: Default::default(), wanted: OnceLock::new() }
+        Self { encoding, slots_stay: false, kept: Default::default(), wanted: OnceLock::new() }
     }
 
     /// Says in which layers the next scene shows the volume, and whether their tables need running integrals.
@@ -104,8 +107,11 @@ impl Tables {
     /// A function, and the encoding that it will have if the next scene is like the last one but for it.
     fn foreseen(&self, transfer: &TransferFunction) -> Wanted {
         let kept = lock(&self.kept);
-        let floats = kept.encoding.and_then(|encoding| encoding.floats);
-        let encoding = self.encoding.for_window(window(transfer, &kept.isosurfaces), floats);
+        let slots = match kept.encoding {
+            Some(encoding) if self.slots_stay => KeptSlots::fixed(encoding.floats),
+            encoding => KeptSlots::replaceable(encoding.and_then(|encoding| encoding.floats)),
+        };
+        let encoding = self.encoding.for_window(window(transfer, &kept.isosurfaces), slots);
         Wanted { transfer: transfer.clone(), encoding }
     }
 

@@ -163,9 +163,9 @@ impl VolumeSource {
         VolumePlace { own_box, placement: self.placement, is_anatomical: self.orientation.is_some() }
     }
 
-    /// The transfer tables of the volume's channels, none of them filled.
-    pub(crate) fn tables(&self) -> VolumeTables {
-        VolumeTables::new((0..self.source.channels()).map(|channel| self.encoding(channel)))
+    /// The transfer tables of the volume's channels for a session, none of them filled.
+    pub(crate) fn tables(&self, is_live: bool) -> VolumeTables {
+        VolumeTables::new((0..self.source.channels()).map(|channel| self.encoding(channel)), is_live)
     }
 
     pub(crate) fn encoding(&self, channel: u32) -> SlotEncoding {

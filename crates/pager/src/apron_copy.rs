@@ -1,4 +1,4 @@
-//! Boxes of codes on their way: from a decoded core into its shell, from core and shells into a padded brick.
+//! Boxes of voxels on their way: from a decoded core into its shell, from core and shells into a padded brick.
 //!
 //! Cost: memory traffic. A copy of the usual few lengths (an apron's width, a core's row) costs no call, and what lies on
 //! one cache line is copied together.
@@ -15,6 +15,8 @@ macro_rules! with_widths {
             (2, 64) => $function(2, 64, $($argument),*),
             (2, 128) => $function(2, 128, $($argument),*),
             (4, 128) => $function(4, 128, $($argument),*),
+            (4, 256) => $function(4, 256, $($argument),*),
+            (8, 256) => $function(8, 256, $($argument),*),
             (apron, core) => $function(apron, core, $($argument),*),
         }
     };
@@ -22,7 +24,7 @@ macro_rules! with_widths {
 
 /// Copies a core's six slabs into its shell (see [`layout`](crate::layout)): those of the low and the high x face, then y, then z.
 pub(crate) fn copy_shell(layout: &Layout, core: &[u8], shell: &mut [u8]) {
-    let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
+    let (apron, row) = (layout.apron * layout.voxel_bytes, layout.edge * layout.voxel_bytes);
     let (rows, slice, slab) = (layout.apron * row, layout.edge * row, layout.slab_bytes());
     let (x_slabs, rest) = shell.split_at_mut(2 * slab);
     let (y_slabs, z_slabs) = rest.split_at_mut(2 * slab);
@@ -54,7 +56,7 @@ pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     let stored = layout.stored_apron();
     let wanted = Apron { width: layout.apron as u32, ..stored };
     for (from, to) in stored.slabs().into_iter().zip(wanted.slabs()) {
-        let (slab, rest) = codes.split_at(from.extent().volume() as usize * layout.code_bytes);
+        let (slab, rest) = codes.split_at(from.extent().volume() as usize * layout.voxel_bytes);
         codes = rest;
         paste(layout, [None, Some(Block::of_slab(layout, slab, from, to)), None], out);
     }
@@ -86,7 +88,7 @@ impl<'a> Block<'a> {
             codes = &codes[slab * layout.slab_bytes()..][..layout.slab_bytes()];
             (from[axis], size[axis]) = (0, layout.apron);
         }
-        let bytes = layout.code_bytes;
+        let bytes = layout.voxel_bytes;
         let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
         Self {
             codes: &codes[place(from, size)..],
@@ -103,7 +105,7 @@ impl<'a> Block<'a> {
 impl<'a> Block<'a> {
     /// What of a slab `from` of a stored apron, which may be wider, goes to the slab `to` of a padded brick's.
     fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
-        let bytes = layout.code_bytes;
+        let bytes = layout.voxel_bytes;
         let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
         let of = |numbers: [u32; 3]| numbers.map(|n| n as usize);
         let (from_min, to_min, size) = (of(from.min.to_array()), of(to.min.to_array()), of(from.extent().to_array()));
@@ -123,8 +125,8 @@ impl<'a> Block<'a> {
 
 /// Copies up to three blocks, which lie side by side along x, to their places in a padded brick.
 pub(crate) fn paste(layout: &Layout, bar: [Option<Block>; 3], out: &mut [u8]) {
-    let (apron, row) = (layout.apron * layout.code_bytes, layout.edge * layout.code_bytes);
-    let width = layout.padded() * layout.code_bytes;
+    let (apron, row) = (layout.apron * layout.voxel_bytes, layout.edge * layout.voxel_bytes);
+    let width = layout.padded() * layout.voxel_bytes;
     let padded_slice = layout.padded() * width;
     if let [Some(before), Some(own), Some(after)] = &bar
         && [before.run, own.run, after.run] == [apron, row, apron]
@@ -167,7 +169,7 @@ fn copy_runs(run: usize, codes: &[u8], step: usize, count: usize, out: &mut [u8]
             }
         };
     }
-    with_run!(1, 2, 4, 64, 128);
+    with_run!(1, 2, 4, 8, 64, 128, 256);
 }
 
 #[cfg(test)]
@@ -178,11 +180,20 @@ mod tests {
     /// Each part of a padded brick comes out of a shell as it would out of the core, alone or with its bar.
     #[test]
     fn shells_hold_what_neighbours_take() {
-        for (edge, apron, code_bytes) in
-            [(4, 1, 1), (4, 2, 2), (3, 2, 1), (64, 1, 1), (64, 2, 1), (64, 1, 2), (64, 2, 2), (2, 2, 4)]
-        {
+        for (edge, apron, voxel_bytes) in [
+            (4, 1, 1),
+            (4, 2, 2),
+            (3, 2, 1),
+            (64, 1, 1),
+            (64, 2, 1),
+            (64, 1, 2),
+            (64, 2, 2),
+            (64, 1, 4),
+            (64, 2, 4),
+            (2, 2, 4),
+        ] {
             let gradients = GradientNodes { edge: edge as u32, layers: 0 };
-            let layout = Layout { edge, apron, stored: 0, code_bytes, floats: None, gradients };
+            let layout = Layout { edge, apron, stored: 0, voxel_bytes, code_bytes: voxel_bytes, gradients };
             let core: Vec<u8> = (0..layout.core_bytes()).map(|i| ((i * 2654435761) >> 11) as u8).collect();
             let mut shell = vec![0; layout.shell_bytes()];
             copy_shell(&layout, &core, &mut shell);
@@ -194,12 +205,12 @@ mod tests {
             Part::all().for_each(|part| paste(&layout, [None, block(part), None], &mut alone));
             Part::bars().for_each(|bar| paste(&layout, bar.map(block), &mut in_bars));
             assert!(alone == in_bars, "{layout:?}");
-            for (i, code) in alone.chunks_exact(code_bytes).enumerate() {
+            for (i, code) in alone.chunks_exact(voxel_bytes).enumerate() {
                 // With itself for each neighbour, a core repeats.
                 let along = |stride| (i / stride % layout.padded() + edge - apron) % edge;
                 let at = [along(1), along(layout.padded()), along(layout.padded().pow(2))];
-                let from = ((at[2] * edge + at[1]) * edge + at[0]) * code_bytes;
-                assert_eq!(code, &core[from..from + code_bytes], "{layout:?} {i}");
+                let from = ((at[2] * edge + at[1]) * edge + at[0]) * voxel_bytes;
+                assert_eq!(code, &core[from..from + voxel_bytes], "{layout:?} {i}");
             }
         }
     }

@@ -1,18 +1,20 @@
-//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level; and where they
-//! are wanted, the gradients of all that behind it.
+//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level, as slots hold them; and
+//! where they are wanted, the gradients of all that behind it.
 //!
 //! Where the source has aprons stored, a brick takes one core and one apron. Else:
 //!
 //! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
 //! one by one what has to be decoded. At the faces of the level (its own extent, which may end inside a brick) the last
 //! voxel is repeated; so it is towards a neighbour that cannot be read. Where a stored apron cannot be read, its voxels come
-//! from the neighbours' cores. Cost: the copy of one padded brick, plus decoding what the cache does not hold.
+//! from the neighbours' cores. All of this is done with voxels; the last step makes slot codes of them. Cost: the copy of one padded brick,
+//! its encoding, and decoding what the cache does not hold.
 
 use crate::apron_copy::{Block, paste, paste_apron};
 use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Whole};
 use crate::retry::Failure;
+use crate::slot_contents::Encoder;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
 use std::ops::Range;
@@ -23,14 +25,15 @@ use std::time::Instant;
 pub struct PaddedReader {
     cache: Arc<RamCache>,
     layout: Layout,
-    scratch: Vec<u8>,
+    encoder: Encoder,
 }
 
 impl PaddedReader {
     /// A reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
-        let (layout, scratch) = (cache.layout(), vec![0; cache.scratch_bytes()]);
-        Self { cache, layout, scratch }
+        let layout = cache.layout();
+        let encoder = Encoder::new(&**cache.source(), cache.contents(), &layout);
+        Self { cache, layout, encoder }
     }
 
     /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, and gradients if there are any.
@@ -63,81 +66,85 @@ impl PaddedReader {
         let index = id.index.to_array();
         let layout = self.layout;
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
-        let (codes, gradients) = out.split_at_mut(layout.voxel_bytes());
-        if layout.has_stored() {
-            self.paste_whole(id, spans, codes)?;
-        } else {
-            self.gather(id, spans, codes)?;
-        }
-        repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), codes);
+        let (codes, gradients) = out.split_at_mut(layout.padded_code_bytes());
+        let Self { cache, encoder, .. } = self;
+        encoder.encode(id.channel, codes, |voxels| {
+            if layout.has_stored() {
+                paste_whole(cache, id, spans, voxels)?;
+            } else {
+                gather(cache, id, spans, voxels)?;
+            }
+            repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), voxels);
+            Ok(())
+        })?;
         if !gradients.is_empty() {
             let first = index.map(|i| i as i64 * layout.edge as i64);
             let inside = std::array::from_fn(|a| -first[a]..extent[a] as i64 - first[a]);
-            let SlotEncoding { format, has_invalid, floats, .. } = self.cache.encoding(id.channel);
+            let SlotEncoding { format, has_invalid, floats, .. } = encoder.encoding(id.channel);
             let unit = floats.map_or(format.max_code() as f32, |floats| floats.unit as f32);
             let brick = PaddedCodes { codes, format, has_invalid, unit, apron: layout.apron as u32 };
             layout.gradients.fill(brick, &inside, gradients);
         }
         Ok(())
     }
+}
 
-    /// Puts a padded brick together from its core and its neighbours' shells.
-    fn gather(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
-        let layout = self.layout;
-        let place = |part: Part| place(&spans, part);
-        let mut lenders = [None; Part::COUNT];
-        for part in Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0)) {
-            lenders[part.number()] = Some(BrickId { index: part.lender(id.index), ..id });
-        }
-        let cached = self.cache.cached(&lenders);
-        for bar in Part::bars() {
-            let block = |part: Part| Some(Block::new(&layout, part, cached[part.number()].as_ref()?, place(part)));
-            paste(&layout, bar.map(block), out);
-        }
-        let is_missing = cached.map(|codes| codes.is_none());
-        for part in Part::all().filter(|part| is_missing[part.number()]) {
-            let Some(lender) = lenders[part.number()] else { continue };
-            match self.cache.part(part, lender, &mut self.scratch) {
-                Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
-                Err(failure) if part == Part::OWN || failure.again.is_some() => return Err(failure),
-                Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
-            }
-        }
-        Ok(())
+/// Puts a padded brick together from its core and its neighbours' shells.
+fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
+    let layout = cache.layout();
+    let place = |part: Part| place(&spans, part);
+    let mut lenders = [None; Part::COUNT];
+    for part in Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0)) {
+        lenders[part.number()] = Some(BrickId { index: part.lender(id.index), ..id });
     }
+    let cached = cache.cached(&lenders);
+    for bar in Part::bars() {
+        let block = |part: Part| Some(Block::new(&layout, part, cached[part.number()].as_ref()?, place(part)));
+        paste(&layout, bar.map(block), out);
+    }
+    let is_missing = cached.map(|voxels| voxels.is_none());
+    for part in Part::all().filter(|part| is_missing[part.number()]) {
+        let Some(lender) = lenders[part.number()] else { continue };
+        match cache.part(part, lender) {
+            Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
+            Err(failure) if part == Part::OWN || failure.again.is_some() => return Err(failure),
+            Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
+        }
+    }
+    Ok(())
+}
 
-    /// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read.
-    fn paste_whole(&mut self, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
-        let layout = self.layout;
-        let own = place(&spans, Part::OWN);
-        let Whole { codes, has_apron } = self.cache.whole(id, &mut self.scratch)?;
-        let (core, apron) = codes.split_at(layout.core_bytes());
-        if has_apron {
-            paste_apron(&layout, apron, out);
-        }
-        paste(&layout, [None, Some(Block::new(&layout, Part::OWN, core, own)), None], out);
-        // To be dropped before asking for another.
-        drop(codes);
-        let missing = Part::all().filter(|&part| part != Part::OWN && !has_apron);
-        for part in missing {
-            let region = place(&spans, part);
-            if region.iter().any(|span| span.len == 0) {
-                continue;
-            }
-            let lender = BrickId { index: part.lender(id.index), ..id };
-            match self.cache.whole(lender, &mut self.scratch) {
-                Ok(whole) => copy_of_core(&layout, &whole.codes, region, out),
-                Err(failure) if failure.again.is_some() => return Err(failure),
-                Err(_) => repeat_own_edge(&layout, region, own, out),
-            }
-        }
-        Ok(())
+/// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read.
+fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
+    let layout = cache.layout();
+    let own = place(&spans, Part::OWN);
+    let Whole { voxels, has_apron } = cache.whole(id)?;
+    let (core, apron) = voxels.split_at(layout.core_bytes());
+    if has_apron {
+        paste_apron(&layout, apron, out);
     }
+    paste(&layout, [None, Some(Block::new(&layout, Part::OWN, core, own)), None], out);
+    // To be dropped before asking for another.
+    drop(voxels);
+    let missing = Part::all().filter(|&part| part != Part::OWN && !has_apron);
+    for part in missing {
+        let region = place(&spans, part);
+        if region.iter().any(|span| span.len == 0) {
+            continue;
+        }
+        let lender = BrickId { index: part.lender(id.index), ..id };
+        match cache.whole(lender) {
+            Ok(whole) => copy_of_core(&layout, &whole.voxels, region, out),
+            Err(failure) if failure.again.is_some() => return Err(failure),
+            Err(_) => repeat_own_edge(&layout, region, own, out),
+        }
+    }
+    Ok(())
 }
 
 /// Copies a box of a neighbour's core to where it goes in the apron, voxel by voxel.
 fn copy_of_core(layout: &Layout, core: &[u8], region: [Span; 3], out: &mut [u8]) {
-    let (edge, padded, bytes) = (layout.edge, layout.padded(), layout.code_bytes);
+    let (edge, padded, bytes) = (layout.edge, layout.padded(), layout.voxel_bytes);
     for (z, to_z) in (region[2].from..).zip(region[2].target()) {
         for (y, to_y) in (region[1].from..).zip(region[1].target()) {
             let (from, to) = ((z * edge + y) * edge + region[0].from, (to_z * padded + to_y) * padded + region[0].to);
@@ -154,7 +161,7 @@ fn place(spans: &[[Span; 3]; 3], part: Part) -> [Span; 3] {
 
 /// Fills a box of the apron with the nearest voxels of the brick's own core.
 fn repeat_own_edge(layout: &Layout, region: [Span; 3], own: [Span; 3], out: &mut [u8]) {
-    let (padded, bytes) = (layout.padded(), layout.code_bytes);
+    let (padded, bytes) = (layout.padded(), layout.voxel_bytes);
     let nearest = |a: usize, at: usize| at.clamp(own[a].to, own[a].to + own[a].len - 1);
     let place = |x: usize, y: usize, z: usize| ((z * padded + y) * padded + x) * bytes;
     for z in region[2].target() {
@@ -170,11 +177,11 @@ fn repeat_own_edge(layout: &Layout, region: [Span; 3], own: [Span; 3], out: &mut
 /// Repeats the outermost voxels of the filled box up to the padded brick's faces: first along x, then whole rows along y,
 /// then whole slices along z.
 fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [u8]) {
-    let row = layout.padded() * layout.code_bytes;
+    let row = layout.padded() * layout.voxel_bytes;
     let slice = layout.padded() * row;
     if x != (0..layout.padded()) {
         for line in z.clone().flat_map(|z| y.clone().map(move |y| z * slice + y * row)) {
-            repeat_ends(&mut out[line..line + row], layout.code_bytes, &x);
+            repeat_ends(&mut out[line..line + row], layout.voxel_bytes, &x);
         }
     }
     for z in z.clone() {
@@ -198,6 +205,7 @@ mod tests {
     use super::*;
     use crate::budget::Meter;
     use crate::ram_cache::{DecodeCounters, layout_of};
+    use crate::slot_contents::SlotContents;
     use crate::source::BrickSource;
     use crate::test_source::TestSource;
     use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
@@ -220,9 +228,9 @@ mod tests {
     }
 
     fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
-        let layout = layout_of(&source, apron, 0, None).unwrap();
+        let layout = layout_of(&source, apron, 0, &SlotContents::Codes).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
-        (Arc::new(RamCache::with_meter(Arc::new(source), layout, cores, meter.clone())), meter)
+        (Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), cores, meter.clone())), meter)
     }
 
     #[test]
@@ -319,16 +327,16 @@ mod tests {
             let pyramid = Pyramid::new(Extent::from_array(n), [1.0; 3], 8);
             let source = TestSource::new(pyramid, [1.0; 3], VoxelType::U16).with_aprons(stored);
             let bricks = rows(&source);
-            let layout = layout_of(&source, 2 * layers, layers, None).unwrap();
+            let layout = layout_of(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
             let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
-            let cache = Arc::new(RamCache::with_meter(Arc::new(source), layout, 4, meter));
+            let cache = Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), 4, meter));
             let mut reader = PaddedReader::new(cache);
             let mut out = vec![0xEE; reader.padded_bytes()];
             let (mut known, mut met_again) = (HashMap::new(), 0);
             for id in bricks {
                 reader.read(id, &mut out).unwrap();
                 let along = layout.gradients.along();
-                for (i, node) in out[layout.voxel_bytes()..].chunks_exact(8).enumerate() {
+                for (i, node) in out[layout.padded_code_bytes()..].chunks_exact(8).enumerate() {
                     let at = [1, along, along * along].map(|stride| i as u32 / stride % along);
                     let index = id.index.to_array();
                     let place: [u32; 3] = std::array::from_fn(|a| index[a] * 4 + at[a]);
@@ -383,7 +391,7 @@ mod tests {
             if let Some(index) = damaged {
                 source.failing.insert(BrickId { index: BrickIndex::from_array(index), ..id });
             }
-            let encoding = crate::ram_cache::encoding_of(&source, 0);
+            let encoding = crate::slot_contents::encoding_of(&source, 0);
             let voxel_at = source.voxel_at;
             let out = padded(source, id, apron);
             let side = (edge + 2 * apron) as usize;

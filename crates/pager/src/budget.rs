@@ -5,8 +5,8 @@
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
 use crate::planner::Planning;
+use crate::slot_contents::SlotContents;
 use crate::upload_budget::UploadLimits;
-use brickyard_volume::FloatSlots;
 use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -22,9 +22,8 @@ pub struct PagerConfig {
     pub gradient_layers: u32,
     /// The most host memory, in bytes, for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
     pub host_bytes: u64,
-    /// For each volume the f32 slots that its bricks are put into. Volumes whose slots hold codes have `None` here, or are past the end of
-    /// the list.
-    pub floats: Vec<Option<FloatSlots>>,
+    /// What the slots of each volume hold; [`SlotContents::Codes`] for volumes past the end of the list.
+    pub contents: Vec<SlotContents>,
     /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
     pub workers: u32,
     /// Whether cuts are made within the frame or on a thread of their own.
@@ -39,9 +38,9 @@ pub struct PagerConfig {
 }
 
 impl PagerConfig {
-    /// The f32 slots of each volume, however many there are.
-    pub(crate) fn floats_of_all(&self) -> impl Iterator<Item = Option<FloatSlots>> {
-        self.floats.iter().copied().chain(std::iter::repeat(None))
+    /// What the slots of each volume hold, however many volumes there are.
+    pub(crate) fn contents_of_all(&self) -> impl Iterator<Item = &SlotContents> {
+        self.contents.iter().chain(std::iter::repeat(&SlotContents::Codes))
     }
 }
 
@@ -130,9 +129,9 @@ impl Meter {
 pub(crate) struct BufferSizes {
     /// Bytes that the source and its pages of occupancy take, whatever is read.
     pub(crate) fixed: u64,
-    /// Bytes that a worker needs to decode, besides the core's own buffer.
+    /// Bytes that a worker needs to make codes of voxels.
     pub(crate) scratch: u64,
-    /// Bytes of a cached core's codes and its share of the shells.
+    /// Bytes of a cached core and its share of the shells.
     pub(crate) core: u64,
     /// Bytes of a padded brick.
     pub(crate) padded: u64,

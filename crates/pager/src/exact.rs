@@ -12,8 +12,9 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
-use crate::ram_cache::{RamCache, layout_of, scratch_bytes};
+use crate::ram_cache::{RamCache, layout_of};
 use crate::residency::Upload;
+use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
 use crate::visible_cells::VisibleCells;
@@ -92,14 +93,14 @@ struct StandIn {
 }
 
 impl ExactPasses {
-    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, the f32 slots, the host
+    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, what slots hold, the host
     /// budget and the workers count.
     ///
     /// # Errors
     /// If the host budget cannot hold the cells or a brick on its way, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
-        let layout =
-            layout_of(&*source, config.apron, config.gradient_layers, config.floats.first().copied().flatten())?;
+        let contents = config.contents.first().cloned().unwrap_or_default();
+        let layout = layout_of(&*source, config.apron, config.gradient_layers, &contents)?;
         let host_bytes = config.host_bytes;
         let max_cells = (host_bytes / 4 / BYTES_PER_CELL) as usize;
         let cut = Cut::new(&*source, view, max_cells);
@@ -124,7 +125,7 @@ impl ExactPasses {
         let meter = Arc::new(Meter::new(host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);
         let bytes_read_before = source.bytes_read();
-        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        let cache = Arc::new(RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone()));
         let readers = Readers::start(&cache, &cells, workers, staged).map_err(PagerError::Thread)?;
         let (start, draw, placed, early, handed_out, counters) = Default::default();
         Ok(Self {

@@ -1,5 +1,5 @@
-//! How bricks lie in host memory: cores and their shells in the RAM cache, padded bricks in staging, those with their gradients
-//! behind them where pictures want some.
+//! How bricks lie in host memory: cores and their shells in the RAM cache, as voxels; padded bricks in staging, as slot codes, with their
+//! gradients behind them where pictures want some.
 //!
 //! Where the source has aprons stored, of the width asked for or wider, there are no shells: the RAM cache holds each core with
 //! its stored apron behind it.
@@ -8,7 +8,9 @@
 //! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
 //! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
 
-use brickyard_volume::{Apron, FloatSlots, GradientNodes, SlotEncoding};
+use crate::slot_contents::SlotContents;
+use crate::source::BrickSource;
+use brickyard_volume::{Apron, GradientNodes};
 
 /// Shells that the RAM cache holds for each core.
 ///
@@ -20,7 +22,7 @@ use brickyard_volume::{Apron, FloatSlots, GradientNodes, SlotEncoding};
 /// and up to 6 % more in larger ones.
 const SHELLS_PER_CORE: usize = 4;
 
-/// Sizes of one source's bricks, all in slot codes.
+/// Sizes of one source's bricks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
     /// Voxels along a core's edge.
@@ -29,20 +31,26 @@ pub(crate) struct Layout {
     pub(crate) apron: usize,
     /// Voxels on each side in the aprons that the source has stored; 0 where aprons are put together from shells.
     pub(crate) stored: usize,
-    /// Bytes of a code.
+    /// Bytes of a voxel, as the source and the RAM cache hold it.
+    pub(crate) voxel_bytes: usize,
+    /// Bytes of a code, as slots hold it.
     pub(crate) code_bytes: usize,
-    /// The f32 slots that codes are for; `None` if slots hold codes of 8 or 16 bits.
-    pub(crate) floats: Option<FloatSlots>,
     /// The nodes of the gradients behind a padded brick's voxels.
     pub(crate) gradients: GradientNodes,
 }
 
 impl Layout {
-    /// The layout for padded bricks with this apron and these gradients, where the source has aprons of width `stored`.
-    pub(crate) fn new(gradients: GradientNodes, apron: u32, stored: u32, encoding: &SlotEncoding) -> Self {
-        let stored = if stored >= apron { stored as usize } else { 0 };
-        let (edge, code_bytes) = (gradients.edge as usize, encoding.format.bytes());
-        Self { edge, apron: apron as usize, stored, code_bytes, floats: encoding.floats, gradients }
+    /// The layout for padded bricks of a source with this apron and these gradients, in slots with these contents.
+    pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, contents: &SlotContents) -> Self {
+        let stored = source.stored_apron();
+        Self {
+            edge: gradients.edge as usize,
+            apron: apron as usize,
+            stored: if stored >= apron { stored as usize } else { 0 },
+            voxel_bytes: source.voxel_type().bytes(),
+            code_bytes: contents.encoding(source, 0).format.bytes(),
+            gradients,
+        }
     }
 
     /// Whether padded bricks are made from stored aprons.
@@ -55,23 +63,28 @@ impl Layout {
         Apron { edge: self.edge as u32, width: self.stored as u32 }
     }
 
-    /// Codes along a padded brick's edge.
+    /// Voxels along a padded brick's edge.
     pub(crate) fn padded(&self) -> usize {
         self.edge + 2 * self.apron
     }
 
-    /// Bytes of a padded brick's voxels.
-    pub(crate) fn voxel_bytes(&self) -> usize {
-        self.padded().pow(3) * self.code_bytes
+    /// The number of voxels in a padded brick.
+    pub(crate) fn padded_voxels(&self) -> usize {
+        self.padded().pow(3)
     }
 
-    /// Bytes of a padded brick: its voxels, and its gradients behind them.
+    /// Bytes of the codes of a padded brick's voxels.
+    pub(crate) fn padded_code_bytes(&self) -> usize {
+        self.padded_voxels() * self.code_bytes
+    }
+
+    /// Bytes of a padded brick: the codes of its voxels, and its gradients behind them.
     pub(crate) fn padded_bytes(&self) -> usize {
-        self.voxel_bytes() + self.gradients.bytes()
+        self.padded_code_bytes() + self.gradients.bytes()
     }
 
     pub(crate) fn core_bytes(&self) -> usize {
-        self.edge.pow(3) * self.code_bytes
+        self.edge.pow(3) * self.voxel_bytes
     }
 
     pub(crate) fn shell_bytes(&self) -> usize {
@@ -80,7 +93,12 @@ impl Layout {
 
     /// Bytes of a cached core, with its stored apron if there is one.
     pub(crate) fn entry_bytes(&self) -> usize {
-        self.core_bytes() + self.stored_apron().voxels() * self.code_bytes
+        self.core_bytes() + self.stored_apron_bytes()
+    }
+
+    /// Bytes of a stored apron; 0 if there are none.
+    pub(crate) fn stored_apron_bytes(&self) -> usize {
+        self.stored_apron().voxels() * self.voxel_bytes
     }
 
     /// Bytes of a cached core with its share of the shells: the unit in which the RAM cache's budget is counted.
@@ -95,6 +113,6 @@ impl Layout {
 
     /// Bytes of a shell's slab.
     pub(crate) fn slab_bytes(&self) -> usize {
-        self.edge.pow(2) * self.apron * self.code_bytes
+        self.edge.pow(2) * self.apron * self.voxel_bytes
     }
 }

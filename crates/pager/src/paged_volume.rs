@@ -6,8 +6,9 @@ use crate::draw_list::DrawList;
 use crate::layout::Layout;
 use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
-use crate::ram_cache::{KeptCores, RamCache, scratch_bytes};
+use crate::ram_cache::{KeptCores, RamCache};
 use crate::residency::{Residency, Wants};
+use crate::slot_contents::{SlotContents, scratch_bytes};
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
 use crate::tier::Tier;
@@ -82,7 +83,7 @@ impl PagedVolume {
     /// If the share cannot feed one worker, or no thread can be started.
     pub(crate) fn start(
         source: &Arc<dyn BrickSource>,
-        layout: Layout,
+        (layout, contents): (Layout, SlotContents),
         host_bytes: u64,
         (config, meter): (&PagerConfig, &Arc<Meter>),
         kept: Option<KeptCores>,
@@ -90,7 +91,7 @@ impl PagedVolume {
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache = Arc::new(RamCache::with_meter(source.clone(), layout, cores, meter.clone()));
+        let cache = Arc::new(RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone()));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, meter.clone())?;
         let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);

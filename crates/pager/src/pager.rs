@@ -14,11 +14,11 @@ use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{KeptCores, layout_of};
 use crate::residency::{Residency, Step, Upload, UploadLimit, VolumeStep};
+use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
 use crate::status::{Counters, Status};
 use crate::upload_budget::Governor;
 use crate::visible_cells::VisibleCells;
-use brickyard_volume::FloatSlots;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
@@ -112,11 +112,10 @@ impl Pager {
         config: PagerConfig,
         kept: &mut Vec<KeptCores>,
     ) -> Result<Self, PagerError> {
-        let floats = config.floats_of_all();
-        let layout = |(source, floats): (&Arc<dyn BrickSource>, _)| {
-            layout_of(&**source, config.apron, config.gradient_layers, floats)
+        let layout = |(source, contents): (&Arc<dyn BrickSource>, _)| {
+            layout_of(&**source, config.apron, config.gradient_layers, contents)
         };
-        let layouts = sources.iter().zip(floats).map(layout);
+        let layouts = sources.iter().zip(config.contents_of_all()).map(layout);
         let layouts = layouts.collect::<Result<Vec<Layout>, _>>()?;
         let slot_bytes = layouts[0].padded_bytes() as u64;
         debug_assert!(layouts.iter().all(|layout| layout.padded_bytes() as u64 == slot_bytes), "unlike slots");
@@ -127,18 +126,16 @@ impl Pager {
         let shares = match sources {
             [_] => vec![given.saturating_sub(tables)],
             _ => {
-                let requests = sources.iter().zip(config.floats_of_all());
-                let requests = requests.map(|(source, floats)| volume_request(&**source, floats, &config));
+                let requests = sources.iter().zip(config.contents_of_all());
+                let requests = requests.map(|(source, contents)| volume_request(&**source, contents, &config));
                 share(given.saturating_sub(tables), &requests.collect::<Result<Vec<_>, _>>()?)
                     .map_err(|least| PagerError::HostMemory { given, least: least + tables })?
             }
         };
         meter.charge(tables.min(given));
+        let layouts = layouts.into_iter().zip(config.contents_of_all().cloned());
         let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
-            let (alike, own) =
-                (|cores: &KeptCores| cores.is_for(source, &layout), |cores: &KeptCores| cores.is_of(source));
-            let own = kept.iter().position(alike).or_else(|| kept.iter().position(own));
-            let own = own.map(|i| kept.swap_remove(i));
+            let own = kept.iter().position(|cores: &KeptCores| cores.is_of(source)).map(|i| kept.remove(i));
             let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter), own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
@@ -170,9 +167,9 @@ impl Pager {
     /// If the apron or the gradients do not fit the bricks.
     pub fn host_request(sources: &[Arc<dyn BrickSource>], config: &PagerConfig) -> Result<BudgetRequest, PagerError> {
         let tables = config.slots as u64 * TABLE_BYTES_PER_SLOT;
-        let mut sources = sources.iter().zip(config.floats_of_all());
-        sources.try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, (source, floats)| {
-            let BudgetRequest { least, most, .. } = volume_request(&**source, floats, config)?;
+        let mut sources = sources.iter().zip(config.contents_of_all());
+        sources.try_fold(BudgetRequest { bytes: 1, least: tables, most: tables }, |all, (source, contents)| {
+            let BudgetRequest { least, most, .. } = volume_request(&**source, contents, config)?;
             Ok(BudgetRequest { least: all.least + least, most: all.most.saturating_add(most), ..all })
         })
     }
@@ -364,10 +361,10 @@ fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
 /// What a volume needs of a host budget at least, besides the tables of the slots, and more than what is of no use to it.
 fn volume_request(
     source: &dyn BrickSource,
-    floats: Option<FloatSlots>,
+    contents: &SlotContents,
     config: &PagerConfig,
 ) -> Result<BudgetRequest, PagerError> {
-    let layout = layout_of(source, config.apron, config.gradient_layers, floats)?;
+    let layout = layout_of(source, config.apron, config.gradient_layers, contents)?;
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;

@@ -1,5 +1,5 @@
-//! The RAM brick cache: decoded cores as slot codes, and the shells that neighbours take their aprons from, within a fixed
-//! number of buffers.
+//! The RAM brick cache: decoded cores, voxels as the source has them, and the shells that neighbours take their aprons from, within a
+//! fixed number of buffers.
 //!
 //! It reads through: what is not there is decoded by the caller's thread, and others who want the same brick wait for it,
 //! so no core is decoded twice at a time. A decode gives a core and its shell (see [`Layout`]); a padded brick takes its own
@@ -18,9 +18,10 @@ use crate::buffer_lru::Shelf;
 use crate::layout::Layout;
 use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
+use crate::slot_contents::SlotContents;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
-use brickyard_volume::{BrickId, FloatSlots, GradientNodes, SlotEncoding};
+use brickyard_volume::{BrickId, GradientNodes};
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -29,9 +30,9 @@ use std::time::Duration;
 /// A cache in host memory of the decoded bricks of one source.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
-    /// One for each channel, alike but for the values that their codes stand for.
-    encodings: Vec<SlotEncoding>,
     layout: Layout,
+    /// What the slots hold that padded bricks are for.
+    contents: SlotContents,
     inner: Mutex<Inner>,
     /// Somebody who made something is done with it.
     made: Condvar,
@@ -55,8 +56,6 @@ pub struct KeptCores {
     source: Arc<dyn BrickSource>,
     /// Voxels on each side in the aprons behind the cores; 0 if there are none.
     stored_apron: usize,
-    /// The f32 slots that the cores are for.
-    floats: Option<FloatSlots>,
     /// The most recently used first.
     cores: Vec<(BrickId, Arc<[u8]>)>,
 }
@@ -72,8 +71,8 @@ struct Making {
 
 /// What a padded brick is made of where aprons are stored: a core and its apron.
 pub(crate) struct Whole {
-    /// The core, then the apron.
-    pub(crate) codes: Arc<[u8]>,
+    /// The core's voxels, then the apron's.
+    pub(crate) voxels: Arc<[u8]>,
     /// Whether the apron could be read.
     pub(crate) has_apron: bool,
 }
@@ -95,15 +94,24 @@ impl RamCache {
     /// # Errors
     /// If not one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
-        let layout = layout_of(&*source, apron, 0, None)?;
+        let layout = layout_of(&*source, apron, 0, &SlotContents::Codes)?;
         let core = layout.cached_bytes() as u64;
         match bytes / core {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
-            cores => Ok(Self::with_meter(source, layout, cores as usize, Arc::new(Meter::new(bytes)))),
+            cores => {
+                let meter = Arc::new(Meter::new(bytes));
+                Ok(Self::with_meter(source, (layout, SlotContents::Codes), cores as usize, meter))
+            }
         }
     }
 
-    pub(crate) fn with_meter(source: Arc<dyn BrickSource>, layout: Layout, cores: usize, meter: Arc<Meter>) -> Self {
+    /// A cache of so many cores of `source`, for padded bricks of this layout in slots with these contents.
+    pub(crate) fn with_meter(
+        source: Arc<dyn BrickSource>,
+        (layout, contents): (Layout, SlotContents),
+        cores: usize,
+        meter: Arc<Meter>,
+    ) -> Self {
         let inner = Inner {
             cores: Shelf::new(layout.entry_bytes(), cores, meter.clone()),
             shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
@@ -113,9 +121,7 @@ impl RamCache {
             making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
-        let encoding = |channel| encoding_of(&*source, channel).in_slots(layout.floats);
-        let encodings = (0..source.channels().max(1)).map(encoding).collect();
-        Self { source, encodings, layout, inner: Mutex::new(inner), made: Condvar::new() }
+        Self { source, layout, contents, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
     /// The cached cores, with their stored aprons where there are any; cores whose apron could not be read are left out. To be called once
@@ -123,31 +129,26 @@ impl RamCache {
     pub(crate) fn kept_cores(&self) -> KeptCores {
         let inner = self.lock();
         let is_whole = |(id, _): &(BrickId, &Arc<[u8]>)| !inner.failed_aprons.contains(id);
-        let cores = inner.cores.entries().filter(is_whole).map(|(id, codes)| (id, codes.clone())).collect();
-        KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, floats: self.layout.floats, cores }
+        let cores = inner.cores.entries().filter(is_whole).map(|(id, voxels)| (id, voxels.clone())).collect();
+        KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
     }
 
     /// Takes over cores that another cache of the same source has decoded, the last used ones if there is no room for all. The others are
-    /// dropped, as are all cores of another source, with other stored aprons, or for other f32 slots.
+    /// dropped, as are all cores of another source, or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
         if !kept.is_for(&self.source, &self.layout) {
             return;
         }
         let mut inner = self.lock();
         let count = inner.cores.room().min(kept.cores.len());
-        for (id, codes) in kept.cores.into_iter().take(count).rev() {
-            inner.cores.adopt(id, codes, Part::OWN.bit());
+        for (id, voxels) in kept.cores.into_iter().take(count).rev() {
+            inner.cores.adopt(id, voxels, Part::OWN.bit());
         }
     }
 
     /// The source that the cores are read from.
     pub fn source(&self) -> &Arc<dyn BrickSource> {
         &self.source
-    }
-
-    /// How voxels become the codes that the cache holds.
-    pub fn encoding(&self, channel: u32) -> SlotEncoding {
-        self.encodings[channel as usize]
     }
 
     /// What the cache has decoded so far, and what it could not read.
@@ -159,29 +160,27 @@ impl RamCache {
         self.layout
     }
 
-    /// Bytes of the buffer that a thread needs to decode: the voxels of a core or of a stored apron, whichever are more; 0 where voxels are
-    /// codes already.
-    pub(crate) fn scratch_bytes(&self) -> usize {
-        scratch_bytes(&*self.source, &self.layout) as usize
+    pub(crate) fn contents(&self) -> &SlotContents {
+        &self.contents
     }
 
-    /// For each part of a padded brick, the cached codes to take it from: the brick's own core, or a neighbour's shell. `None` where these are
-    /// not cached, or there is no lender. The codes are to be dropped before asking for more.
+    /// For each part of a padded brick, the cached voxels to take it from: the brick's own core, or a neighbour's shell. `None` where these are
+    /// not cached, or there is no lender. The voxels are to be dropped before asking for more.
     pub(crate) fn cached(&self, lenders: &[Option<BrickId>; Part::COUNT]) -> [Option<Arc<[u8]>>; Part::COUNT] {
         let mut inner = self.lock();
-        let mut codes = [const { None }; Part::COUNT];
+        let mut voxels = [const { None }; Part::COUNT];
         for part in Part::all() {
-            codes[part.number()] = lenders[part.number()].and_then(|lender| inner.take(part, lender));
+            voxels[part.number()] = lenders[part.number()].and_then(|lender| inner.take(part, lender));
         }
-        codes
+        voxels
     }
 
-    /// The codes to take one part of a padded brick from, decoded if need be. They are to be dropped before asking for others.
-    pub(crate) fn part(&self, part: Part, lender: BrickId, scratch: &mut [u8]) -> Result<Arc<[u8]>, Failure> {
+    /// The voxels to take one part of a padded brick from, decoded if need be. They are to be dropped before asking for others.
+    pub(crate) fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
         let mut inner = self.lock();
         loop {
-            if let Some(codes) = inner.take(part, lender) {
-                return Ok(codes);
+            if let Some(voxels) = inner.take(part, lender) {
+                return Ok(voxels);
             }
             if let Some(failure) = inner.failures.of(lender) {
                 return Err(failure);
@@ -189,7 +188,7 @@ impl RamCache {
             inner = match inner.start(lender) {
                 Some(making) => {
                     drop(inner);
-                    self.make(lender, making, scratch)
+                    self.make(lender, making)
                 }
                 None => self.wait(inner),
             };
@@ -197,9 +196,9 @@ impl RamCache {
     }
 
     /// A core with its stored apron, decoded if need be. It is to be dropped before asking for another.
-    pub(crate) fn whole(&self, id: BrickId, scratch: &mut [u8]) -> Result<Whole, Failure> {
-        let codes = self.part(Part::OWN, id, scratch)?;
-        Ok(Whole { codes, has_apron: !self.lock().failed_aprons.contains(&id) })
+    pub(crate) fn whole(&self, id: BrickId) -> Result<Whole, Failure> {
+        let voxels = self.part(Part::OWN, id)?;
+        Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&id) })
     }
 
     /// Gives bricks that failed for reasons that may have passed one more try. Returns which bricks these are.
@@ -208,8 +207,8 @@ impl RamCache {
     }
 
     /// Decodes what is to be made and caches it, or the failure.
-    fn make(&self, id: BrickId, mut making: Making, scratch: &mut [u8]) -> MutexGuard<'_, Inner> {
-        let result = self.fill(id, &mut making, scratch);
+    fn make(&self, id: BrickId, mut making: Making) -> MutexGuard<'_, Inner> {
+        let result = self.fill(id, &mut making);
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
         inner.making.remove(&id);
@@ -223,13 +222,13 @@ impl RamCache {
                 inner.failures.remove(id);
                 if !making.is_cached {
                     inner.counters.decoded += 1;
-                    inner.counters.bytes_decoded += voxel_bytes(&*self.source, self.core_voxels());
+                    inner.counters.bytes_decoded += self.layout.core_bytes() as u64;
                     inner.cores.put(id, making.core, Part::OWN.bit());
                 }
                 if let Some(shell) = making.shell {
                     inner.shells.put(id, shell, lent);
                 }
-                inner.note_apron(id, apron, voxel_bytes(&*self.source, self.layout.stored_apron().voxels()));
+                inner.note_apron(id, apron, self.layout.stored_apron_bytes() as u64);
             }
             Err(err) => {
                 inner.give_back(making);
@@ -245,51 +244,18 @@ impl RamCache {
     }
 
     /// Decodes the core and cuts its shell, as far as they are to be made; tells how the stored apron went, if there is one.
-    fn fill(
-        &self,
-        id: BrickId,
-        making: &mut Making,
-        scratch: &mut [u8],
-    ) -> Result<Option<Result<(), BrickError>>, BrickError> {
+    fn fill(&self, id: BrickId, making: &mut Making) -> Result<Option<Result<(), BrickError>>, BrickError> {
         let mut stored = None;
         // Buffers of a shelf have one holder, so nothing is ever copied here.
         if !making.is_cached {
             let (core, apron) = Arc::make_mut(&mut making.core).split_at_mut(self.layout.core_bytes());
-            self.decode(id, scratch, core, |out| self.source.read_core(id, out))?;
-            stored =
-                (!apron.is_empty()).then(|| self.decode(id, scratch, apron, |out| self.source.read_apron(id, out)));
+            decode(id, || self.source.read_core(id, core))?;
+            stored = (!apron.is_empty()).then(|| decode(id, || self.source.read_apron(id, apron)));
         }
         if let Some(shell) = &mut making.shell {
             copy_shell(&self.layout, &making.core, Arc::make_mut(shell));
         }
         Ok(stored)
-    }
-
-    /// Reads voxels as codes.
-    fn decode(
-        &self,
-        id: BrickId,
-        scratch: &mut [u8],
-        codes: &mut [u8],
-        read: impl FnOnce(&mut [u8]) -> Result<(), BrickError>,
-    ) -> Result<(), BrickError> {
-        // A panic in a codec costs one brick, not a worker and everyone who waits for it.
-        let decode = AssertUnwindSafe(|| {
-            if self.encodings[id.channel as usize].is_identity() {
-                return read(codes);
-            }
-            let voxels = codes.len() / self.layout.code_bytes;
-            let scratch = &mut scratch[..voxels * self.source.voxel_type().bytes()];
-            read(scratch)?;
-            self.encodings[id.channel as usize].encode(scratch, codes);
-            Ok(())
-        });
-        let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into(), is_passing: false });
-        catch_unwind(decode).unwrap_or_else(panicked)
-    }
-
-    fn core_voxels(&self) -> usize {
-        self.layout.edge.pow(3)
     }
 
     /// Until something may have changed.
@@ -305,6 +271,12 @@ impl RamCache {
     }
 }
 
+/// Reads a part of a brick. A panic in a codec costs one brick, not a worker and everyone who waits for it.
+fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<(), BrickError> {
+    let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into(), is_passing: false });
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(panicked)
+}
+
 impl KeptCores {
     /// Whether the cores were read from this source.
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
@@ -312,8 +284,8 @@ impl KeptCores {
     }
 
     /// Whether a cache of this source with this layout can take the cores over.
-    pub(crate) fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
-        self.is_of(source) && (self.stored_apron, self.floats) == (layout.stored, layout.floats)
+    fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
+        self.is_of(source) && self.stored_apron == layout.stored
     }
 }
 
@@ -333,7 +305,7 @@ impl Inner {
         }
     }
 
-    /// The codes to take a part from, if they are cached.
+    /// The voxels to take a part from, if they are cached.
     fn take(&mut self, part: Part, lender: BrickId) -> Option<Arc<[u8]>> {
         let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
         shelf.take(lender, part.bit())
@@ -369,21 +341,7 @@ impl Inner {
     }
 }
 
-/// How a source's values are encoded as slot codes, in the same format for all channels, where they are not put into f32 slots.
-pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
-    let (voxel_type, range) = (source.voxel_type(), source.channel_range(channel));
-    if source.is_labels() {
-        return SlotEncoding::of_labels(voxel_type, range, source.has_non_finite(), source.nodata());
-    }
-    if let Some(nodata) = source.nodata() {
-        // Whether 8 bits are enough is for all channels together, since slots hold bricks of any.
-        let range = if voxel_type.bytes() == 1 { source.value_range() } else { range };
-        return SlotEncoding::without(voxel_type, range, nodata);
-    }
-    SlotEncoding::new(voxel_type, range, source.has_non_finite())
-}
-
-/// The layout of a source's bricks with this apron and these layers of gradients, in f32 slots if there are any.
+/// The layout of a source's bricks with this apron and these layers of gradients, in slots with these contents.
 ///
 /// # Errors
 /// If the apron or the gradients do not fit the bricks.
@@ -391,7 +349,7 @@ pub(crate) fn layout_of(
     source: &dyn BrickSource,
     apron: u32,
     gradient_layers: u32,
-    floats: Option<FloatSlots>,
+    contents: &SlotContents,
 ) -> Result<Layout, PagerError> {
     let edge = source.pyramid().edge();
     if !(1..=MAX_REACH).contains(&apron) || apron > edge {
@@ -401,17 +359,7 @@ pub(crate) fn layout_of(
     if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
         return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
     }
-    Ok(Layout::new(gradients, apron, source.stored_apron(), &encoding_of(source, 0).in_slots(floats)))
-}
-
-/// Bytes of the scratch buffer that a decoding thread needs; 0 where voxels are codes already.
-pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout) -> u64 {
-    let voxels = layout.edge.pow(3).max(layout.stored_apron().voxels());
-    if encoding_of(source, 0).is_identity() { 0 } else { voxel_bytes(source, voxels) }
-}
-
-fn voxel_bytes(source: &dyn BrickSource, voxels: usize) -> u64 {
-    voxels as u64 * source.voxel_type().bytes() as u64
+    Ok(Layout::new(source, apron, gradients, contents))
 }
 
 #[cfg(test)]
@@ -435,7 +383,7 @@ mod tests {
     }
 
     fn own(cache: &RamCache, x: u32) -> Arc<[u8]> {
-        cache.part(Part::OWN, brick(x), &mut []).unwrap()
+        cache.part(Part::OWN, brick(x)).unwrap()
     }
 
     #[test]
@@ -450,14 +398,14 @@ mod tests {
     #[test]
     fn a_core_goes_once_its_brick_has_taken_it_and_its_shell_stays() {
         let cache = cache(2);
-        cache.part(NEXT, brick(0), &mut []).unwrap();
+        cache.part(NEXT, brick(0)).unwrap();
         for x in 1..4 {
             own(&cache, x);
         }
         assert_eq!(cache.counters().decoded, 4);
         // Nobody had taken the core of brick 0 itself; of the others only the shells are left.
         own(&cache, 0);
-        (0..4).for_each(|x| drop(cache.part(NEXT, brick(x), &mut []).unwrap()));
+        (0..4).for_each(|x| drop(cache.part(NEXT, brick(x)).unwrap()));
         assert_eq!(cache.counters().decoded, 4);
         own(&cache, 1);
         assert_eq!(cache.counters().decoded, 5);
@@ -469,7 +417,7 @@ mod tests {
         let cache = RamCache::new(Arc::new(row), 1, CORE).unwrap();
         let previous = Part { side: [2, 1, 1] };
         for (part, x) in [(NEXT, 3), (NEXT, 2), (NEXT, 1), (previous, 1), (NEXT, 4), (NEXT, 5)] {
-            cache.part(part, brick(x), &mut []).unwrap();
+            cache.part(part, brick(x)).unwrap();
         }
         let cached: Vec<u32> = (0..8).filter(|&x| cache.lock().shells.peek(brick(x)).is_some()).collect();
         assert_eq!(cached, [2, 3, 4, 5]);
@@ -478,30 +426,30 @@ mod tests {
     #[test]
     fn a_shell_is_made_again_from_a_cached_core() {
         let cache = cache(2);
-        let before = cache.part(NEXT, brick(0), &mut []).unwrap().to_vec();
+        let before = cache.part(NEXT, brick(0)).unwrap().to_vec();
         let core = own(&cache, 0);
         // Eight shells fit: these push out that of brick 0, whose core is held.
         for i in 1..9 {
             let id = BrickId { index: BrickIndex::new(i % 8, i / 8, 0), ..brick(0) };
-            cache.part(Part::OWN, id, &mut []).unwrap();
+            cache.part(Part::OWN, id).unwrap();
         }
         drop(core);
         assert!(cache.lock().shells.peek(brick(0)).is_none());
         let decoded = cache.counters().decoded;
-        assert_eq!(cache.part(NEXT, brick(0), &mut []).unwrap()[..], before);
+        assert_eq!(cache.part(NEXT, brick(0)).unwrap()[..], before);
         assert_eq!(cache.counters().decoded, decoded);
     }
 
     #[test]
     fn codes_in_use_are_not_overwritten() {
         let cache = cache(2);
-        let held = [own(&cache, 0), cache.part(NEXT, brick(0), &mut []).unwrap()];
+        let held = [own(&cache, 0), cache.part(NEXT, brick(0)).unwrap()];
         let before = held.each_ref().map(|codes| codes.to_vec());
         for x in 1..8 {
             own(&cache, x);
             (0..4).for_each(|y| {
                 let id = BrickId { index: BrickIndex::new(x, y, 0), ..brick(0) };
-                drop(cache.part(NEXT, id, &mut []).unwrap());
+                drop(cache.part(NEXT, id).unwrap());
             });
         }
         assert_eq!(held.each_ref().map(|codes| codes.to_vec()), before);
@@ -514,8 +462,8 @@ mod tests {
         source.panicking.insert(brick(2));
         let cache = RamCache::new(Arc::new(source), 1, CORE).unwrap();
         for part in [Part::OWN, NEXT] {
-            assert!(cache.part(part, brick(1), &mut []).is_err());
-            assert!(cache.part(part, brick(2), &mut []).unwrap_err().error.reason.contains("panicked"));
+            assert!(cache.part(part, brick(1)).is_err());
+            assert!(cache.part(part, brick(2)).unwrap_err().error.reason.contains("panicked"));
         }
         own(&cache, 3);
         assert_eq!(cache.counters(), DecodeCounters { decoded: 1, bytes_decoded: 512, failed: 2 });
@@ -531,7 +479,7 @@ mod tests {
         std::thread::scope(|scope| {
             for part in [Part::OWN, NEXT, Part::OWN, NEXT] {
                 let cache = &cache;
-                scope.spawn(move || (0..8).for_each(|x| drop(cache.part(part, brick(x), &mut []).unwrap())));
+                scope.spawn(move || (0..8).for_each(|x| drop(cache.part(part, brick(x)).unwrap())));
             }
         });
         assert_eq!(cache.counters().decoded, 8);

@@ -216,7 +216,7 @@ pub(crate) fn config(slots: u32, host_bytes: u64) -> PagerConfig {
         apron: 1,
         gradient_layers: 0,
         host_bytes,
-        floats: Vec::new(),
+        contents: Vec::new(),
         workers: 3,
         planning: Planning::Inline,
         prefetch: false,

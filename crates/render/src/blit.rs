@@ -6,7 +6,7 @@ use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::layouts::{bind_group_layout, texture};
 use crate::pipelines::{DISPLAY_FORMAT, Shape, pipeline};
-use crate::targets::Targets;
+use crate::targets::{Reading, Targets};
 use brickyard_shaders::{Eyes, bindings, blit};
 use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
@@ -33,6 +33,14 @@ pub(crate) struct Blit {
     pipelines: HashMap<(TextureFormat, Eyes), wgpu::RenderPipeline>,
     /// The left eye's picture, while the right eye's is drawn and afterwards.
     left: Option<wgpu::Texture>,
+}
+
+/// The picture that a renderer has shown last, on its way to another renderer.
+#[derive(Debug)]
+pub(crate) struct LastPicture {
+    pub(crate) targets: Targets,
+    pub(crate) blit: Blit,
+    pub(crate) reading: Option<Reading>,
 }
 
 impl Blit {

@@ -6,7 +6,7 @@
 
 use crate::adapter::{AdapterReport, GpuPreference};
 use crate::answers::{Answer, Answers};
-use crate::blit::Blit;
+use crate::blit::{Blit, LastPicture};
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::RayBuffers;
 use crate::buffers::SharedBuffers;
@@ -89,11 +89,12 @@ pub struct GpuRenderer {
 pub struct Compiled {
     gpu: Gpu,
     pipelines: Option<Pipelines>,
+    picture: Option<LastPicture>,
 }
 
 impl From<Gpu> for Compiled {
     fn from(gpu: Gpu) -> Self {
-        Self { gpu, pipelines: None }
+        Self { gpu, pipelines: None, picture: None }
     }
 }
 
@@ -235,7 +236,7 @@ impl GpuRenderer {
     }
 
     fn allocate(
-        Compiled { gpu, pipelines }: Compiled,
+        Compiled { gpu, pipelines, picture }: Compiled,
         recipe: Recipe,
         memory: MemoryPlan,
         asked_bytes: u64,
@@ -263,7 +264,15 @@ impl GpuRenderer {
         // The largest there will be: a frame is no time to find out that there is no room for them.
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
-        let targets = Some(Targets::new(&gpu, largest, compositor, recipe.max_size_px)?);
+        let last = picture.filter(|last| last.targets.fit(recipe.max_size_px));
+        let LastPicture { targets, blit, reading } = match last {
+            Some(last) => last,
+            None => LastPicture {
+                targets: Targets::new(&gpu, largest, compositor, recipe.max_size_px)?,
+                blit: Blit::new(&gpu),
+                reading: None,
+            },
+        };
         let answers = Answers::new(&gpu, marks_bytes)?;
         let room = recipe.layers[0].bricks.meshes;
         let meshes = (!room.is_none()).then(|| Meshes::new(&gpu, &shared, of_meshes, room)).transpose()?;
@@ -286,13 +295,13 @@ impl GpuRenderer {
             layouts,
             march,
             pipelines: Pipelines::kept_or_new(pipelines, maker),
-            targets,
+            targets: Some(targets),
             meshes,
             peeled,
-            blit: Blit::new(&gpu),
+            blit,
             answers,
             heard: Vec::new(),
-            reading: None,
+            reading,
             combined_part,
             combined: None,
             visibility: None,
@@ -317,16 +326,20 @@ impl GpuRenderer {
     }
 
     /// Frees all memory that the renderer holds on the device, and returns the device with its compiled pipelines for
-    /// another renderer. Waits until the device is done.
+    /// another renderer. Waits until the device is done. If `keeps_picture`, the memory of the picture that was shown last is not freed, and
+    /// the other renderer shows it until it draws one of its own, unless it is made for smaller pictures.
     ///
     /// # Errors
     /// If the device is lost.
-    pub fn into_compiled(self) -> Result<Compiled, GpuError> {
+    pub fn into_compiled(self, keeps_picture: bool) -> Result<Compiled, GpuError> {
         // All else is dropped here.
-        let kept = |renderer: Self| (renderer.gpu, renderer.pipelines);
-        let (gpu, pipelines) = kept(self);
+        let kept = |Self { gpu, pipelines, targets, blit, reading, .. }: Self| {
+            let targets = targets.filter(|_| keeps_picture);
+            (gpu, pipelines, targets.map(|targets| LastPicture { targets, blit, reading }))
+        };
+        let (gpu, pipelines, picture) = kept(self);
         gpu.wait_for_all()?;
-        Ok(Compiled { gpu, pipelines: Some(pipelines) })
+        Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
     }
 
     /// Destroys the device, as a driver may at any moment: for tests.

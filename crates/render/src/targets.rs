@@ -87,6 +87,11 @@ impl Targets {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
+    /// Whether these targets are no larger than pictures of this size.
+    pub(crate) fn fit(&self, (width_px, height_px): (u32, u32)) -> bool {
+        self.width_px <= width_px && self.height_px <= height_px
+    }
+
     /// Queues the copy of the display picture to a buffer that the CPU can read, and returns the buffer. `None` while
     /// an earlier picture is on its way to the CPU.
     pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {

@@ -127,14 +127,14 @@ fn what_is_compiled_serves_the_next_renderer_of_the_device() {
         let on = |compiled, needs| {
             GpuRenderer::on(compiled, &options, &[needs; LAYERS], MEMORY_BYTES, (100, 80)).expect("room")
         };
-        let mut renderer = on(renderer.into_compiled().expect("the device is there"), bricks.needs);
+        let mut renderer = on(renderer.into_compiled(false).expect("the device is there"), bricks.needs);
         let draw = bricks.upload(&mut renderer);
         let mut stage = Stage { bricks: Bricks::new(), renderer, draw };
         assert!(stage.is_prepared(&look));
         assert_eq!(stage.render(&look).expect("a picture"), first);
         let with_gradients = Needs { gradient_layers: 1, ..stage.bricks.needs.bricks };
         let needs = VolumeNeeds { bricks: with_gradients, ..stage.bricks.needs };
-        let renderer = on(stage.renderer.into_compiled().expect("the device is there"), needs);
+        let renderer = on(stage.renderer.into_compiled(false).expect("the device is there"), needs);
         assert!(!Stage { renderer, ..stage }.is_prepared(&look), "its shaders see other textures");
     }
 }

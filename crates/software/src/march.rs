@@ -267,7 +267,7 @@ mod tests {
     fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
         let window = Some([20.0, 200.0]);
-        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, None);
+        let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
         encoding.has_invalid = INVALID;
         let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };

@@ -45,6 +45,27 @@ impl FloatSlots {
     }
 }
 
+/// The slots that a layer has already.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KeptSlots {
+    /// What they hold, if they are f32 slots.
+    floats: Option<FloatSlots>,
+    /// Whether they stay, however coarse they are for the layer's look.
+    stay: bool,
+}
+
+impl KeptSlots {
+    /// Slots with codes, or f32 slots, that stay as long as they are fit for the look.
+    pub fn replaceable(floats: Option<FloatSlots>) -> Self {
+        Self { floats, stay: false }
+    }
+
+    /// Slots with codes, or f32 slots, that stay.
+    pub fn fixed(floats: Option<FloatSlots>) -> Self {
+        Self { floats, stay: true }
+    }
+}
+
 /// The window of a look: the least and the greatest value at which its transfer function changes, or of which it has an isosurface. `None`
 /// is a look that tells no values apart.
 pub fn window(transfer: &TransferFunction, isosurfaces: &[Isosurface]) -> Option<[f64; 2]> {
@@ -56,27 +77,32 @@ pub fn window(transfer: &TransferFunction, isosurfaces: &[Isosurface]) -> Option
 
 impl SlotEncoding {
     /// This encoding of a channel for a look with this window: itself, or f32 slots if its codes are too coarse. `None` is a look that
-    /// tells no values apart. f32 slots that are `kept` stay as long as they can.
-    pub fn for_window(self, window: Option<[f64; 2]>, kept: Option<FloatSlots>) -> Self {
-        let Some(window) = window.filter(|_| self.can_be_float()) else { return self };
-        let enough = if kept.is_some() { SHARE / SURPLUS } else { SHARE };
-        if self.code_width() <= enough * (window[1] - window[0]) {
+    /// tells no values apart. Slots that are `kept` stay as long as they can.
+    pub fn for_window(self, window: Option<[f64; 2]>, kept: KeptSlots) -> Self {
+        if kept.stay && kept.floats.is_none() {
+            return self;
+        }
+        let Some(window) = window.filter(|_| self.can_be_float()) else {
+            return if kept.stay { self.in_slots(kept.floats) } else { self };
+        };
+        let enough = if kept.floats.is_some() { SHARE / SURPLUS } else { SHARE };
+        if !kept.stay && self.code_width() <= enough * (window[1] - window[0]) {
             return self;
         }
         let window = self.widened(window);
-        let kept = kept.filter(|floats| floats.suffice(self.voxel_type, window));
+        let kept = kept.floats.filter(|floats| kept.stay || floats.suffice(self.voxel_type, window));
         self.with_table(kept.unwrap_or_else(|| FloatSlots::about(self.voxel_type, window)), window)
     }
 
     /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Then the value
     /// divided by a power of two is the code. Stored gradients are fit for a window of values.
-    pub fn for_values(self, window: [f64; 2], kept: Option<FloatSlots>) -> Self {
+    pub fn for_values(self, window: [f64; 2], kept: KeptSlots) -> Self {
         if !self.can_be_float() {
             return self;
         }
         let window = self.widened(window);
         let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window);
-        let floats = kept.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
+        let floats = kept.floats.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
         let width = code_width(self.low.abs().max(self.high.abs()));
         self.over(floats, 0.0, width)
     }
@@ -168,7 +194,7 @@ mod tests {
     use crate::slot_encoding::{INVALID_SLOT, LEAST_SLOT};
 
     fn encoding(voxel_type: VoxelType, range: (f64, f64), window: [f64; 2]) -> SlotEncoding {
-        SlotEncoding::new(voxel_type, range, false).for_window(Some(window), None)
+        SlotEncoding::new(voxel_type, range, false).for_window(Some(window), KeptSlots::default())
     }
 
     /// The values that slots of these voxels stand for, within an encoding's table and outside.
@@ -192,11 +218,11 @@ mod tests {
         assert_eq!(format([100.0, 609.0]), SlotFormat::F32);
         for voxel_type in [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16] {
             let codes = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
-            assert_eq!(codes.for_window(Some([1.0, 2.0]), None), codes);
-            assert_eq!(codes.for_values([1.0, 2.0], None), codes);
+            assert_eq!(codes.for_window(Some([1.0, 2.0]), KeptSlots::default()), codes);
+            assert_eq!(codes.for_values([1.0, 2.0], KeptSlots::default()), codes);
         }
         let codes = SlotEncoding::new(VoxelType::F32, (0.0, 1.0), false);
-        assert_eq!(codes.for_window(None, None), codes, "what tells nothing apart");
+        assert_eq!(codes.for_window(None, KeptSlots::default()), codes, "what tells nothing apart");
     }
 
     #[test]
@@ -216,23 +242,28 @@ mod tests {
         for i in 0..400 {
             // From 200 to 900 and back, time and again: past the bound of 510.
             let width = 550.0 + 350.0 * (i as f64 / 10.0).sin();
-            let next = codes.for_window(Some([1000.0 + i as f64, 1000.0 + i as f64 + width]), kept.floats);
+            let next = codes
+                .for_window(Some([1000.0 + i as f64, 1000.0 + i as f64 + width]), KeptSlots::replaceable(kept.floats));
             if next.of_slots() != kept.of_slots() {
                 changes.push(i);
             }
             kept = next;
         }
         assert_eq!(changes.len(), 1, "{changes:?}");
-        assert_eq!(codes.for_window(Some([0.0, 3000.0]), kept.floats).format, SlotFormat::U16, "enough by far");
+        assert_eq!(
+            codes.for_window(Some([0.0, 3000.0]), KeptSlots::replaceable(kept.floats)).format,
+            SlotFormat::U16,
+            "enough by far"
+        );
     }
 
     #[test]
     fn slots_of_floats_do_not_depend_on_where_the_window_is() {
         let codes = SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true);
-        let first = codes.for_window(Some([0.0, 1.0]), None);
+        let first = codes.for_window(Some([0.0, 1.0]), KeptSlots::default());
         for low in [-1e9, -3.5, 0.25, 1e3, 9.9e8] {
             for width in [0.05, 1.0, 9.0] {
-                let next = codes.for_window(Some([low, low + width]), first.floats);
+                let next = codes.for_window(Some([low, low + width]), KeptSlots::replaceable(first.floats));
                 assert_eq!(next.of_slots(), first.of_slots(), "{low} {width}");
                 assert!(next.low < low && low + width < next.high, "{low} {width}: {next:?}");
                 assert_eq!(next.first_slot() as f64, next.low, "it is an f32");
@@ -273,11 +304,11 @@ mod tests {
     #[test]
     fn an_integer_s_base_goes_with_its_window() {
         let codes = SlotEncoding::new(VoxelType::U32, (0.0, 4294967295.0), false);
-        let first = codes.for_window(Some([70000.0, 70002.0]), None);
+        let first = codes.for_window(Some([70000.0, 70002.0]), KeptSlots::default());
         assert_eq!(first.base(), 70001.0);
-        let near = codes.for_window(Some([9e6, 9e6 + 2.0]), first.floats);
+        let near = codes.for_window(Some([9e6, 9e6 + 2.0]), KeptSlots::replaceable(first.floats));
         assert_eq!(near.of_slots(), first.of_slots());
-        let far = codes.for_window(Some([4e9, 4e9 + 2.0]), near.floats);
+        let far = codes.for_window(Some([4e9, 4e9 + 2.0]), KeptSlots::replaceable(near.floats));
         assert_eq!(far.base(), 4e9 + 1.0);
     }
 
@@ -286,7 +317,7 @@ mod tests {
         let voxels = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 0.5];
         let bytes: Vec<u8> = voxels.iter().flat_map(|v| v.to_le_bytes()).collect();
         let floats = SlotEncoding::new(VoxelType::F32, (f32::MIN as f64, f32::MAX as f64), true);
-        let floats = floats.for_window(Some([0.0, 1.0]), None);
+        let floats = floats.for_window(Some([0.0, 1.0]), KeptSlots::default());
         let mut slots = vec![0; bytes.len()];
         floats.encode(&bytes, &mut slots);
         let slots: Vec<f32> = slots.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
@@ -295,9 +326,22 @@ mod tests {
     }
 
     #[test]
+    fn slots_that_stay_are_read_by_any_window() {
+        let codes = SlotEncoding::new(VoxelType::F32, (-3.0, 1e9), false);
+        assert_eq!(codes.for_window(Some([0.0, 1.0]), KeptSlots::fixed(None)), codes, "codes, however coarse");
+        let floats = codes.for_window(Some([0.0, 1.0]), KeptSlots::default());
+        for window in [Some([0.0, 1e9]), Some([5e8, 5e8 + 64.0]), None] {
+            let stays = codes.for_window(window, KeptSlots::fixed(floats.floats));
+            assert_eq!(stays.of_slots(), floats.of_slots(), "{window:?}");
+            assert!(window.is_none_or(|[low, high]| stays.low <= low && high <= stays.high), "{window:?}");
+            assert_ne!(codes.for_window(window, KeptSlots::replaceable(floats.floats)).of_slots(), floats.of_slots());
+        }
+    }
+
+    #[test]
     fn an_expression_s_codes_are_values_by_a_power_of_two() {
         let codes = SlotEncoding::new(VoxelType::F32, (-3.0, 1e9), false);
-        let values = codes.for_values([0.0, 1.0], None);
+        let values = codes.for_values([0.0, 1.0], KeptSlots::default());
         assert_eq!((values.low, values.first_slot(), values.code_width().log2().fract()), (0.0, 0.0, 0.0));
         assert!(values.unorm(1e9) <= 1.0 && values.unorm(-3.0) < 0.0);
     }

@@ -4,6 +4,7 @@
 //! Colours are hashed from the labels, so that a label has the same colour in every picture, of every store, without a table of all labels.
 //! Label 0 is the background, which is hidden.
 
+use crate::slot_encoding::SlotEncoding;
 use serde::{Deserialize, Serialize};
 
 /// The label of what is nothing in particular: hidden unless it is asked for.
@@ -114,6 +115,26 @@ impl LabelCodes {
         }
     }
 
+    /// Encodes little-endian voxels that are labels, of the type and with the value for no data that `encoding` says, into codes of 16
+    /// bits. Costs a search among the labels that are named wherever a voxel and the one before it have unlike labels.
+    ///
+    /// # Panics
+    /// If the two lengths do not hold the same number of voxels.
+    pub fn encode(&self, encoding: &SlotEncoding, voxels: &[u8], codes: &mut [u8]) {
+        let SlotEncoding { voxel_type, nodata, .. } = *encoding;
+        assert_eq!(voxels.len() / voxel_type.bytes(), codes.len() / 2);
+        let nodata = nodata.map(|value| value.round() as i64);
+        let mut last = (BACKGROUND, 0);
+        for (i, code) in codes.chunks_exact_mut(2).enumerate() {
+            let label = voxel_type.read(voxels, i).round() as i64;
+            if label != last.0 {
+                // What holds no data is hidden, as the background is.
+                last = (label, self.code(if nodata == Some(label) { BACKGROUND } else { label }));
+            }
+            code.copy_from_slice(&last.1.to_le_bytes());
+        }
+    }
+
     /// What a code stands for.
     pub fn coded(&self, code: u32) -> Coded {
         match code.checked_sub(FIRST_HASHED) {
@@ -159,6 +180,7 @@ pub fn hashed_color(index: u32) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::voxel_type::VoxelType;
     use std::collections::HashSet;
 
     #[test]
@@ -198,6 +220,21 @@ mod tests {
         assert_eq!(codes.coded(3), Coded::Nothing);
         let many = LabelLook { shown: Some((1..=LabelCodes::MOST as i64 + 1).collect()), colors: None };
         assert_eq!(LabelCodes::of(&many), None);
+    }
+
+    #[test]
+    fn voxels_are_encoded_label_by_label_and_no_data_as_the_background() {
+        let look = LabelLook { shown: Some(vec![-70_000]), colors: None };
+        let codes = LabelCodes::of(&look).unwrap();
+        let encoding = SlotEncoding::of_labels(VoxelType::I32, (-70_000.0, 2e9), false, Some(9.0));
+        assert!(encoding.is_hashed);
+        let labels = [9i32, 9, -70_000, -70_000, 0, 5, 9, 2_000_000_000];
+        let voxels: Vec<u8> = labels.iter().flat_map(|label| label.to_le_bytes()).collect();
+        let mut found = [0; 16];
+        codes.encode(&encoding, &voxels, &mut found);
+        let found: Vec<u16> = found.chunks_exact(2).map(|code| u16::from_le_bytes([code[0], code[1]])).collect();
+        assert_eq!(found, [0, 0, 1, 1, 0, codes.code(5), 0, codes.code(2_000_000_000)]);
+        assert!(codes.code(5) >= FIRST_HASHED as u16);
     }
 
     #[test]

@@ -57,6 +57,7 @@ pub use combination::Combination;
 pub use compositing::{Blend, VolumeFrame};
 pub use counted::counted;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
+pub use float_slots::KeptSlots;
 pub use geometry::Geometry;
 pub use gradients::{GradientNodes, PaddedCodes};
 pub use jitter::Jitter;

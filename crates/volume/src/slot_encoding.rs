@@ -147,7 +147,7 @@ impl SlotEncoding {
         if range.1 - low <= f64::from(u16::MAX) {
             return Self { format, low, high: low + f64::from(u16::MAX), has_invalid, nodata, ..plain };
         }
-        Self { format, low: 0.0, high: f64::from(u16::MAX), is_hashed: true, ..plain }
+        Self { format, low: 0.0, high: f64::from(u16::MAX), nodata, is_hashed: true, ..plain }
     }
 
     /// Whether codes are the voxels' own bytes, so that encoding only copies.
@@ -209,14 +209,10 @@ impl SlotEncoding {
     fn quantise<T: Voxel>(&self, voxels: &[u8], codes: &mut [u8]) {
         let first = self.has_invalid as u32 as f64;
         let scale = self.format.max_code() as f64 / (self.high - self.low);
-        for (c, v) in codes.chunks_exact_mut(2).zip(voxels.chunks_exact(size_of::<T>())) {
+        for (c, v) in codes.as_chunks_mut().0.iter_mut().zip(voxels.chunks_exact(size_of::<T>())) {
             let v: T = bytemuck::pod_read_unaligned(v);
-            let code = if v.is_valid() {
-                ((v.to_f64() - self.low) * scale).round_ties_even().clamp(first, 65535.0) as u16
-            } else {
-                0
-            };
-            c.copy_from_slice(&code.to_le_bytes());
+            let code = nearest_code(((v.to_f64() - self.low) * scale).max(first).min(65535.0));
+            *c = if v.is_valid() { code.to_le_bytes() } else { [0; 2] };
         }
     }
 
@@ -227,7 +223,7 @@ impl SlotEncoding {
         let scale = most / (self.high - self.low);
         let code = |v: &[u8]| {
             let v: T = bytemuck::pod_read_unaligned(v);
-            let code = ((v.to_f64() - self.low) * scale).round_ties_even().clamp(1.0, most) as u16;
+            let code = nearest_code(((v.to_f64() - self.low) * scale).max(1.0).min(most));
             if Some(v) == nodata { 0 } else { code }
         };
         let voxels = voxels.chunks_exact(size_of::<T>());
@@ -247,6 +243,13 @@ impl SlotEncoding {
             slot.copy_from_slice(&number.to_le_bytes());
         }
     }
+}
+
+/// The code nearest to a number from 0 to 65535, the even one of two: the last bits of the number added to 2^52, whose neighbours are 1 apart.
+/// Several times as fast as rounding and conversion, which are calls where the instruction set is not known.
+fn nearest_code(number: f64) -> u16 {
+    const TWO_TO_52: f64 = (1u64 << 52) as f64;
+    (number + TWO_TO_52).to_bits() as u16
 }
 
 #[cfg(test)]
@@ -275,6 +278,14 @@ mod tests {
             for (i, v) in back.into_iter().enumerate() {
                 assert!((v - t.read(bytes, i)).abs() < 1e-9, "{t} {i}: {v}");
             }
+        }
+    }
+
+    #[test]
+    fn codes_are_rounded_to_the_nearest_and_to_even() {
+        for i in 0..=4 * 65535u32 {
+            let number = f64::from(i) / 4.0;
+            assert_eq!(f64::from(nearest_code(number)), number.round_ties_even(), "{number}");
         }
     }
 

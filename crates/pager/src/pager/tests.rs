@@ -4,7 +4,7 @@ use super::*;
 use crate::dither::PixelShare;
 use crate::draw_list::DrawCell;
 use crate::planner::Planning;
-use crate::ram_cache::encoding_of;
+use crate::slot_contents::encoding_of;
 use crate::test_source::{TestSource, box_view, config};
 use crate::upload_budget::UploadLimits;
 use brickyard_volume::{
