@@ -52,7 +52,7 @@ def arguments():
     ap.add_argument("--out", default=ROOT / "target/differential", type=pathlib.Path)
     a = ap.parse_args()
     if a.brickyard is None or not a.brickyard.exists():
-        sys.exit(f"{a.brickyard or 'brickyard'}: no such command; build it with: cargo build --release -p brickyard")
+        sys.exit(f"{a.brickyard or 'brickyard'}: no such command; build it with: cargo build --release -p brickyard-cli")
     a.brickyard, a.out = a.brickyard.resolve(), a.out.resolve()
     return a
 

@@ -1,19 +1,23 @@
 //! Tests for which something is missing on this machine: they are left out, and say so; or they fail, where it is required.
 
 /// What tests may need: its name in `BRICKYARD_REQUIRE`, and how to get it.
-const CURES: [(&str, &str); 4] = [
+const CURES: [(&str, &str); 5] = [
     ("gpu", "a graphics adapter: run `tools/setup`, which installs a software one (mesa-vulkan-drivers, libvulkan1)"),
     ("python", "the independent readers: run `tools/setup python`, or set BRICKYARD_PYTHON to a Python that has them"),
+    (
+        "display",
+        "a display that nobody sees: run `tools/setup display`, which installs Xvfb, xdotool and what windows load",
+    ),
     ("mount", "a file system of its own: run as root, or where user namespaces may mount"),
     ("permissions", "a user without rights: as root, setpriv (of util-linux); else any"),
 ];
 
-/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `mount` or
+/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `display`, `mount` or
 /// `permissions`.
 ///
 /// # Panics
 /// If the name is not one of those, or the environment variable `BRICKYARD_REQUIRE` (names between commas) has it.
-/// `tools/test` requires a GPU and Python, unless the variable is set.
+/// `tools/test` requires a GPU, Python and a display, unless the variable is set.
 pub fn leave_out(name: &str, reason: impl std::fmt::Display) {
     let cure = CURES.iter().find(|(known, _)| *known == name).map(|(_, cure)| *cure).expect("a name of the list");
     let required = std::env::var("BRICKYARD_REQUIRE").unwrap_or_default();

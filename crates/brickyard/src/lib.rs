@@ -62,7 +62,6 @@
 //! | `lettering` | letters on pictures that say which side of a patient is where |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
 //! | `survey` | comparing ways to sample, with plots |
-//! | `cli` | the command, and all of the above |
 //!
 //! # Where to find more
 //!
@@ -106,6 +105,7 @@ mod table_cache;
 pub mod text_file;
 pub mod tiles;
 mod volume_source;
+mod whole_file;
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;

@@ -1,8 +1,9 @@
 //! PNG files: written whole under a temporary name, then renamed; what made the picture is kept in text chunks.
 
 use crate::stats::RenderStats;
+use crate::whole_file::write_whole;
 use brickyard_volume::{Picture, Scene};
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A picture that could not be written.
@@ -20,15 +21,8 @@ pub struct PictureError {
 /// # Errors
 /// If the file cannot be written. What was at `path` before stays then.
 pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), PictureError> {
-    let fail = |reason: String| PictureError { path: path.to_path_buf(), reason };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = path.file_name().ok_or_else(|| fail("not a file name".into()))?;
-    let temporary = folder.join(format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id()));
-    let written = encode(&temporary, picture, notes).and_then(|()| Ok(std::fs::rename(&temporary, path)?));
-    written.map_err(|error| {
-        let _ = std::fs::remove_file(&temporary);
-        fail(error.to_string())
-    })
+    let written = write_whole(path, |file| encode(file, picture, notes));
+    written.map_err(|error| PictureError { path: path.to_path_buf(), reason: error.to_string() })
 }
 
 /// Writes a picture as a PNG file, with its scene and its counts of bricks in text chunks.
@@ -46,9 +40,8 @@ pub fn write_shown(path: &Path, picture: &Picture, shown: &Scene, stats: &Render
     write_png(path, picture, &notes)
 }
 
-fn encode(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), png::EncodingError> {
-    let mut file = BufWriter::new(std::fs::File::create(path)?);
-    let mut encoder = png::Encoder::new(&mut file, picture.width, picture.height);
+fn encode(file: &mut impl Write, picture: &Picture, notes: &[(&str, String)]) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(file, picture.width, picture.height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     for (keyword, text) in notes {
@@ -57,7 +50,6 @@ fn encode(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<()
     let mut writer = encoder.write_header()?;
     writer.write_image_data(picture.rgb.as_flattened())?;
     writer.finish()?;
-    file.flush()?;
     Ok(())
 }
 

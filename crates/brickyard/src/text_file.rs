@@ -1,19 +1,28 @@
 //! Files of text that users write: scenes, camera paths, transfer functions, matrices. They are read whole, and refused where they are
-//! larger than any that a user writes.
+//! larger than any that a user writes; they are written whole or not at all.
 
+use crate::whole_file::write_whole;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// The largest text file that is read, bytes. JSON takes twenty times its size and more once it is parsed; a path of 80,000 cameras fits.
 pub const MOST_BYTES: u64 = 16 << 20;
 
-/// Why a text file cannot be read. Its message begins with the file's path.
+/// Why a text file cannot be read or written. Its message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
     /// The file does not open, or cannot be read to its end.
     #[error("{path}: {source}", path = path.display())]
     Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{path}: {source}", path = path.display())]
+    Write {
         /// The file.
         path: PathBuf,
         /// What the operating system said.
@@ -46,6 +55,15 @@ pub fn read_text(path: &Path) -> Result<String, TextError> {
         return Err(TextError::TooLarge(path.into()));
     }
     String::from_utf8(bytes).map_err(|source| TextError::NotText { path: path.into(), source })
+}
+
+/// Writes a file of text. What was at `path` before stays until all of it is written, and if that fails.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_text(path: &Path, text: &str) -> Result<(), TextError> {
+    let written = write_whole(path, |file| file.write_all(text.as_bytes()));
+    written.map_err(|source| TextError::Write { path: path.into(), source })
 }
 
 #[cfg(test)]

@@ -47,6 +47,7 @@ pub mod space;
 pub mod stereo;
 pub mod surface;
 pub mod transfer;
+mod viewpoint;
 pub mod voxel_type;
 
 pub use apron::{Apron, MAX_APRON};
@@ -88,6 +89,7 @@ pub use surface::{Isosurface, Surface};
 pub use transfer::{
     Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,
 };
+pub use viewpoint::Viewpoint;
 pub use voxel_type::{Voxel, VoxelType};
 
 /// Voxels along the edge of a brick's core, unless a store says otherwise.

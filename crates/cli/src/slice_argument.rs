@@ -1,10 +1,10 @@
-//! `--slice` and `--view`: planes and directions by their names in the world, in a patient, or along a volume's own axes. What a name means depends
-//! on the volumes, so it is found once they are open.
+//! `--slice`: planes by their names in the world, in a patient, or along a volume's own axes; and what sides of a patient are refused. What a name means
+//! depends on the volumes, so it is found once they are open.
 
 use super::failure::Failure;
 use super::values;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{ClipPlane, Placement, Scene, Side, Slice, near_name};
+use brickyard::volume::{ClipPlane, Placement, Scene, Slice, Viewpoint, near_name};
 use glam::DVec3;
 
 /// A slice as the user writes it.
@@ -112,49 +112,13 @@ fn viewer_side(placement: &Placement, is_anatomical: bool, axis: usize) -> DVec3
     normal * across(Slice::of_patient, nearest).dot(normal).signum()
 }
 
-/// A direction from which a scene is looked at.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum ViewArgument {
-    /// From a side of the patient.
-    Patient(Side),
-    /// From where an axis of the world points to.
-    World(DVec3),
-}
-
-/// The directions of the world's axes by their names.
-const DIRECTIONS: [(&str, DVec3); 6] = [
-    ("+x", DVec3::X),
-    ("-x", DVec3::NEG_X),
-    ("+y", DVec3::Y),
-    ("-y", DVec3::NEG_Y),
-    ("+z", DVec3::Z),
-    ("-z", DVec3::NEG_Z),
-];
-
-/// A side of the patient, or a direction of the world.
-pub(crate) fn view(text: &str) -> Result<ViewArgument, String> {
-    let sides = Side::ALL.into_iter().map(|side| (side.name(), ViewArgument::Patient(side)));
-    let directions = DIRECTIONS.into_iter().map(|(name, direction)| (name, ViewArgument::World(direction)));
-    let known: Vec<_> = sides.chain(directions).collect();
-    known.iter().find(|(name, _)| *name == text).map(|(_, view)| *view).ok_or_else(|| {
-        let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
-        let near = near_name::hint(text, names.iter().copied());
-        format!("no view '{text}'{near}: expected one of {}", names.join(", "))
-    })
-}
-
-impl ViewArgument {
-    /// The direction to the viewer, and what is up.
-    ///
-    /// # Errors
-    /// If it is a side of a patient and no volume's orientation is known.
-    pub(crate) fn resolve(self, is_anatomical: bool) -> Result<(DVec3, DVec3), Failure> {
-        match self {
-            Self::Patient(side) if is_anatomical => Ok((side.direction(), side.up())),
-            Self::Patient(side) => Err(unoriented(&format!("--view {}", side.name()), "+x, -y and the like")),
-            Self::World(from) => Ok((from, Side::of(from).up())),
-        }
-    }
+/// The direction to the viewer, and what is up.
+///
+/// # Errors
+/// If the viewpoint is a side of a patient and no volume's orientation is known.
+pub(crate) fn direction(view: Viewpoint, is_anatomical: bool) -> Result<(DVec3, DVec3), Failure> {
+    let name = Viewpoint::all().find(|(_, known)| *known == view).map_or("", |(name, _)| name);
+    view.direction(is_anatomical).ok_or_else(|| unoriented(&format!("--view {name}"), "+x, -y and the like"))
 }
 
 fn unoriented(what: &str, instead: &str) -> Failure {
@@ -166,6 +130,7 @@ fn unoriented(what: &str, instead: &str) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard::volume::Side;
 
     #[test]
     fn slices_are_across_an_axis_or_a_plane() {
@@ -181,11 +146,8 @@ mod tests {
     }
 
     #[test]
-    fn views_are_from_sides_of_a_patient_or_along_the_world_s_axes() {
-        assert_eq!(view("left"), Ok(ViewArgument::Patient(Side::Left)));
-        assert_eq!(view("-y"), Ok(ViewArgument::World(DVec3::NEG_Y)));
-        assert!(view("postreior").unwrap_err().contains("did you mean 'posterior'?"));
-        assert!(view("left").unwrap().resolve(false).unwrap_err().message.contains("+x, -y"));
-        assert_eq!(view("superior").unwrap().resolve(true).unwrap(), (DVec3::Z, DVec3::Y));
+    fn a_side_of_nobody_is_refused() {
+        let failure = direction(Viewpoint::Patient(Side::Left), false).unwrap_err();
+        assert!(failure.message.contains("--view left") && failure.message.contains("+x, -y"), "{}", failure.message);
     }
 }

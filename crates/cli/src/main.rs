@@ -1,4 +1,5 @@
-//! The command line: `brickyard COMMAND`, the same flags everywhere.
+//! The `brickyard` command: one subcommand a file, each turning flags into a call of the library and errors into an exit
+//! code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed.
 
 mod advice;
 mod bench;
@@ -24,30 +25,33 @@ mod store_errors;
 mod synth;
 mod values;
 mod verify;
+#[cfg(feature = "viewer")]
+mod view;
 mod views;
 mod volume_args;
 
 use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
+use std::process::ExitCode;
 
 /// Packs volumes into brick stores and renders them in any size under fixed budgets.
 #[derive(Parser)]
 #[command(name = "brickyard", version, propagate_version = true)]
-pub(crate) struct Arguments {
+struct Arguments {
     /// Say more; twice for everything
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
+    verbose: u8,
     /// Say nothing but errors
     #[arg(short, long, global = true)]
-    pub quiet: bool,
+    quiet: bool,
     /// What to do.
     #[command(subcommand)]
-    pub command: Command,
+    command: Command,
 }
 
 /// The subcommands.
 #[derive(Subcommand)]
-pub(crate) enum Command {
+enum Command {
     /// Turn scans and simulations into a brick store
     Pack(Box<pack::PackArguments>),
     /// Say what a store holds
@@ -58,6 +62,9 @@ pub(crate) enum Command {
     Verify(verify::VerifyArguments),
     /// Write a level, or a box of it, to .raw or .npy
     Export(export::ExportArguments),
+    /// Open a window on a store
+    #[cfg(feature = "viewer")]
+    View(Box<view::ViewArguments>),
     /// Render a store to PNG
     Render(Box<render_args::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
@@ -71,17 +78,36 @@ pub(crate) enum Command {
     Doctor(doctor::DoctorArguments),
 }
 
+fn main() -> ExitCode {
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // Without that folder Mesa's device-select layer, which this program does not need, prints an error per adapter.
+        // SAFETY: no other thread exists yet that could read the environment.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+    let arguments = Arguments::parse();
+    set_up_log(arguments.verbose, arguments.quiet);
+    match run(arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {}", failure.message);
+            ExitCode::from(failure.kind as u8)
+        }
+    }
+}
+
 /// Runs a subcommand.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-pub(crate) fn run(command: Command) -> Result<(), Failure> {
+fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
+        #[cfg(feature = "viewer")]
+        Command::View(arguments) => view::run(*arguments),
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
@@ -91,11 +117,11 @@ pub(crate) fn run(command: Command) -> Result<(), Failure> {
 }
 
 /// Sends log lines to standard error: warnings, or more or less as asked; `RUST_LOG` overrides.
-pub(crate) fn set_up_log(verbose: u8, quiet: bool) {
+fn set_up_log(verbose: u8, quiet: bool) {
     let level = match (quiet, verbose) {
         (true, _) => "error",
-        (_, 0) => "warn,wgpu_hal=error,wgpu_core=error",
-        (_, 1) => "info,wgpu_hal=warn,wgpu_core=warn",
+        (_, 0) => "warn,wgpu_hal=error,wgpu_core=error,winit=error",
+        (_, 1) => "info,wgpu_hal=warn,wgpu_core=warn,winit=warn",
         _ => "debug",
     };
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());

@@ -157,7 +157,7 @@ mod tests {
     /// What a message names must be a flag of `pack`, which is where such options are given.
     #[test]
     fn the_flags_that_messages_name_are_there() {
-        let command = crate::cli::Arguments::command();
+        let command = crate::Arguments::command();
         let pack = command.find_subcommand("pack").expect("a subcommand");
         for (option, flag) in FLAGS {
             let is_it = |argument: &clap::Arg| match flag.strip_prefix("--") {

@@ -2,7 +2,7 @@
 
 use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
-use super::slice_argument::{self, SliceArgument, ViewArgument};
+use super::slice_argument::{self, SliceArgument};
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
 use brickyard::scene_file::{self, SceneFile};
@@ -10,7 +10,7 @@ use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{
     Blend, Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer,
-    Stereo, StereoLayout, TransferFunction,
+    Stereo, StereoLayout, TransferFunction, Viewpoint,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -96,8 +96,8 @@ pub(crate) struct SceneArguments {
     slice: Option<SliceArgument>,
     /// Look from this side at all that is shown: of a patient anterior, posterior, left, right, superior or inferior; else +x, -x,
     /// +y, -y, +z or -z
-    #[arg(long, value_name = "SIDE", value_parser = slice_argument::view, allow_hyphen_values = true, conflicts_with = "slice")]
-    view: Option<ViewArgument>,
+    #[arg(long, value_name = "SIDE", value_parser = Viewpoint::from_name, allow_hyphen_values = true, conflicts_with = "slice")]
+    view: Option<Viewpoint>,
     /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
     #[arg(long, value_name = "WIDTH", value_parser = values::positive)]
     thickness: Option<f64>,
@@ -304,7 +304,7 @@ impl SceneArguments {
     fn camera(&self, scene: &Scene, places: &[VolumePlace], size_px: (u32, u32)) -> Result<Camera, Failure> {
         let mut camera = scene.camera_for(places, size_px).map_err(Failure::usage)?;
         if let Some(view) = self.view {
-            let (from, up) = view.resolve(scene.is_anatomical(places))?;
+            let (from, up) = slice_argument::direction(view, scene.is_anatomical(places))?;
             camera = Camera::looking_from(from, up, scene.world_box(places).map_err(Failure::usage)?);
         }
         camera.eye = self.eye.unwrap_or(camera.eye);
@@ -340,7 +340,7 @@ fn transfer_help() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
+    use crate::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
     use brickyard::volume::{Filter, LightingModel, Method};
 
     fn all<A: ValueEnum + Copy, T: From<A>>() -> Vec<T> {

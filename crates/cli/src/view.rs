@@ -1,0 +1,74 @@
+//! `brickyard view`: a window on stores.
+
+use super::failure::Failure;
+use super::sampling_args::SamplingArguments;
+use super::scene_args::SceneArguments;
+use super::session_args::{BackendArgument, threads};
+use super::store_errors;
+use super::values;
+use brickyard::session::SessionOptions;
+use brickyard::text_file::read_text;
+use brickyard_viewer::{Script, WindowOptions};
+use clap::Args;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// `brickyard view STORE...`
+#[derive(Args)]
+pub(crate) struct ViewArguments {
+    /// The store; or several, up to 32, each where its own world is or where --volume N:matrix=... puts it
+    #[arg(required = true)]
+    stores: Vec<PathBuf>,
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    sampling: SamplingArguments,
+    /// Size of the window in points
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = values::size_px)]
+    size: (u32, u32),
+    /// Where to render; auto takes a hardware GPU if the window is on one, else the CPU
+    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    backend: BackendArgument,
+    /// Hard limit of brick slots, tables, targets and staging
+    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    gpu_memory: u64,
+    /// Hard limit of decoded bricks and scratch
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    host_memory: u64,
+    /// Threads for decoding and for the CPU backend [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<NonZeroUsize>,
+    /// Play commands: lines of `SECONDS COMMAND` or `settled COMMAND`
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+    /// Write what the window shows once the script is over and the picture is final, and close it
+    #[arg(long, value_name = "out.png")]
+    screenshot: Option<PathBuf>,
+}
+
+/// Runs `view`.
+///
+/// # Errors
+/// With the message and exit code for the user.
+pub(crate) fn run(arguments: ViewArguments) -> Result<(), Failure> {
+    let script = match &arguments.script {
+        None => Script::default(),
+        Some(path) => {
+            let text = read_text(path).map_err(Failure::bad_input)?;
+            text.parse().map_err(|problem| Failure::bad_input(format!("{}: {problem}", path.display())))?
+        }
+    };
+    let volumes = store_errors::open_volumes(&arguments.stores)?;
+    let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
+    let session = SessionOptions {
+        backend: arguments.backend.into(),
+        gpu_memory_bytes: arguments.gpu_memory,
+        host_memory_bytes: arguments.host_memory,
+        threads: threads(arguments.threads),
+        live: true,
+        ..SessionOptions::default()
+    };
+    let size = [arguments.size.0 as f32, arguments.size.1 as f32];
+    let options = WindowOptions { scene, session, size, script, screenshot: arguments.screenshot };
+    brickyard_viewer::run(volumes, options).map_err(Failure::failed)
+}

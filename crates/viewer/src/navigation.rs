@@ -1,0 +1,161 @@
+//! How a hand moves the camera: it turns around a point, moves across the picture, and comes nearer. All of it is arithmetic on cameras; what a
+//! drag or a key means is decided elsewhere.
+
+use brickyard::volume::{Camera, Projection};
+use glam::{DQuat, DVec3};
+
+/// How near to straight up or down the camera may look, in degrees: the picture's up direction is lost there.
+const POLE_DEG: f64 = 1.0;
+
+/// Turns a camera around a point of the world: by `right_deg` degrees about its up direction, as if the volume were pushed to the right, and
+/// by `up_deg` degrees over the top, as far as straight up or down.
+pub(crate) fn orbited(camera: &Camera, around: DVec3, right_deg: f64, up_deg: f64) -> Camera {
+    let up = camera.up.normalize_or_zero();
+    let forward = (camera.target - camera.eye).normalize_or_zero();
+    let right = forward.cross(up).normalize_or_zero();
+    // The angle between the view and up: it stays between the poles.
+    let from_up_deg = forward.angle_between(up).to_degrees();
+    let up_deg = up_deg.clamp(from_up_deg - 180.0 + POLE_DEG, from_up_deg - POLE_DEG);
+    let turn = DQuat::from_axis_angle(up, -right_deg.to_radians()) * DQuat::from_axis_angle(right, up_deg.to_radians());
+    let moved = |point: DVec3| around + turn * (point - around);
+    Camera { eye: moved(camera.eye), target: moved(camera.target), ..*camera }
+}
+
+/// Rolls a camera about its view direction, clockwise as seen in the picture's content.
+pub(crate) fn rolled(camera: &Camera, angle_deg: f64) -> Camera {
+    let forward = (camera.target - camera.eye).normalize_or_zero();
+    // Across the view, so that rolling goes on turning the picture.
+    let up = camera.up.reject_from(forward);
+    Camera { up: DQuat::from_axis_angle(forward, -angle_deg.to_radians()) * up, ..*camera }
+}
+
+/// Moves a camera so that what is at its target moves right and up in the picture, by parts of the picture's height.
+pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
+    let forward = (camera.target - camera.eye).normalize_or_zero();
+    let to_right = forward.cross(camera.up).normalize_or_zero();
+    let to_up = to_right.cross(forward);
+    let by = -(to_right * right + to_up * up) * height_at_target(camera);
+    Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
+}
+
+/// Brings a camera nearer to a point of the world, which stays where it is in the picture: the camera's distances are divided by `factor`.
+pub(crate) fn zoomed(camera: &Camera, towards: DVec3, factor: f64) -> Camera {
+    let moved = |point: DVec3| towards + (point - towards) / factor;
+    let projection = match camera.projection {
+        Projection::Orthographic { height } => Projection::Orthographic { height: height / factor },
+        perspective @ Projection::Perspective { .. } => perspective,
+    };
+    Camera { eye: moved(camera.eye), target: moved(camera.target), projection, ..*camera }
+}
+
+/// Exchanges a perspective view for a parallel one or back. What is at the target keeps its size in the picture.
+pub(crate) fn with_parallel_rays(camera: &Camera, parallel: bool) -> Camera {
+    let distance = camera.eye.distance(camera.target);
+    match (camera.projection, parallel) {
+        (Projection::Perspective { .. }, true) => {
+            Camera { projection: Projection::Orthographic { height: height_at_target(camera) }, ..*camera }
+        }
+        (Projection::Orthographic { height }, false) => {
+            // The default camera's angle. The eye moves to where that sees as much.
+            let fov_y_deg = 30.0f64;
+            let needed = 0.5 * height / (0.5 * fov_y_deg).to_radians().tan();
+            let eye = camera.target + (camera.eye - camera.target) * (needed / distance);
+            Camera { eye, projection: Projection::Perspective { fov_y_deg }, ..*camera }
+        }
+        _ => *camera,
+    }
+}
+
+/// The height of what the picture shows at the target, in the world.
+fn height_at_target(camera: &Camera) -> f64 {
+    match camera.projection {
+        Projection::Perspective { fov_y_deg } => {
+            2.0 * camera.eye.distance(camera.target) * (0.5 * fov_y_deg).to_radians().tan()
+        }
+        Projection::Orthographic { height } => height,
+    }
+}
+
+/// The point of the world that is under a place of the picture, in pixels, as far away as the camera's target.
+pub(crate) fn point_at_target(camera: &Camera, size_px: (u32, u32), [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
+    let rays = camera.rays(size_px.0, size_px.1).ok()?;
+    let ray = rays.ray(x_px, y_px);
+    let along = (camera.target - ray.origin).dot(rays.forward) / ray.direction.dot(rays.forward);
+    Some(ray.origin + ray.direction * along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SIZE: (u32, u32) = (640, 480);
+
+    fn camera() -> Camera {
+        Camera::looking_at_box((DVec3::new(-1.0, 2.0, 3.0), DVec3::new(7.0, 9.0, 5.0)))
+    }
+
+    /// Where a point of the world is in a camera's picture.
+    fn pixel(camera: &Camera, point: DVec3) -> DVec3 {
+        let [x, y] = camera.rays(SIZE.0, SIZE.1).unwrap().pixel(point).unwrap();
+        DVec3::new(x, y, 0.0)
+    }
+
+    #[test]
+    fn what_is_pushed_to_the_right_moves_to_the_right() {
+        let near = camera().target - (camera().target - camera().eye).normalize();
+        let before = pixel(&camera(), near);
+        assert!(pixel(&orbited(&camera(), camera().target, 10.0, 0.0), near).x > before.x + 1.0);
+        // Over the top: what is near moves up in the picture, where rows are less.
+        assert!(pixel(&orbited(&camera(), camera().target, 0.0, 10.0), near).y < before.y - 1.0);
+        let beside = camera().target + DVec3::Z;
+        assert!(pixel(&rolled(&camera(), 20.0), beside).x > pixel(&camera(), beside).x + 1.0);
+    }
+
+    #[test]
+    fn the_camera_stops_at_the_poles() {
+        for up_deg in [500.0, -500.0] {
+            let turned = orbited(&camera(), camera().target, 0.0, up_deg);
+            assert!(turned.rays(SIZE.0, SIZE.1).is_ok());
+            let angle = (turned.target - turned.eye).angle_between(turned.up).to_degrees();
+            assert!((angle.min(180.0 - angle) - POLE_DEG).abs() < 1e-6, "{angle}");
+        }
+    }
+
+    #[test]
+    fn projections_show_the_target_in_the_same_size() {
+        let beside = camera().target + DVec3::Z;
+        let parallel = with_parallel_rays(&camera(), true);
+        let back = with_parallel_rays(&parallel, false);
+        assert!(matches!(parallel.projection, Projection::Orthographic { .. }));
+        assert!((back.eye - camera().eye).length() < 1e-9 * camera().eye.length());
+        let size = |camera: &Camera| pixel(camera, beside).distance(pixel(camera, camera.target));
+        assert!((size(&parallel) / size(&camera()) - 1.0).abs() < 0.05);
+        assert_eq!(with_parallel_rays(&parallel, true), parallel);
+    }
+
+    proptest! {
+        /// What is under the pointer stays under it.
+        #[test]
+        fn a_point_that_is_held_keeps_its_place(
+            x in 0.0..640.0, y in 0.0..480.0, factor in 0.2..5.0, right in -0.5..0.5f64, up in -0.5..0.5f64, parallel: bool,
+            turn in -180.0..180.0,
+        ) {
+            let camera = with_parallel_rays(&orbited(&camera(), camera().target, turn, 0.2 * turn), parallel);
+            let held = point_at_target(&camera, SIZE, [x, y]).unwrap();
+            prop_assert!((pixel(&camera, held) - DVec3::new(x, y, 0.0)).length() < 1e-6);
+            prop_assert!((pixel(&zoomed(&camera, held, factor), held) - DVec3::new(x, y, 0.0)).length() < 1e-6);
+            let by = DVec3::new(right, -up, 0.0) * f64::from(SIZE.1);
+            prop_assert!((pixel(&panned(&camera, right, up), held) - DVec3::new(x, y, 0.0) - by).length() < 1e-6);
+        }
+
+        /// A point that the camera turns around keeps its place and distance.
+        #[test]
+        fn the_middle_of_a_turn_stays(right in -90.0..90.0, up in -90.0..90.0, x in -3.0..3.0) {
+            let around = camera().target + DVec3::new(x, 0.5 * x, 1.0);
+            let turned = orbited(&camera(), around, right, up);
+            prop_assert!((turned.eye.distance(around) / camera().eye.distance(around) - 1.0).abs() < 1e-9);
+            prop_assert!((turned.eye.distance(turned.target) / camera().eye.distance(camera().target) - 1.0).abs() < 1e-9);
+        }
+    }
+}

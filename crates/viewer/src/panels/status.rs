@@ -1,0 +1,41 @@
+//! The line below the picture: how far it is, what it takes, and what went wrong last.
+
+use crate::canvas::Canvas;
+use eframe::egui::{Color32, Ui};
+
+/// Shows how far the picture is. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing.
+pub(crate) fn show(ui: &mut Ui, canvas: &Canvas, message: Option<&str>, picked: Option<&str>) {
+    ui.horizontal_wrapped(|ui| {
+        if let Some(message) = message {
+            ui.colored_label(Color32::from_rgb(230, 120, 60), message);
+            ui.separator();
+        }
+        if let Some(picked) = picked {
+            ui.monospace(picked);
+            ui.separator();
+        }
+        ui.label(state(canvas));
+        ui.separator();
+        ui.label(canvas.backend_line());
+        let (backend, host) = canvas.memory_bytes();
+        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        ui.separator();
+        ui.label(format!("{:.0} MiB of slots, {:.0} MiB of bricks", mib(backend), mib(host)));
+    });
+}
+
+/// How far the picture is, in words.
+fn state(canvas: &Canvas) -> String {
+    let Some(status) = canvas.status() else { return "opening".into() };
+    let mut words = match canvas.is_final() {
+        true => "final".to_string(),
+        false => format!("{:.0} % of bricks, quality {:.0} %", 100.0 * status.completeness, 100.0 * canvas.quality()),
+    };
+    if status.failed > 0 {
+        words += &format!(", {} bricks cannot be read", status.failed);
+    }
+    if status.memory_bound {
+        words += &format!(", as fine as memory allows ({:.1} px)", status.effective_error_px);
+    }
+    words
+}

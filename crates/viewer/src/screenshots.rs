@@ -1,0 +1,60 @@
+//! Screenshots: pixels of the whole window, which come a frame after they were asked for and are written then.
+
+use brickyard::picture_file::{PictureError, write_png};
+use brickyard::volume::Picture;
+use eframe::egui::{self, ColorImage, ScreenshotCallback, ViewportCommand};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+/// Screenshots that have been asked for.
+pub(crate) struct Screenshots {
+    awaited: usize,
+    sender: Sender<Screenshot>,
+    receiver: Receiver<Screenshot>,
+}
+
+/// The window's pixels, and the file that they are for.
+struct Screenshot {
+    path: PathBuf,
+    image: Arc<ColorImage>,
+}
+
+impl Screenshots {
+    pub(crate) fn new() -> Self {
+        let (sender, receiver) = channel();
+        Self { awaited: 0, sender, receiver }
+    }
+
+    /// Asks for the pixels of the next frame.
+    pub(crate) fn take(&mut self, path: PathBuf, egui: &egui::Context) {
+        let (sender, wake) = (self.sender.clone(), egui.clone());
+        let callback = ScreenshotCallback::new(move |image| {
+            // Where nobody waits any more, the window is gone.
+            let _ = sender.send(Screenshot { path, image });
+            wake.request_repaint();
+        });
+        self.awaited += 1;
+        egui.send_viewport_cmd(ViewportCommand::Screenshot(callback));
+    }
+
+    /// Whether some have not come yet.
+    pub(crate) fn are_awaited(&self) -> bool {
+        self.awaited > 0
+    }
+
+    /// Writes those that have come.
+    ///
+    /// # Errors
+    /// If one of the files cannot be written; the others are.
+    pub(crate) fn write(&mut self) -> Result<(), PictureError> {
+        let mut written = Ok(());
+        while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {
+            self.awaited -= 1;
+            let [width, height] = image.size.map(|side| side as u32);
+            let rgb = image.pixels.iter().map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
+            written = written.and(write_png(&path, &Picture { width, height, rgb }, &[]));
+        }
+        written
+    }
+}
