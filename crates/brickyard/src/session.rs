@@ -22,7 +22,7 @@ use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
 use brickyard_volume::{
-    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, StoreCounts, TransferFunction,
+    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -139,6 +139,14 @@ impl Session {
     /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour.
     pub fn default_scene(&self, mode: Mode) -> Scene {
         Scene { mode, layers: default_layers(&self.volumes, mode), ..Scene::default() }
+    }
+
+    /// Whether a scene can be shown of the session's volumes. Nothing is made for it.
+    ///
+    /// # Errors
+    /// If not: what is wrong with the scene.
+    pub fn check(&self, scene: &Scene) -> Result<(), SceneError> {
+        scene.check(&self.volumes.iter().map(VolumeSource::counts).collect::<Vec<_>>())
     }
 
     /// Resolves a scene for the session's volumes: fills in the camera and transfer functions that are left open, and
@@ -299,9 +307,9 @@ impl Session {
 
     /// Whether a change of what slots hold is put off in a step towards a scene.
     fn puts_off_slots(&mut self, scene: &Scene) -> bool {
+        let is_valid = self.check(scene).is_ok();
         let Self { fit: Some(fit), volumes, clock: Some(clock), slot_change, .. } = self else { return false };
-        let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
-        scene.check(&counts).is_ok() && slot_change.is_put_off(fit, volumes, scene, clock.elapsed())
+        is_valid && slot_change.is_put_off(fit, volumes, scene, clock.elapsed())
     }
 
     /// Opens the pyramids that suit the scene's mode: maxima for maximum projections, where a store has them.

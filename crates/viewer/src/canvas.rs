@@ -6,7 +6,8 @@ use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::Status;
 use brickyard::render::{Gpu, Target, wgpu};
 use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
-use brickyard::volume::{Picture, Scene};
+use brickyard::stats::RenderStats;
+use brickyard::volume::{Picture, Scene, SceneError};
 use eframe::egui::{self, ColorImage, TextureHandle, TextureId, TextureOptions};
 use eframe::egui_wgpu::RenderState;
 use std::time::{Duration, Instant};
@@ -159,20 +160,22 @@ impl Canvas {
     ///
     /// # Errors
     /// If not: the reason.
-    pub(crate) fn check(&self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
-        self.session.resolve(scene, size_px).map(|_| ())
+    pub(crate) fn check(&self, scene: &Scene) -> Result<(), SceneError> {
+        self.session.check(scene)
     }
 
-    /// The pixels of the picture that is shown, with its scene, in which nothing is left open. `None` before the first picture.
+    /// The pixels of the picture that is shown, with its scene, in which nothing is left open, and how many bricks it has. `None` before the first picture.
     ///
     /// # Errors
     /// If the picture cannot be drawn.
-    pub(crate) fn picture(&mut self) -> Result<Option<(Picture, Scene)>, SessionError> {
+    pub(crate) fn picture(&mut self) -> Result<Option<(Picture, Scene, RenderStats)>, SessionError> {
         let Some(shown) = &mut self.shown else { return Ok(None) };
         let picture = self.session.draw(&shown.frame)?;
         // It was drawn where the texture's picture comes from.
         shown.is_final = false;
-        Ok(Some((picture, shown.frame.scene.shown(&shown.scene))))
+        let mut stats = RenderStats::default();
+        stats.record(&shown.frame.status, self.session.backend_bytes());
+        Ok(Some((picture, shown.frame.scene.shown(&shown.scene), stats)))
     }
 }
 

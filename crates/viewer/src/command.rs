@@ -15,8 +15,8 @@ pub(crate) enum Command {
     Roll { angle_deg: f64 },
     /// Move the volume right and up, by parts of the picture's height.
     Pan { right: f64, up: f64 },
-    /// Come nearer by a factor.
-    Zoom { factor: f64 },
+    /// Come nearer by a factor to what is in a place of the picture, in parts of its width and height from the upper left corner; `None` is its middle.
+    Zoom { factor: f64, at: Option<[f64; 2]> },
     /// Look from a side at everything.
     View(Viewpoint),
     /// Look at everything, from the direction of now.
@@ -85,7 +85,9 @@ impl Command {
             Self::Orbit { right_deg, up_deg } => numbers("orbit", &[*right_deg, *up_deg]),
             Self::Roll { angle_deg } => numbers("roll", &[*angle_deg]),
             Self::Pan { right, up } => numbers("pan", &[*right, *up]),
-            Self::Zoom { factor } => numbers("zoom", &[*factor]),
+            Self::Zoom { factor, at } => {
+                numbers("zoom", &[*factor].into_iter().chain(at.iter().flatten().copied()).collect::<Vec<_>>())
+            }
             Self::View(view) => {
                 let known = Viewpoint::all().find(|(_, known)| known == view);
                 with("view", &[known.map_or_else(String::new, |(name, _)| name.to_string())])
@@ -160,7 +162,7 @@ const FORMS: [(&str, &str); 22] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
     ("pan", "RIGHT UP, in parts of the picture's height"),
-    ("zoom", "FACTOR"),
+    ("zoom", "FACTOR, or FACTOR RIGHT DOWN, in parts of the picture's width and height"),
     ("view", "SIDE"),
     ("fit", ""),
     ("parallel", "on|off"),
@@ -215,7 +217,14 @@ fn parsed(name: &str, words: &[&str], rest: &str) -> Option<Command> {
         ("orbit", [right, up]) => Command::Orbit { right_deg: number(right)?, up_deg: number(up)? },
         ("roll", [angle]) => Command::Roll { angle_deg: number(angle)? },
         ("pan", [right, up]) => Command::Pan { right: number(right)?, up: number(up)? },
-        ("zoom", [factor]) => Command::Zoom { factor: number(factor).filter(|&factor| factor > 0.0)? },
+        ("zoom", [factor, at @ ..]) => {
+            let at = match at {
+                [] => None,
+                [right, down] => Some([number(right)?, number(down)?]),
+                _ => return None,
+            };
+            Command::Zoom { factor: number(factor).filter(|&factor| factor > 0.0)?, at }
+        }
         ("fit", []) => Command::Fit,
         ("parallel", [is_parallel]) => Command::Parallel(switch(is_parallel)?),
         ("mode", [mode]) => Command::Mode(Mode::ALL.into_iter().find(|known| mode_name(*known) == *mode)?),
@@ -269,7 +278,7 @@ mod tests {
             (number(), number()).prop_map(|(right_deg, up_deg)| Command::Orbit { right_deg, up_deg }),
             number().prop_map(|angle_deg| Command::Roll { angle_deg }),
             (number(), number()).prop_map(|(right, up)| Command::Pan { right, up }),
-            (0.01..99.0).prop_map(|factor| Command::Zoom { factor }),
+            (0.01..99.0, prop::option::of([number(), number()])).prop_map(|(factor, at)| Command::Zoom { factor, at }),
             prop::sample::select(viewpoints).prop_map(Command::View),
             prop::sample::select(vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit]),
             any::<bool>().prop_map(Command::Parallel),
@@ -302,7 +311,17 @@ mod tests {
         assert!(error("orbt 3 4").contains("did you mean 'orbit'?"));
         assert!(error("orbit 3").contains("expected orbit DEGREES_RIGHT DEGREES_UP"));
         assert!(error("view lft").contains("did you mean 'left'?"));
-        for bad in ["zoom 0", "zoom inf", "window 0 1", "opacity 0 2", "visible on", "screenshot", "mode fog", ""] {
+        for bad in [
+            "zoom 0",
+            "zoom 2 0.5",
+            "zoom inf",
+            "window 0 1",
+            "opacity 0 2",
+            "visible on",
+            "screenshot",
+            "mode fog",
+            "",
+        ] {
             assert!(bad.parse::<Command>().is_err(), "{bad}");
         }
     }

@@ -24,7 +24,6 @@ use eframe::egui::ViewportBuilder;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use std::path::PathBuf;
 use std::sync::Arc;
-use winit as _;
 
 /// What a window shows at first, and what becomes of it.
 #[derive(Clone, Debug)]
@@ -61,8 +60,10 @@ pub fn run(volumes: Vec<VolumeSource>, options: WindowOptions) -> Result<(), Win
         device_descriptor: Arc::new(Gpu::required),
         ..WgpuSetupCreateNew::without_display_handle()
     };
+    let names = volumes.iter().filter_map(|volume| Some(volume.store()?.path().file_stem()?.to_string_lossy()));
+    let title = names.map(|name| format!("{name} - ")).next().unwrap_or_default() + "brickyard";
     let native = eframe::NativeOptions {
-        viewport: ViewportBuilder::default().with_inner_size(size).with_title("brickyard").with_app_id("brickyard"),
+        viewport: ViewportBuilder::default().with_inner_size(size).with_title(title).with_app_id("brickyard"),
         wgpu_options: WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() },
         // Pixels of the picture are shown as they are.
         dithering: false,

@@ -14,7 +14,6 @@ use crate::screenshots::Screenshots;
 use crate::script::Script;
 use brickyard::picture_file::write_shown;
 use brickyard::session::VolumeSource;
-use brickyard::stats::RenderStats;
 use brickyard::text_file::write_text;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Camera, Projection, Scene};
@@ -91,7 +90,7 @@ impl Window {
     fn try_perform(&mut self, command: &Command, egui: &egui::Context) -> Result<(), String> {
         if let Some(kind) = command.edits() {
             let edited = edited(&self.scene, &self.volumes, command).ok_or("there is no such layer")?;
-            self.canvas.check(&edited, self.size_px).map_err(|error| error.to_string())?;
+            self.canvas.check(&edited).map_err(|error| error.to_string())?;
             self.history.edit(&self.scene, &kind);
             self.scene = edited;
             self.message = None;
@@ -135,7 +134,13 @@ impl Window {
             Command::Orbit { right_deg, up_deg } => orbited(&camera, camera.target, *right_deg, *up_deg),
             Command::Roll { angle_deg } => rolled(&camera, *angle_deg),
             Command::Pan { right, up } => panned(&camera, *right, *up),
-            Command::Zoom { factor } => zoomed(&camera, camera.target, *factor),
+            Command::Zoom { factor, at: None } => zoomed(&camera, camera.target, *factor),
+            Command::Zoom { factor, at: Some([right, down]) } => {
+                let (width, height) = self.size_px;
+                let place_px = [right * f64::from(width), down * f64::from(height)];
+                let towards = point_at_target(&camera, self.size_px, place_px).ok_or("there is no such place")?;
+                zoomed(&camera, towards, *factor)
+            }
             Command::Parallel(is_parallel) => with_parallel_rays(&camera, *is_parallel),
             Command::View(viewpoint) => {
                 let direction = viewpoint.direction(self.scene.is_anatomical(&places));
@@ -156,8 +161,8 @@ impl Window {
 
     fn save_picture(&mut self, path: &Path) -> Result<(), String> {
         let drawn = self.canvas.picture().map_err(|error| error.to_string())?;
-        let (picture, scene) = drawn.ok_or("there is no picture yet")?;
-        write_shown(path, &picture, &scene, &RenderStats::default()).map_err(|error| error.to_string())?;
+        let (picture, scene, stats) = drawn.ok_or("there is no picture yet")?;
+        write_shown(path, &picture, &scene, &stats).map_err(|error| error.to_string())?;
         self.message = Some(format!("wrote {}", path.display()));
         Ok(())
     }
@@ -205,7 +210,7 @@ impl Window {
         self.pick(response.hover_pos().map(|pointer| pointer - area.min), scale);
         self.drag(&response, commands);
         if response.hovered() {
-            self.scroll(ui, area);
+            Self::scroll(ui, area, commands);
         }
         if response.double_clicked() {
             commands.push(Command::Fit);
@@ -245,24 +250,18 @@ impl Window {
         } else if response.dragged_by(PointerButton::Primary) {
             commands.push(Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down });
         } else if response.dragged_by(PointerButton::Secondary) {
-            commands.push(Command::Zoom { factor: (-2.0 * down).exp() });
+            commands.push(Command::Zoom { factor: (-2.0 * down).exp(), at: None });
         }
     }
 
-    /// Comes nearer to what is under the pointer.
-    fn scroll(&mut self, ui: &Ui, area: egui::Rect) {
+    /// What the wheel does, and two fingers: they come nearer to what is under the pointer.
+    fn scroll(ui: &Ui, area: egui::Rect, commands: &mut Vec<Command>) {
         let (wheel, pinch, pointer) =
             ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta(), input.pointer.hover_pos()));
         let factor = f64::from(pinch) * (f64::from(wheel) / 200.0).exp();
-        let (Some(pointer), Some(camera)) = (pointer, self.scene.camera) else { return };
-        if factor == 1.0 {
-            return;
-        }
-        let scale = f64::from(ui.ctx().pixels_per_point());
-        let place = [pointer.x - area.min.x, pointer.y - area.min.y].map(|points| f64::from(points) * scale);
-        if let Some(towards) = point_at_target(&camera, self.size_px, place) {
-            self.scene.camera = Some(zoomed(&camera, towards, factor));
-        }
+        let Some(pointer) = pointer.filter(|_| factor != 1.0) else { return };
+        let place = (pointer - area.min) / area.size();
+        commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
     }
 
     fn menu(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) {
@@ -322,7 +321,7 @@ impl eframe::App for Window {
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui, &mut commands));
         egui::Window::new("Help").open(&mut self.is_help_open).show(&egui, panels::help::show);
         commands.iter().for_each(|command| self.perform(command, &egui));
-        if egui.input(|input| input.pointer.any_released()) {
+        if !egui.input(|input| input.pointer.any_down()) {
             self.history.close();
         }
         // A command shows in the next frame.

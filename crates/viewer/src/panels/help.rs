@@ -21,6 +21,7 @@ const POINTER: [(&str, &str); 5] = [
 fn keys() -> Vec<(KeyboardShortcut, &'static str, Command)> {
     let plain = |key| KeyboardShortcut::new(Modifiers::NONE, key);
     let turn = |right_deg, up_deg| Command::Orbit { right_deg, up_deg };
+    let nearer = |factor| Command::Zoom { factor, at: None };
     let mut keys = vec![
         // The longer shortcut first: the shorter one would take its key.
         (KeyboardShortcut::new(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z), "redo", Command::Redo),
@@ -37,8 +38,8 @@ fn keys() -> Vec<(KeyboardShortcut, &'static str, Command)> {
         (plain(Key::ArrowRight), "turn right", turn(5.0, 0.0)),
         (plain(Key::ArrowUp), "turn up", turn(0.0, 5.0)),
         (plain(Key::ArrowDown), "turn down", turn(0.0, -5.0)),
-        (plain(Key::PageUp), "nearer", Command::Zoom { factor: 1.1 }),
-        (plain(Key::PageDown), "farther", Command::Zoom { factor: 1.0 / 1.1 }),
+        (plain(Key::PageUp), "nearer", nearer(1.1)),
+        (plain(Key::PageDown), "farther", nearer(1.0 / 1.1)),
         (plain(Key::Comma), "roll left", Command::Roll { angle_deg: -5.0 }),
         (plain(Key::Period), "roll right", Command::Roll { angle_deg: 5.0 }),
     ];
