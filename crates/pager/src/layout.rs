@@ -8,7 +8,6 @@
 //! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
 //! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
 
-use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
 use brickyard_volume::{Apron, GradientNodes};
 
@@ -40,15 +39,15 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    /// The layout for padded bricks of a source with this apron and these gradients, in slots with these contents.
-    pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, contents: &SlotContents) -> Self {
+    /// The layout for padded bricks of a source with this apron and these gradients, in slots with codes of so many bytes.
+    pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, code_bytes: usize) -> Self {
         let stored = source.stored_apron();
         Self {
             edge: gradients.edge as usize,
             apron: apron as usize,
             stored: if stored >= apron { stored as usize } else { 0 },
             voxel_bytes: source.voxel_type().bytes(),
-            code_bytes: contents.encoding(source, 0).format.bytes(),
+            code_bytes,
             gradients,
         }
     }

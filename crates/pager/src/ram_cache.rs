@@ -359,7 +359,7 @@ pub(crate) fn layout_of(
     if gradients.apron() > apron || (gradient_layers > 0 && !edge.is_multiple_of(2)) {
         return Err(PagerError::Gradients { apron, least: gradients.apron(), edge });
     }
-    Ok(Layout::new(source, apron, gradients, contents))
+    Ok(Layout::new(source, apron, gradients, contents.encoding(source, 0).format.bytes()))
 }
 
 #[cfg(test)]
