@@ -86,7 +86,7 @@ pub fn read(path: &Path) -> Result<SceneFile, SceneFileError> {
     Ok(SceneFile { scene, lists_layers: layers.is_some() })
 }
 
-/// Reads the meshes and transfer functions that a scene of these volumes names. Returns remarks about transfer functions, as [`open`]
+/// Reads the meshes and transfer functions that a scene of these volumes names, as far as they have not been read. Returns remarks about transfer functions, as [`open`]
 /// does. The transfer function of a layer whose volume or channel does not exist is left unread. Without the feature `mesh`, meshes are left unread;
 /// a scene with an unread file is refused when it is shown.
 ///
@@ -94,14 +94,15 @@ pub fn read(path: &Path) -> Result<SceneFile, SceneFileError> {
 /// If one of the files cannot be read or is malformed.
 pub fn read_named_files(scene: &mut Scene, volumes: &[VolumeSource]) -> Result<Vec<String>, SceneFileError> {
     #[cfg(feature = "mesh")]
-    for look in &mut scene.meshes {
+    for look in scene.meshes.iter_mut().filter(|look| look.mesh.is_none()) {
         look.mesh = Some(Arc::new(brickyard_import::read_mesh(&look.path)?));
     }
     let subjects: Vec<_> = (0..scene.layers.len()).map(|layer| subject(scene, layer, volumes)).collect();
     let of_expression = expression_subject(scene, &subjects);
     let mut remarks = Vec::new();
     for (layer, TransferFile { path, name, function }) in transfer_files(scene) {
-        let Some(subject) = layer.map_or(of_expression, |layer| subjects[layer]) else { continue };
+        let subject = layer.map_or(of_expression, |layer| subjects[layer]);
+        let Some(subject) = subject.filter(|_| function.is_none()) else { continue };
         let imported = file::read(&read_text(path)?, name.as_deref(), &subject)
             .map_err(|source| SceneFileError::Transfer { path: path.clone(), source })?;
         remarks.extend(imported.remarks.iter().map(|remark| format!("{}: {remark}", path.display())));

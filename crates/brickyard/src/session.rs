@@ -251,6 +251,20 @@ impl Session {
         self.device = device;
     }
 
+    /// Goes on with other budgets, in bytes: [`SessionOptions::gpu_memory_bytes`] and [`SessionOptions::host_memory_bytes`]. The next step makes slots
+    /// within them, and fills these from what is decoded. Returns whether that changes anything.
+    pub fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) -> bool {
+        let before = (self.options.gpu_memory_bytes, self.options.host_memory_bytes);
+        if before == (gpu_memory_bytes, host_memory_bytes) {
+            return false;
+        }
+        (self.options.gpu_memory_bytes, self.options.host_memory_bytes) = (gpu_memory_bytes, host_memory_bytes);
+        if let Some(fit) = self.take_fit() {
+            self.kept = fit.into_cores(&mut self.device, false);
+        }
+        true
+    }
+
     /// Makes the tables of a transfer function on other threads, before the function is shown. Other scenes can be
     /// drawn meanwhile; [`Session::is_prepared`] says when the tables are there. A scene with this function that is
     /// resolved sooner makes them itself, and takes as long.

@@ -147,7 +147,8 @@ impl VolumeSource {
         self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.channel_range(channel))
     }
 
-    pub(crate) fn counts(&self) -> StoreCounts {
+    /// How many levels, time steps and channels the volume has, for [`Scene::check`](brickyard_volume::Scene::check).
+    pub fn counts(&self) -> StoreCounts {
         let levels = self.source.pyramid().levels().len();
         let (times, channels) = (self.source.times(), self.source.channels());
         StoreCounts { levels, times, channels, is_labels: self.source.is_labels() }

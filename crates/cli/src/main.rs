@@ -30,7 +30,7 @@ mod view;
 mod views;
 mod volume_args;
 
-use clap::{Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 pub(crate) use failure::Failure;
 use std::process::ExitCode;
 
@@ -84,9 +84,10 @@ fn main() -> ExitCode {
         // SAFETY: no other thread exists yet that could read the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
-    let arguments = Arguments::parse();
+    let matches = Arguments::command().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     set_up_log(arguments.verbose, arguments.quiet);
-    match run(arguments.command) {
+    match run(arguments.command, &matches) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {}", failure.message);
@@ -95,11 +96,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs a subcommand.
+/// Runs a subcommand. `matches` are what it was made of.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-fn run(command: Command) -> Result<(), Failure> {
+fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Info(arguments) => info::run(&arguments),
@@ -107,7 +108,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "viewer")]
-        Command::View(arguments) => view::run(*arguments),
+        Command::View(arguments) => view::run(*arguments, matches.subcommand_matches("view").unwrap_or(matches)),
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
@@ -146,7 +147,6 @@ fn print_line(text: &str) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_flags_of_all_commands_are_consistent() {

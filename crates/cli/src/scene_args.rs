@@ -14,6 +14,8 @@ use brickyard::volume::{
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+#[cfg(feature = "viewer")]
+use std::path::Path;
 use std::path::PathBuf;
 
 /// Flags that describe a picture. They override the scene file.
@@ -180,6 +182,12 @@ impl From<StereoArgument> for StereoLayout {
 }
 
 impl SceneArguments {
+    /// The scene's file, if one is named.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn file(&self) -> Option<&Path> {
+        self.scene.as_deref()
+    }
+
     /// The scene: the file's, overridden by the flags, for pictures of this size of these volumes. Volumes that no layer of the file shows
     /// have a layer each.
     ///

@@ -9,9 +9,10 @@ use super::values;
 use brickyard::session::SessionOptions;
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Script, WindowOptions};
-use clap::Args;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Id};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// `brickyard view STORE...`
 #[derive(Args)]
@@ -38,6 +39,9 @@ pub(crate) struct ViewArguments {
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(short = 'j', long)]
     threads: Option<NonZeroUsize>,
+    /// Do not begin as the last window on these stores was left
+    #[arg(long)]
+    fresh: bool,
     /// Play commands: lines of `SECONDS COMMAND` or `settled COMMAND`
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
@@ -46,11 +50,21 @@ pub(crate) struct ViewArguments {
     screenshot: Option<PathBuf>,
 }
 
-/// Runs `view`.
+/// The flags that say nothing of what is shown.
+const OTHER_FLAGS: [&str; 10] =
+    ["ViewArguments", "stores", "size", "backend", "gpu_memory", "host_memory", "threads", "verbose", "quiet", "fresh"];
+
+/// Whether any flag says what is shown. Such a window does not begin as the last one was left.
+fn has_scene(matches: &ArgMatches) -> bool {
+    let given = matches.ids().map(Id::as_str).filter(|id| matches.value_source(id) == Some(ValueSource::CommandLine));
+    given.into_iter().any(|id| !OTHER_FLAGS.contains(&id))
+}
+
+/// Runs `view`. `matches` are what its arguments were made of.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-pub(crate) fn run(arguments: ViewArguments) -> Result<(), Failure> {
+pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), Failure> {
     let script = match &arguments.script {
         None => Script::default(),
         Some(path) => {
@@ -69,6 +83,14 @@ pub(crate) fn run(arguments: ViewArguments) -> Result<(), Failure> {
         ..SessionOptions::default()
     };
     let size = [arguments.size.0 as f32, arguments.size.1 as f32];
-    let options = WindowOptions { scene, session, size, script, screenshot: arguments.screenshot };
+    let options = WindowOptions {
+        scene,
+        scene_file: arguments.scene.file().map(Path::to_path_buf),
+        restores: !(arguments.fresh || has_scene(matches)),
+        session,
+        size,
+        script,
+        screenshot: arguments.screenshot,
+    };
     brickyard_viewer::run(volumes, options).map_err(Failure::failed)
 }

@@ -3,17 +3,19 @@
 
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
-use brickyard::pager::Status;
+use brickyard::pager::{DrawList, Status};
 use brickyard::render::{Gpu, Target, wgpu};
 use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene, SceneError};
 use eframe::egui::{self, ColorImage, TextureHandle, TextureId, TextureOptions};
 use eframe::egui_wgpu::RenderState;
+use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// How long a frame may take while the view moves.
-const FRAME_GOAL: Duration = Duration::from_millis(50);
+/// How many frames' times are kept.
+const FRAMES: usize = 240;
 
 /// The format of the texture: egui blends in display-referred codes.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -23,9 +25,42 @@ pub(crate) struct Canvas {
     session: Session,
     screen: Screen,
     control: QualityControl,
+    frame_goal: Duration,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
     shown: Option<Shown>,
+    /// What the last frames took, oldest first.
+    times: VecDeque<FrameTimes>,
+    captures: VecDeque<Capture>,
+}
+
+/// What a frame took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct FrameTimes {
+    /// Streaming: taking in bricks, planning, uploading.
+    pub(crate) step: Duration,
+    /// Drawing on the CPU, or recording what a GPU draws.
+    pub(crate) draw: Duration,
+}
+
+/// A picture that is to be written once it is final.
+struct Capture {
+    scene: Scene,
+    /// `None` is the size in which the picture is shown.
+    size_px: Option<(u32, u32)>,
+    path: PathBuf,
+}
+
+/// A picture that is final, with all that is known of it.
+pub(crate) struct Captured {
+    /// The file that it is for.
+    pub(crate) path: PathBuf,
+    /// Its pixels.
+    pub(crate) picture: Picture,
+    /// Its scene, in which nothing is left open.
+    pub(crate) scene: Scene,
+    /// How many bricks it has.
+    pub(crate) stats: RenderStats,
 }
 
 /// Where the picture is.
@@ -77,7 +112,57 @@ impl Canvas {
                 .map_err(brickyard::backend::BackendError::from)?;
             (Session::on_gpu(volumes, options, gpu), Screen::Gpu { state: state.clone(), texture: None })
         };
-        Ok(Self { session, screen, control: QualityControl::new(FRAME_GOAL), is_adaptive: true, shown: None })
+        let frame_goal = Duration::from_millis(50);
+        Ok(Self {
+            session,
+            screen,
+            control: QualityControl::new(frame_goal),
+            frame_goal,
+            is_adaptive: true,
+            shown: None,
+            times: VecDeque::new(),
+            captures: VecDeque::new(),
+        })
+    }
+
+    /// Sets how long a frame may take while the picture changes.
+    pub(crate) fn set_frame_goal(&mut self, goal: Duration) {
+        if goal != self.frame_goal {
+            (self.frame_goal, self.control) = (goal, QualityControl::new(goal));
+        }
+    }
+
+    /// Goes on within other limits of memory, in bytes.
+    pub(crate) fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) {
+        if self.session.set_budgets(gpu_memory_bytes, host_memory_bytes) {
+            self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+        }
+    }
+
+    /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
+    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, path: PathBuf) {
+        self.captures.push_back(Capture { scene, size_px, path });
+    }
+
+    /// Whether a picture that was asked for has not come yet.
+    pub(crate) fn is_capturing(&self) -> bool {
+        !self.captures.is_empty()
+    }
+
+    /// Streams a step towards the picture that was asked for first, while the texture stays as it is, and returns the picture once it is final.
+    ///
+    /// # Errors
+    /// If it cannot be drawn; it is given up then.
+    pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
+        let Some(capture) = self.captures.front() else { return Ok(None) };
+        let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
+        // The session's slots are those of another picture now.
+        self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+        let Some((picture, frame)) = drawn.inspect_err(|_| drop(self.captures.pop_front()))? else { return Ok(None) };
+        let Some(Capture { scene, path, .. }) = self.captures.pop_front() else { return Ok(None) };
+        let mut stats = RenderStats::default();
+        stats.record(&frame.status, self.session.backend_bytes());
+        Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats }))
     }
 
     /// Brings the texture nearer to a scene's picture of a size: streams a step, and draws unless what is shown still stands.
@@ -94,33 +179,44 @@ impl Canvas {
         if self.shown.as_ref().is_some_and(|shown| is_same(shown) && shown.is_final) {
             return Ok(());
         }
+        let begun = Instant::now();
         let frame = self.session.step(scene, size_px)?;
+        let step = begun.elapsed();
         // What still streams is drawn as a moving view is: the exact picture comes once, when all is there.
         let moved = !(self.shown.as_ref().is_some_and(is_same) && frame.status.settled);
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
-        let drawn = quality.frame(&frame);
-        let is_whole = match &mut self.screen {
+        let begun = Instant::now();
+        let is_whole = self.draw(egui, &quality.frame(&frame), size_px)?;
+        if self.times.len() == FRAMES {
+            self.times.pop_front();
+        }
+        self.times.push_back(FrameTimes { step, draw: begun.elapsed() });
+        let is_final = is_whole && frame.status.settled && quality == Quality::EXACT;
+        self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, is_final });
+        Ok(())
+    }
+
+    /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.
+    fn draw(&mut self, egui: &egui::Context, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
+        match &mut self.screen {
             Screen::Gpu { state, texture } => {
                 let texture = sized(texture, state, size_px);
                 let target = Target { view: &texture.view, format: FORMAT, area_px: None };
                 let mut encoder = state.device.create_command_encoder(&Default::default());
-                let is_this = self.session.draw_to(&drawn, &target, &mut encoder)?;
+                let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
                 state.queue.submit([encoder.finish()]);
                 self.session.gpu_time().into_iter().for_each(|time| self.control.took(time));
-                is_this
+                Ok(is_this)
             }
             Screen::Cpu { texture } => {
                 let begun = Instant::now();
-                let picture = self.session.draw(&drawn)?;
+                let picture = self.session.draw(frame)?;
                 self.control.took(begun.elapsed());
                 put(texture, egui, &picture, (picture.width, picture.height) == size_px);
-                true
+                Ok(true)
             }
-        };
-        let is_final = is_whole && frame.status.settled && quality == Quality::EXACT;
-        self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, is_final });
-        Ok(())
+        }
     }
 
     /// The texture with the picture; `None` before the first one.
@@ -164,19 +260,36 @@ impl Canvas {
         self.session.check(scene)
     }
 
-    /// The pixels of the picture that is shown, with its scene, in which nothing is left open, and how many bricks it has. `None` before the first picture.
-    ///
-    /// # Errors
-    /// If the picture cannot be drawn.
-    pub(crate) fn picture(&mut self) -> Result<Option<(Picture, Scene, RenderStats)>, SessionError> {
-        let Some(shown) = &mut self.shown else { return Ok(None) };
-        let picture = self.session.draw(&shown.frame)?;
-        // It was drawn where the texture's picture comes from.
-        shown.is_final = false;
-        let mut stats = RenderStats::default();
-        stats.record(&shown.frame.status, self.session.backend_bytes());
-        Ok(Some((picture, shown.frame.scene.shown(&shown.scene), stats)))
+    /// What the last frames took, oldest first.
+    pub(crate) fn times(&self) -> &VecDeque<FrameTimes> {
+        &self.times
     }
+
+    /// The draw list of each layer, for which pictures are drawn now.
+    pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
+        self.session.draw_lists()
+    }
+
+    /// Number of bricks that slots hold at most.
+    pub(crate) fn slots(&self) -> u64 {
+        self.session.slots()
+    }
+}
+
+/// Streams a step towards a scene's picture; returns the picture, and its frame, if it is final.
+fn draw_if_final(
+    session: &mut Session,
+    scene: &Scene,
+    size_px: (u32, u32),
+) -> Result<Option<(Picture, Frame)>, SessionError> {
+    let frame = session.step(scene, size_px)?;
+    let is_whole = frame.status.settled || frame.status.awaits_feedback;
+    if !is_whole {
+        return Ok(None);
+    }
+    // Drawing tells what was seen, after which more may be wanted.
+    let picture = session.draw(&frame)?;
+    Ok(frame.status.settled.then_some((picture, frame)))
 }
 
 /// The texture in the size that is wanted, made anew if it has another one.

@@ -2,6 +2,8 @@
 //! plays what a user does.
 
 use brickyard::volume::{Mode, Viewpoint};
+use glam::DVec3;
+use serde_json::{Map, Value};
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -9,70 +11,61 @@ use std::str::FromStr;
 /// Something to do in the window.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
-    /// Turn the view around its target, in degrees: the volume goes to the right, and over the top.
-    Orbit { right_deg: f64, up_deg: f64 },
+    /// Turn the view around a point of the world, in degrees: the volume goes to the right, and over the top. `None` is the camera's target.
+    Orbit { right_deg: f64, up_deg: f64, about: Option<DVec3> },
+    /// Turn the eye, in degrees: to the right, and up.
+    Look { right_deg: f64, up_deg: f64 },
     /// Roll the view clockwise, in degrees.
     Roll { angle_deg: f64 },
     /// Move the volume right and up, by parts of the picture's height.
     Pan { right: f64, up: f64 },
+    /// Move the eye right, up and forward, by parts of its distance from the volumes.
+    Fly { right: f64, up: f64, forward: f64 },
     /// Come nearer by a factor to what is in a place of the picture, in parts of its width and height from the upper left corner; `None` is its middle.
     Zoom { factor: f64, at: Option<[f64; 2]> },
     /// Look from a side at everything.
     View(Viewpoint),
     /// Look at everything, from the direction of now.
     Fit,
+    /// Look at a point of the world, from the direction of now; the slices meet there.
+    Center(DVec3),
     /// Parallel rays, or perspective.
     Parallel(bool),
-    /// How samples become pixels.
-    Mode(Mode),
-    /// Whether fog is lit.
-    Lit(bool),
-    /// The time step of all layers.
-    Time(u32),
-    /// What a layer looks like.
-    Layer { layer: usize, look: Look },
-    /// Whether box, scale bar and axes are drawn over the picture.
-    Overlays(bool),
+    /// Show only a box, all of the volumes at first, or everything.
+    Clip(bool),
+    /// Set fields of the window's document, each by its path: see [`State`](crate::state::State).
+    Set(Vec<(String, Value)>),
+    /// Press and release a button of the pointer at a place of the window, in points from its upper left corner.
+    Click([f64; 2]),
+    /// Show other volumes: stores, or files and folders that are packed while they are shown.
+    Open(Vec<PathBuf>),
+    /// Show more volumes, or meshes, beside those that are shown.
+    Add(Vec<PathBuf>),
     /// Take back the last edit.
     Undo,
     /// Make the edit again that was taken back.
     Redo,
-    /// Write the scene as `render --scene` takes it.
+    /// Write the window's document, as `render --scene` takes it.
     SaveScene(PathBuf),
-    /// Write the volume's picture as it is shown, with its scene.
-    SavePicture(PathBuf),
+    /// Write the volume's picture once it is final, with its scene; `None` is the size in which it is shown.
+    SavePicture(PathBuf, Option<(u32, u32)>),
+    /// Write the voxels of what the clip box leaves of the first layer that is shown.
+    Export(PathBuf),
     /// Write what the window shows, panels and all.
     Screenshot(PathBuf),
     /// Close the window.
     Quit,
 }
 
-/// A property of a layer's look.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Look {
-    /// Whether the layer is shown.
-    Visible(bool),
-    /// The least and the greatest value of its window; `None` is the store's own.
-    Window(Option<[f64; 2]>),
-    /// The preset of its transfer function; `None` is a gray ramp.
-    Colors(Option<String>),
-    /// The power by which colours and opacities are bent.
-    Gamma(f64),
-    /// The factor of opacities, in 0..=1.
-    Opacity(f64),
-    /// The value of its first isosurface.
-    Isovalue(f64),
-}
-
 impl Command {
-    /// The kind of edit of the scene that the command makes: edits of one kind that follow each other are undone together. `None` edits nothing
-    /// that can be undone.
-    pub(crate) fn edits(&self) -> Option<String> {
-        match self {
-            Self::Mode(_) | Self::Lit(_) | Self::Time(_) => Some(self.words()[0].clone()),
-            Self::Layer { layer, look } => Some(format!("{} {layer}", look.name())),
-            _ => None,
-        }
+    /// Sets one field of the window's document.
+    pub(crate) fn set(field: &str, value: impl Into<Value>) -> Self {
+        Self::Set(vec![(field.to_string(), value.into())])
+    }
+
+    /// Turns the view around the camera's target, in degrees.
+    pub(crate) fn orbit(right_deg: f64, up_deg: f64) -> Self {
+        Self::Orbit { right_deg, up_deg, about: None }
     }
 
     /// The command's words; the first one is its name.
@@ -82,9 +75,14 @@ impl Command {
         let numbers = |name, numbers: &[f64]| with(name, &numbers.iter().map(f64::to_string).collect::<Vec<_>>());
         let path = |name, path: &PathBuf| with(name, &[path.display().to_string()]);
         match self {
-            Self::Orbit { right_deg, up_deg } => numbers("orbit", &[*right_deg, *up_deg]),
+            Self::Orbit { right_deg, up_deg, about } => {
+                let about = about.iter().flat_map(|point| point.to_array());
+                numbers("orbit", &[*right_deg, *up_deg].into_iter().chain(about).collect::<Vec<_>>())
+            }
+            Self::Look { right_deg, up_deg } => numbers("look", &[*right_deg, *up_deg]),
             Self::Roll { angle_deg } => numbers("roll", &[*angle_deg]),
             Self::Pan { right, up } => numbers("pan", &[*right, *up]),
+            Self::Fly { right, up, forward } => numbers("fly", &[*right, *up, *forward]),
             Self::Zoom { factor, at } => {
                 numbers("zoom", &[*factor].into_iter().chain(at.iter().flatten().copied()).collect::<Vec<_>>())
             }
@@ -93,50 +91,44 @@ impl Command {
                 with("view", &[known.map_or_else(String::new, |(name, _)| name.to_string())])
             }
             Self::Fit => name("fit"),
-            Self::Parallel(is_parallel) => with("parallel", &[on_or_off(*is_parallel)]),
-            Self::Mode(mode) => with("mode", &[mode_name(*mode).to_string()]),
-            Self::Lit(is_lit) => with("lit", &[on_or_off(*is_lit)]),
-            Self::Time(time) => with("time", &[time.to_string()]),
-            Self::Layer { layer, look } => {
-                let mut words = with(look.name(), &[layer.to_string()]);
-                words.extend(look.values());
-                words
-            }
-            Self::Overlays(is_on) => with("overlays", &[on_or_off(*is_on)]),
+            Self::Center(point) => numbers("center", &point.to_array()),
+            Self::Parallel(is_on) => with("parallel", &[on_or_off(*is_on)]),
+            Self::Clip(is_on) => with("clip", &[on_or_off(*is_on)]),
+            Self::Set(fields) => match &fields[..] {
+                [(field, value)] => with("set", &[field.clone(), value.to_string()]),
+                _ => with("set", &[Value::Object(Map::from_iter(fields.iter().cloned())).to_string()]),
+            },
+            Self::Click([x, y]) => numbers("click", &[*x, *y]),
+            Self::Open(paths) => with("open", &[listed(paths)]),
+            Self::Add(paths) => with("add", &[listed(paths)]),
             Self::Undo => name("undo"),
             Self::Redo => name("redo"),
             Self::SaveScene(file) => path("save-scene", file),
-            Self::SavePicture(file) => path("save-picture", file),
+            Self::SavePicture(file, None) => path("save-picture", file),
+            Self::SavePicture(file, Some((width, height))) => {
+                with("save-picture", &[format!("{width}x{height}"), file.display().to_string()])
+            }
+            Self::Export(file) => path("export", file),
             Self::Screenshot(file) => path("screenshot", file),
             Self::Quit => name("quit"),
         }
     }
 }
 
-impl Look {
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Visible(_) => "visible",
-            Self::Window(_) => "window",
-            Self::Colors(_) => "colors",
-            Self::Gamma(_) => "gamma",
-            Self::Opacity(_) => "opacity",
-            Self::Isovalue(_) => "isovalue",
-        }
-    }
+fn on_or_off(is_on: bool) -> String {
+    if is_on { "on" } else { "off" }.into()
+}
 
-    fn values(&self) -> Vec<String> {
-        match self {
-            Self::Visible(is_visible) => vec![on_or_off(*is_visible)],
-            Self::Window(None) => vec!["auto".into()],
-            Self::Window(Some(window)) => window.map(|value| value.to_string()).into(),
-            Self::Colors(preset) => vec![preset.clone().unwrap_or_else(|| "gray".into())],
-            Self::Gamma(number) | Self::Opacity(number) | Self::Isovalue(number) => vec![number.to_string()],
-        }
+/// Paths as words: one as it is, several as a list in JSON.
+fn listed(paths: &[PathBuf]) -> String {
+    let texts: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    match &texts[..] {
+        [one] => one.clone(),
+        _ => Value::from(texts).to_string(),
     }
 }
 
-/// A mode's name, as `render --mode` has it.
+/// A mode's name, as scenes have it.
 pub(crate) fn mode_name(mode: Mode) -> &'static str {
     match mode {
         Mode::Dvr => "dvr",
@@ -147,10 +139,6 @@ pub(crate) fn mode_name(mode: Mode) -> &'static str {
     }
 }
 
-fn on_or_off(is_on: bool) -> String {
-    if is_on { "on" } else { "off" }.into()
-}
-
 impl fmt::Display for Command {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.words().join(" "))
@@ -159,28 +147,28 @@ impl fmt::Display for Command {
 
 /// All commands with the forms of what follows their names.
 const FORMS: [(&str, &str); 22] = [
-    ("orbit", "DEGREES_RIGHT DEGREES_UP"),
+    ("orbit", "DEGREES_RIGHT DEGREES_UP, or these and a point of the world, X Y Z"),
+    ("look", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
     ("pan", "RIGHT UP, in parts of the picture's height"),
+    ("fly", "RIGHT UP FORWARD, in parts of the distance from the volumes"),
     ("zoom", "FACTOR, or FACTOR RIGHT DOWN, in parts of the picture's width and height"),
     ("view", "SIDE"),
     ("fit", ""),
+    ("center", "X Y Z"),
     ("parallel", "on|off"),
-    ("mode", "dvr|mip|minip|average|isosurface"),
-    ("lit", "on|off"),
-    ("time", "STEP"),
-    ("visible", "LAYER on|off"),
-    ("window", "LAYER LEAST GREATEST, or LAYER auto"),
-    ("colors", "LAYER PRESET"),
-    ("gamma", "LAYER NUMBER"),
-    ("opacity", "LAYER NUMBER"),
-    ("isovalue", "LAYER VALUE"),
-    ("overlays", "on|off"),
+    ("clip", "on|off"),
+    ("set", "FIELD VALUE, or an object in JSON of fields and values"),
+    ("click", "X Y, in points of the window"),
+    ("open", "PATH, or a list of them in JSON"),
+    ("add", "PATH, or a list of them in JSON"),
     ("undo", ""),
     ("redo", ""),
     ("save-scene", "FILE"),
-    ("save-picture", "FILE"),
+    ("save-picture", "FILE, or WIDTHxHEIGHT FILE"),
+    ("export", "FILE"),
     ("screenshot", "FILE"),
+    ("quit", ""),
 ];
 
 impl FromStr for Command {
@@ -188,24 +176,21 @@ impl FromStr for Command {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, rest) = text.trim().split_once(' ').unwrap_or((text.trim(), ""));
-        if (name, rest) == ("quit", "") {
-            return Ok(Self::Quit);
-        }
         let Some((_, form)) = FORMS.iter().find(|(known, _)| *known == name) else {
-            let names: Vec<_> = FORMS.iter().map(|(name, _)| *name).chain(["quit"]).collect();
-            let near = brickyard::volume::near_name::hint(name, names.iter().copied());
+            let near = brickyard::volume::near_name::hint(name, FORMS.iter().map(|(name, _)| *name));
+            let names: Vec<_> = FORMS.iter().map(|(name, _)| *name).collect();
             return Err(format!("no command '{name}'{near}: expected one of {}", names.join(", ")));
         };
         if name == "view" {
             return Viewpoint::from_name(rest.trim()).map(Self::View);
         }
-        let words: Vec<&str> = rest.split_whitespace().collect();
-        parsed(name, &words, rest.trim()).ok_or_else(|| format!("'{text}': expected {name} {form}"))
+        parsed(name, rest.trim()).ok_or_else(|| format!("'{text}': expected {name} {form}"))
     }
 }
 
 /// A command by its name and what follows; `None` if that is malformed.
-fn parsed(name: &str, words: &[&str], rest: &str) -> Option<Command> {
+fn parsed(name: &str, rest: &str) -> Option<Command> {
+    let words: Vec<&str> = rest.split_whitespace().collect();
     let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite());
     let switch = |text: &str| match text {
         "on" => Some(true),
@@ -213,10 +198,21 @@ fn parsed(name: &str, words: &[&str], rest: &str) -> Option<Command> {
         _ => None,
     };
     let file = || (!rest.is_empty()).then(|| PathBuf::from(rest));
-    Some(match (name, words) {
-        ("orbit", [right, up]) => Command::Orbit { right_deg: number(right)?, up_deg: number(up)? },
+    Some(match (name, &words[..]) {
+        ("orbit", [right, up, about @ ..]) => {
+            let about = match about {
+                [] => None,
+                [x, y, z] => Some(DVec3::new(number(x)?, number(y)?, number(z)?)),
+                _ => return None,
+            };
+            Command::Orbit { right_deg: number(right)?, up_deg: number(up)?, about }
+        }
+        ("look", [right, up]) => Command::Look { right_deg: number(right)?, up_deg: number(up)? },
         ("roll", [angle]) => Command::Roll { angle_deg: number(angle)? },
         ("pan", [right, up]) => Command::Pan { right: number(right)?, up: number(up)? },
+        ("fly", [right, up, forward]) => {
+            Command::Fly { right: number(right)?, up: number(up)?, forward: number(forward)? }
+        }
         ("zoom", [factor, at @ ..]) => {
             let at = match at {
                 [] => None,
@@ -226,70 +222,118 @@ fn parsed(name: &str, words: &[&str], rest: &str) -> Option<Command> {
             Command::Zoom { factor: number(factor).filter(|&factor| factor > 0.0)?, at }
         }
         ("fit", []) => Command::Fit,
-        ("parallel", [is_parallel]) => Command::Parallel(switch(is_parallel)?),
-        ("mode", [mode]) => Command::Mode(Mode::ALL.into_iter().find(|known| mode_name(*known) == *mode)?),
-        ("lit", [is_lit]) => Command::Lit(switch(is_lit)?),
-        ("time", [time]) => Command::Time(time.parse().ok()?),
-        ("overlays", [is_on]) => Command::Overlays(switch(is_on)?),
+        ("center", [x, y, z]) => Command::Center(DVec3::new(number(x)?, number(y)?, number(z)?)),
+        ("parallel", [is_on]) => Command::Parallel(switch(is_on)?),
+        ("clip", [is_on]) => Command::Clip(switch(is_on)?),
+        ("set", [..]) => Command::Set(fields(rest)?),
+        ("click", [x, y]) => Command::Click([number(x)?, number(y)?]),
+        ("open", _) => Command::Open(paths(rest)?),
+        ("add", _) => Command::Add(paths(rest)?),
         ("undo", []) => Command::Undo,
         ("redo", []) => Command::Redo,
         ("save-scene", _) => Command::SaveScene(file()?),
-        ("save-picture", _) => Command::SavePicture(file()?),
-        ("screenshot", _) => Command::Screenshot(file()?),
-        (_, [layer, values @ ..]) => {
-            let look = match (name, values) {
-                ("visible", [is_visible]) => Look::Visible(switch(is_visible)?),
-                ("window", ["auto"]) => Look::Window(None),
-                ("window", [low, high]) => Look::Window(Some([number(low)?, number(high)?])),
-                ("colors", ["gray"]) => Look::Colors(None),
-                ("colors", [preset]) => Look::Colors(Some(preset.to_string())),
-                ("gamma", [gamma]) => Look::Gamma(number(gamma).filter(|&gamma| gamma > 0.0)?),
-                ("opacity", [opacity]) => Look::Opacity(number(opacity).filter(|part| (0.0..=1.0).contains(part))?),
-                ("isovalue", [value]) => Look::Isovalue(number(value)?),
-                _ => return None,
-            };
-            Command::Layer { layer: layer.parse().ok()?, look }
+        ("save-picture", _) => {
+            let sized = rest.split_once(' ').and_then(|(size, file)| Some((size_px(size)?, file.trim())));
+            match sized {
+                Some((size_px, path)) => Command::SavePicture(PathBuf::from(path), Some(size_px)),
+                None => Command::SavePicture(file()?, None),
+            }
         }
+        ("export", _) => Command::Export(file()?),
+        ("screenshot", _) => Command::Screenshot(file()?),
+        ("quit", []) => Command::Quit,
         _ => return None,
     })
+}
+
+/// Fields and their values: `FIELD VALUE`, or an object. A value that is no JSON is a text.
+fn fields(text: &str) -> Option<Vec<(String, Value)>> {
+    if text.starts_with('{') {
+        let fields: Map<String, Value> = serde_json::from_str(text).ok()?;
+        return Some(fields.into_iter().collect());
+    }
+    let (field, value) = text.split_once(' ')?;
+    let value = serde_json::from_str(value.trim()).unwrap_or_else(|_| Value::from(value.trim()));
+    Some(vec![(field.to_string(), value)])
+}
+
+/// One path, or a list of them in JSON.
+fn paths(text: &str) -> Option<Vec<PathBuf>> {
+    match text {
+        "" => None,
+        _ if text.starts_with('[') => serde_json::from_str(text).ok(),
+        _ => Some(vec![PathBuf::from(text)]),
+    }
+}
+
+/// Width and height of a picture, as in `1920x1080`.
+pub(crate) fn size_px(text: &str) -> Option<(u32, u32)> {
+    let (width, height) = text.split_once('x')?;
+    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
+    Some((side(width)?, side(height)?))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use serde_json::json;
 
     fn number() -> impl Strategy<Value = f64> {
         prop_oneof![Just(0.0), -1e6..1e6, Just(1e-7), Just(0.1)]
     }
 
+    fn point() -> impl Strategy<Value = DVec3> {
+        [number(), number(), number()].prop_map(DVec3::from_array)
+    }
+
+    fn fields() -> impl Strategy<Value = Vec<(String, Value)>> {
+        let value = prop_oneof![
+            any::<bool>().prop_map(Value::from),
+            number().prop_map(Value::from),
+            Just(Value::Null),
+            "[a-z ]{0,5}".prop_map(Value::from),
+            [number(), number()].prop_map(|pair| json!(pair)),
+            number().prop_map(|number| json!({"preset": "fire", "of": [number]})),
+        ];
+        prop::collection::btree_map("[a-z]{1,5}(\\.[0-9a-z]{1,3}){0,2}", value, 1..3)
+            .prop_map(|fields| fields.into_iter().collect())
+    }
+
     fn command() -> impl Strategy<Value = Command> {
         let viewpoints: Vec<_> = Viewpoint::all().map(|(_, viewpoint)| viewpoint).collect();
-        let look = prop_oneof![
-            any::<bool>().prop_map(Look::Visible),
-            prop::option::of([number(), number()]).prop_map(Look::Window),
-            prop::option::of("(viridis|fire)").prop_map(Look::Colors),
-            (0.01..9.0).prop_map(Look::Gamma),
-            (0.0..=1.0).prop_map(Look::Opacity),
-            number().prop_map(Look::Isovalue),
-        ];
-        let file = "[a-z]{1,5}( [a-z]{1,3})?\\.png".prop_map(PathBuf::from);
-        prop_oneof![
-            (number(), number()).prop_map(|(right_deg, up_deg)| Command::Orbit { right_deg, up_deg }),
+        let plain = vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit];
+        let file = || "[a-z]{1,5}( [a-z]{1,3})?\\.png".prop_map(PathBuf::from);
+        let files = || prop::collection::vec(file(), 1..3);
+        let turn = || (number(), number());
+        let moved = prop_oneof![
+            (turn(), prop::option::of(point())).prop_map(|((right_deg, up_deg), about)| Command::Orbit {
+                right_deg,
+                up_deg,
+                about
+            }),
+            turn().prop_map(|(right_deg, up_deg)| Command::Look { right_deg, up_deg }),
             number().prop_map(|angle_deg| Command::Roll { angle_deg }),
-            (number(), number()).prop_map(|(right, up)| Command::Pan { right, up }),
+            turn().prop_map(|(right, up)| Command::Pan { right, up }),
+            point().prop_map(|by| Command::Fly { right: by.x, up: by.y, forward: by.z }),
             (0.01..99.0, prop::option::of([number(), number()])).prop_map(|(factor, at)| Command::Zoom { factor, at }),
             prop::sample::select(viewpoints).prop_map(Command::View),
-            prop::sample::select(vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit]),
+            point().prop_map(Command::Center),
             any::<bool>().prop_map(Command::Parallel),
-            any::<bool>().prop_map(Command::Lit),
-            any::<bool>().prop_map(Command::Overlays),
-            prop::sample::select(Mode::ALL.to_vec()).prop_map(Command::Mode),
-            any::<u32>().prop_map(Command::Time),
-            (0usize..40, look).prop_map(|(layer, look)| Command::Layer { layer, look }),
-            file.clone().prop_map(Command::SaveScene),
-            file.clone().prop_map(Command::SavePicture),
-            file.prop_map(Command::Screenshot),
+            any::<bool>().prop_map(Command::Clip),
+        ];
+        prop_oneof![
+            moved,
+            prop::sample::select(plain),
+            fields().prop_map(Command::Set),
+            [number(), number()].prop_map(Command::Click),
+            files().prop_map(Command::Open),
+            files().prop_map(Command::Add),
+            file().prop_map(Command::SaveScene),
+            (file(), prop::option::of((1u32..9999, 1u32..9999)))
+                .prop_map(|(file, size)| Command::SavePicture(file, size)),
+            file().prop_map(Command::Export),
+            file().prop_map(Command::Screenshot),
         ]
     }
 
@@ -300,9 +344,16 @@ mod tests {
         }
 
         #[test]
-        fn no_line_is_a_panic(line in "[a-z]{0,8}( [-a-z0-9.]{0,5}){0,3}") {
+        fn no_line_is_a_panic(line in "[a-z]{0,8}( [-a-z0-9.{\\[]{0,5}){0,3}") {
             let _ = line.parse::<Command>();
         }
+    }
+
+    #[test]
+    fn what_is_no_json_is_a_text() {
+        assert_eq!("set mode mip".parse(), Ok(Command::set("mode", "mip")));
+        assert_eq!("set layers.0.window [-3, 4.5]".parse(), Ok(Command::set("layers.0.window", json!([-3, 4.5]))));
+        assert_eq!("set window.diagnostics true".parse(), Ok(Command::set("window.diagnostics", true)));
     }
 
     #[test]
@@ -315,11 +366,12 @@ mod tests {
             "zoom 0",
             "zoom 2 0.5",
             "zoom inf",
-            "window 0 1",
-            "opacity 0 2",
-            "visible on",
+            "set mode",
+            "set {1",
+            "open",
+            "orbit 1 2 3",
             "screenshot",
-            "mode fog",
+            "click 3",
             "",
         ] {
             assert!(bad.parse::<Command>().is_err(), "{bad}");

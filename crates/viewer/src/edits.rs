@@ -1,32 +1,69 @@
-//! What commands make of a scene. A scene that comes of it can be shown: what a mode needs is added, what it cannot have is left out.
+//! What edits make of a window's state. An edit sets fields of its document; a scene that comes of it can be shown: what a mode needs is added, what it
+//! cannot have is left out, and files that the scene newly names are read.
 
-use crate::command::{Command, Look};
+use crate::fields::{differences, set};
+use crate::state::State;
+use brickyard::scene_file::read_named_files;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Isosurface, LightingModel, Mode, Scene, SceneLayer, TransferChoice};
+use brickyard::volume::{Isosurface, LightingModel, Mode, Scene, TransferChoice};
+use serde_json::Value;
 
-/// A scene of these volumes after a command that edits it; `None` if there is no such layer.
-pub(crate) fn edited(scene: &Scene, volumes: &[VolumeSource], command: &Command) -> Option<Scene> {
-    let mut scene = scene.clone();
-    match command {
-        Command::Mode(mode) => set_mode(&mut scene, volumes, *mode),
-        Command::Lit(is_lit) => {
-            scene.lighting.model = if *is_lit { LightingModel::BlinnPhong } else { LightingModel::None };
-        }
-        Command::Time(time) => scene.time = *time,
-        Command::Layer { layer, look } => set_look(scene.layers.get_mut(*layer)?, look),
-        _ => {}
+/// A state after fields of its document have been set.
+///
+/// # Errors
+/// If there is no such field, it cannot have the value, or a file that the scene names cannot be read.
+pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String, Value)]) -> Result<State, String> {
+    let mut document = state.to_document().map_err(|error| error.to_string())?;
+    for (field, value) in fields {
+        set(&mut document, field, value.clone())?;
     }
-    Some(scene)
+    let mut edited = State::from_document(document).map_err(|error| error.to_string())?;
+    keep_files(&mut edited.scene, &state.scene);
+    read_named_files(&mut edited.scene, volumes).map_err(|error| error.to_string())?;
+    if edited.scene.mode != state.scene.mode {
+        suit_mode(&mut edited.scene, volumes);
+    }
+    Ok(edited)
+}
+
+/// The fields in which a state that a panel has edited differs from the one before.
+///
+/// # Errors
+/// If a path in it is not text.
+pub(crate) fn changes(before: &State, after: &State) -> Result<Vec<(String, Value)>, String> {
+    let document = |state: &State| state.to_document().map_err(|error| error.to_string());
+    Ok(differences(&document(before)?, &document(after)?))
+}
+
+/// What has been read of files does not go through the document.
+fn keep_files(scene: &mut Scene, before: &Scene) {
+    for look in scene.meshes.iter_mut().filter(|look| look.mesh.is_none()) {
+        let known = before.meshes.iter().find(|known| known.path == look.path);
+        look.mesh = known.and_then(|known| known.mesh.clone());
+    }
+    let choices = |scene: &Scene| -> Vec<_> {
+        let of_expression = scene.expression.iter().filter_map(|expression| expression.transfer.clone());
+        scene.layers.iter().filter_map(|layer| layer.transfer.clone()).chain(of_expression).collect()
+    };
+    let known = choices(before);
+    let of_expression = scene.expression.iter_mut().filter_map(|expression| expression.transfer.as_mut());
+    for choice in scene.layers.iter_mut().filter_map(|layer| layer.transfer.as_mut()).chain(of_expression) {
+        let TransferChoice::File(file) = choice else { continue };
+        let same = known.iter().find_map(|known| match known {
+            TransferChoice::File(known) if (&known.path, &known.name) == (&file.path, &file.name) => Some(known),
+            _ => None,
+        });
+        file.function = same.and_then(|known| known.function.clone());
+    }
 }
 
 /// Projections are not lit. Surfaces begin in the middle of the window.
-fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
-    scene.mode = mode;
-    if mode.is_projection() {
+fn suit_mode(scene: &mut Scene, volumes: &[VolumeSource]) {
+    if scene.mode.is_projection() {
         scene.lighting.model = LightingModel::None;
     }
     let has_surface = scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
-    if mode != Mode::Isosurface || has_surface {
+    if scene.mode != Mode::Isosurface || has_surface {
         return;
     }
     for i in 0..scene.layers.len() {
@@ -37,39 +74,48 @@ fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
     }
 }
 
-fn set_look(layer: &mut SceneLayer, look: &Look) {
-    match look {
-        Look::Visible(is_visible) => layer.visible = *is_visible,
-        Look::Window(window) => layer.window = *window,
-        Look::Colors(preset) => layer.transfer = preset.as_deref().map(TransferChoice::preset),
-        Look::Gamma(gamma) => layer.gamma = *gamma,
-        Look::Opacity(opacity) => layer.opacity = *opacity,
-        Look::Isovalue(value) => match layer.isosurfaces.first_mut() {
-            Some(surface) => surface.value = *value,
-            None => layer.isosurfaces.push(Isosurface::at(*value)),
-        },
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::Layout;
+    use brickyard::volume::SceneLayer;
+    use serde_json::json;
+
+    fn after(state: &State, field: &str, value: Value) -> Result<State, String> {
+        edited(state, &[], &[(field.to_string(), value)])
+    }
 
     #[test]
     fn a_projection_is_not_lit() {
-        let lit = edited(&Scene::default(), &[], &Command::Lit(true)).unwrap();
-        assert_eq!(lit.lighting.model, LightingModel::BlinnPhong);
-        let projected = edited(&lit, &[], &Command::Mode(Mode::Mip)).unwrap();
+        let lit = after(&State::default(), "lighting.model", json!("blinn-phong")).unwrap();
+        assert_eq!(lit.scene.lighting.model, LightingModel::BlinnPhong);
+        let projected = after(&lit, "mode", json!("mip")).unwrap().scene;
         assert_eq!((projected.mode, projected.lighting.model), (Mode::Mip, LightingModel::None));
     }
 
     #[test]
-    fn looks_are_of_their_layer() {
+    fn fields_of_layers_and_of_the_window_are_set() {
         let scene = Scene { layers: vec![SceneLayer::default(); 2], ..Scene::default() };
-        let of = |layer, look| edited(&scene, &[], &Command::Layer { layer, look });
-        let hidden = of(1, Look::Visible(false)).unwrap();
+        let state = State { scene, ..State::default() };
+        let hidden = after(&state, "layers.1.visible", json!(false)).unwrap().scene;
         assert!(hidden.layers[0].visible && !hidden.layers[1].visible);
-        assert_eq!(of(0, Look::Isovalue(7.0)).unwrap().layers[0].isosurfaces, [Isosurface::at(7.0)]);
-        assert_eq!(of(2, Look::Gamma(2.0)), None);
+        let planes = after(&state, "window.layout", json!("planes")).unwrap();
+        assert_eq!(planes.window.layout, Layout::Planes);
+        assert!(after(&state, "layers.2.gamma", json!(2)).unwrap_err().contains("2 entries"));
+        assert!(after(&state, "layers.1.gama", json!(2)).unwrap_err().contains("gama"));
+        assert!(after(&state, "mode", json!("fog")).unwrap_err().contains("fog"));
+    }
+
+    #[test]
+    fn what_a_panel_edits_is_named_and_made_again() {
+        let before = State::default();
+        let mut panel = before.clone();
+        panel.scene.layers[0].window = Some([2.0, 5.5]);
+        panel.scene.background = [1.0, 0.5, 0.0];
+        panel.window.overlays.bricks = true;
+        let changes = changes(&before, &panel).unwrap();
+        let names: Vec<_> = changes.iter().map(|(field, _)| field.as_str()).collect();
+        assert_eq!(names, ["background", "layers.0.window", "window.overlays.bricks"]);
+        assert_eq!(edited(&before, &[], &changes), Ok(panel));
     }
 }

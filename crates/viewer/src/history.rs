@@ -1,27 +1,27 @@
-//! What can be undone: the scenes before each edit. Edits of one kind that follow each other while a hand drags are one step. The camera is not
+//! What can be undone: the states before each edit. Edits of one kind that follow each other while a hand drags are one step. Where views stand is not
 //! part of it: undoing a colour does not throw the view back.
 
-use brickyard::volume::Scene;
+use crate::state::State;
 
 /// The most steps that are kept.
 const MOST: usize = 200;
 
-/// The scenes before and after the one that is shown.
+/// The states before and after the one that is shown.
 #[derive(Debug, Default)]
 pub(crate) struct History {
-    before: Vec<Scene>,
-    after: Vec<Scene>,
+    before: Vec<State>,
+    after: Vec<State>,
     /// The kind of edit that goes on; `None` if none does.
     open: Option<String>,
 }
 
 impl History {
-    /// Notes that `scene` is about to be edited. `kind` names what is edited; edits of the same kind are one step until [`Self::close`].
-    pub(crate) fn edit(&mut self, scene: &Scene, kind: &str) {
+    /// Notes that `state` is about to be edited. `kind` names what is edited; edits of the same kind are one step until [`Self::close`].
+    pub(crate) fn edit(&mut self, state: &State, kind: &str) {
         if self.open.as_deref() == Some(kind) {
             return;
         }
-        self.before.push(scene.clone());
+        self.before.push(state.clone());
         if self.before.len() > MOST {
             self.before.remove(0);
         }
@@ -34,73 +34,96 @@ impl History {
         self.open = None;
     }
 
-    /// Takes back the last edit of `scene`. Returns whether there was one.
-    pub(crate) fn undo(&mut self, scene: &mut Scene) -> bool {
+    /// Takes back the last edit of `state`. Returns whether there was one.
+    pub(crate) fn undo(&mut self, state: &mut State) -> bool {
         self.close();
-        exchange(&mut self.before, &mut self.after, scene)
+        exchange(&mut self.before, &mut self.after, state)
     }
 
     /// Makes the last edit that was taken back again. Returns whether there was one.
-    pub(crate) fn redo(&mut self, scene: &mut Scene) -> bool {
+    pub(crate) fn redo(&mut self, state: &mut State) -> bool {
         self.close();
-        exchange(&mut self.after, &mut self.before, scene)
+        exchange(&mut self.after, &mut self.before, state)
     }
 
     /// Whether an edit can be taken back, and whether one can be made again.
     pub(crate) fn can(&self) -> (bool, bool) {
         (!self.before.is_empty(), !self.after.is_empty())
     }
+
+    /// Forgets all edits, because the volumes that they were about are other ones now.
+    pub(crate) fn clear(&mut self) {
+        *self = Self::default();
+    }
 }
 
 /// Shows the last of `from`, and puts what was shown on `to`.
-fn exchange(from: &mut Vec<Scene>, to: &mut Vec<Scene>, scene: &mut Scene) -> bool {
-    let Some(other) = from.pop() else { return false };
-    let camera = scene.camera;
-    to.push(std::mem::replace(scene, Scene { camera, ..other }));
+fn exchange(from: &mut Vec<State>, to: &mut Vec<State>, state: &mut State) -> bool {
+    let Some(mut other) = from.pop() else { return false };
+    other.keep_navigation_of(state);
+    to.push(std::mem::replace(state, other));
     true
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard::volume::{Camera, Mode};
+    use brickyard::volume::{Camera, Mode, Scene};
     use glam::DVec3;
+    use proptest::prelude::*;
 
     #[test]
     fn every_edit_is_taken_back_and_made_again() {
-        let (mut history, mut scene) = (History::default(), Scene::default());
-        let mut scenes = vec![scene.clone()];
+        let (mut history, mut state) = (History::default(), State::default());
+        let mut states = vec![state.clone()];
         for (i, kind) in ["step", "step", "time", "step"].into_iter().enumerate() {
-            history.edit(&scene, kind);
-            scene.step = 1.0 + i as f64;
+            history.edit(&state, kind);
+            state.scene.step = 1.0 + i as f64;
             if kind == "time" {
                 history.close();
             }
-            scenes.push(scene.clone());
+            states.push(state.clone());
         }
         // The first two are one.
-        scenes.remove(1);
-        let mut found = vec![scene.clone()];
-        while history.undo(&mut scene) {
-            found.insert(0, scene.clone());
+        states.remove(1);
+        let mut found = vec![state.clone()];
+        while history.undo(&mut state) {
+            found.insert(0, state.clone());
         }
-        assert_eq!(found, scenes);
+        assert_eq!(found, states);
         assert_eq!(history.can(), (false, true));
-        while history.redo(&mut scene) {}
-        assert_eq!(Some(&scene), scenes.last());
-        history.undo(&mut scene);
-        history.edit(&scene, "mode");
-        scene.mode = Mode::Mip;
+        while history.redo(&mut state) {}
+        assert_eq!(Some(&state), states.last());
+        history.undo(&mut state);
+        history.edit(&state, "mode");
+        state.scene.mode = Mode::Mip;
         assert_eq!(history.can(), (true, false), "what was taken back is given up by another edit");
     }
 
     #[test]
     fn the_camera_stays() {
-        let (mut history, mut scene) = (History::default(), Scene::default());
-        history.edit(&scene, "mode");
-        scene.mode = Mode::Mip;
-        scene.camera = Some(Camera::looking_at_box((DVec3::ZERO, DVec3::ONE)));
-        let camera = scene.camera;
-        assert!(history.undo(&mut scene) && scene.mode == Mode::Dvr && scene.camera == camera);
+        let (mut history, mut state) = (History::default(), State::default());
+        history.edit(&state, "mode");
+        state.scene.mode = Mode::Mip;
+        state.scene.camera = Some(Camera::looking_at_box((DVec3::ZERO, DVec3::ONE)));
+        let camera = state.scene.camera;
+        assert!(history.undo(&mut state) && state.scene.mode == Mode::Dvr && state.scene.camera == camera);
+    }
+
+    proptest! {
+        /// Whatever is edited, undoing all of it gives the first state back but for where views stand.
+        #[test]
+        fn undoing_everything_gives_the_first_state(windows in prop::collection::vec(crate::state::tests::window(), 1..6)) {
+            let (mut history, mut state) = (History::default(), State::default());
+            let first = state.clone();
+            for (i, window) in windows.into_iter().enumerate() {
+                history.edit(&state, &i.to_string());
+                state = State { window, scene: Scene { time: i as u32, ..Scene::default() } };
+            }
+            let mut expected = first;
+            expected.keep_navigation_of(&state);
+            while history.undo(&mut state) {}
+            prop_assert_eq!(state, expected);
+        }
     }
 }

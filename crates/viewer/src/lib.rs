@@ -2,27 +2,40 @@
 //! `brickyard render --scene` takes; panels, keys, pointer and scripts edit it by the same commands.
 
 mod canvas;
+mod clicks;
+mod clip_handles;
 mod command;
 mod edits;
+mod fields;
 mod history;
+mod keeping;
+mod keys;
 mod navigation;
 mod overlay;
 mod panels;
 mod picking;
+mod plane_view;
+mod planes;
 mod screenshots;
 mod script;
+mod state;
+mod views;
+mod volume_view;
 mod window;
 
-use crate::canvas::Canvas;
 use crate::command::Command;
+use crate::keeping::Keeper;
 pub use crate::script::Script;
+use crate::state::State;
+use crate::views::Views;
 use crate::window::Window;
 use brickyard::render::Gpu;
+use brickyard::scene_file::read_named_files;
 use brickyard::session::{SessionOptions, VolumeSource};
 use brickyard::volume::Scene;
 use eframe::egui::ViewportBuilder;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// What a window shows at first, and what becomes of it.
@@ -30,12 +43,16 @@ use std::sync::Arc;
 pub struct WindowOptions {
     /// The scene that is shown first.
     pub scene: Scene,
+    /// The file that the scene was read from, which may say what the window is like, too.
+    pub scene_file: Option<PathBuf>,
+    /// Whether the window shows what it showed when it was last closed on these volumes, in the place of the scene.
+    pub restores: bool,
     /// The session's choices and limits. Its pictures are drawn on the window's own device unless they say the CPU, or leave the choice and that device is a
     /// software one.
     pub session: SessionOptions,
     /// The window's inner size in points: width and height.
     pub size: [f32; 2],
-    /// Commands to play.
+    /// Commands to play. A window that plays some is not restored, and is not kept.
     pub script: Script,
     /// A file for what the window shows once the script is over and the picture is final; the window closes then. `None` leaves it open.
     pub screenshot: Option<PathBuf>,
@@ -50,11 +67,10 @@ pub struct WindowError(String);
 ///
 /// # Errors
 /// If there is no display, nothing that can draw on it, or the device lacks what the engine needs. The message says what to do.
-pub fn run(volumes: Vec<VolumeSource>, options: WindowOptions) -> Result<(), WindowError> {
-    let WindowOptions { mut scene, session, size, mut script, screenshot } = options;
-    if let Some(path) = screenshot {
-        script.then(Command::Screenshot(path));
-        script.then(Command::Quit);
+pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(), WindowError> {
+    if let Some(path) = options.screenshot.take() {
+        options.script.then(Command::Screenshot(path));
+        options.script.then(Command::Quit);
     }
     let setup = WgpuSetupCreateNew {
         device_descriptor: Arc::new(Gpu::required),
@@ -63,25 +79,60 @@ pub fn run(volumes: Vec<VolumeSource>, options: WindowOptions) -> Result<(), Win
     let names = volumes.iter().filter_map(|volume| Some(volume.store()?.path().file_stem()?.to_string_lossy()));
     let title = names.map(|name| format!("{name} - ")).next().unwrap_or_default() + "brickyard";
     let native = eframe::NativeOptions {
-        viewport: ViewportBuilder::default().with_inner_size(size).with_title(title).with_app_id("brickyard"),
+        viewport: ViewportBuilder::default().with_inner_size(options.size).with_title(title).with_app_id("brickyard"),
         wgpu_options: WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() },
         // Pixels of the picture are shown as they are.
         dithering: false,
         ..eframe::NativeOptions::default()
     };
-    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
-    let camera = scene.camera_for(&places, (size[0] as u32, size[1] as u32));
-    scene.camera = Some(camera.map_err(|error| WindowError(error.to_string()))?);
+    let (state, keeper, problem) = first_state(&volumes, &options).map_err(WindowError)?;
+    let WindowOptions { session, script, .. } = options;
     let opened = eframe::run_native(
         "brickyard",
         native,
         Box::new(move |creation| {
-            let state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
-            let canvas = Canvas::new(volumes.clone(), &session, state)?;
-            Ok(Box::new(Window::new(scene, volumes, canvas, script)))
+            let render_state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
+            let views = Views::new(volumes, session, render_state)?;
+            Ok(Box::new(Window::new(state, views, script, (keeper, problem))))
         }),
     );
     opened.map_err(|error| WindowError(refusal(&error)))
+}
+
+/// The state that a window begins with, what keeps it, and what the user is to be told of it.
+fn first_state(volumes: &[VolumeSource], options: &WindowOptions) -> Result<(State, Keeper, Option<String>), String> {
+    let paths: Vec<_> = volumes.iter().filter_map(|volume| Some(volume.store()?.path().to_path_buf())).collect();
+    let is_kept = options.script.is_over() && paths.len() == volumes.len();
+    let file = keeping::file_of(&paths).filter(|_| is_kept);
+    let restored = match file.as_deref().filter(|_| options.restores) {
+        Some(path) => restored(path, volumes),
+        None => Ok(None),
+    };
+    let (restored, problem) = match restored {
+        Ok(restored) => (restored, None),
+        Err(problem) => (None, Some(format!("the window is not as it was left: {problem}"))),
+    };
+    let window = options.scene_file.as_deref().map_or(Ok(None), keeping::read)?.map(|state| state.window);
+    let mut state =
+        restored.unwrap_or_else(|| State { scene: options.scene.clone(), window: window.unwrap_or_default() });
+    state.window.volumes = paths;
+    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+    let size_px = (options.size[0] as u32, options.size[1] as u32);
+    state.scene.camera = Some(state.scene.camera_for(&places, size_px).map_err(|error| error.to_string())?);
+    let keeper = Keeper::new(file, &state);
+    Ok((state, keeper, problem))
+}
+
+/// The state that a window on these volumes was left in; `None` if it is the first one.
+///
+/// # Errors
+/// If the state cannot be read, or cannot be shown any more.
+fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, String> {
+    let Some(mut state) = keeping::read(path)? else { return Ok(None) };
+    read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
+    let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
+    state.scene.check(&counts).map_err(|error| error.to_string())?;
+    Ok(Some(state))
 }
 
 /// What to tell a user whose window does not open.

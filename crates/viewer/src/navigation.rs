@@ -1,11 +1,69 @@
-//! How a hand moves the camera: it turns around a point, moves across the picture, and comes nearer. All of it is arithmetic on cameras; what a
+//! How a hand moves the camera: it turns around a point, moves across the picture, comes nearer, and flies. All of it is arithmetic on cameras; what a
 //! drag or a key means is decided elsewhere.
 
-use brickyard::volume::{Camera, Projection};
+use crate::command::Command;
+use brickyard::volume::scene::VolumePlace;
+use brickyard::volume::{Camera, Projection, Scene};
 use glam::{DQuat, DVec3};
 
 /// How near to straight up or down the camera may look, in degrees: the picture's up direction is lost there.
 const POLE_DEG: f64 = 1.0;
+
+/// The least distance that flying goes by, as a share of the diagonal of all volumes: inside of them there is no distance from them.
+const LEAST_DISTANCE: f64 = 0.02;
+
+/// The camera of a scene, in a picture of this size, after a command that moves it; `None` if the command moves no camera.
+///
+/// # Errors
+/// If the command asks for a side or a place that there is not.
+pub(crate) fn moved(
+    command: &Command,
+    scene: &Scene,
+    places: &[VolumePlace],
+    size_px: (u32, u32),
+) -> Result<Option<Camera>, String> {
+    let camera = scene.camera_for(places, size_px).map_err(|error| error.to_string())?;
+    let world_box = || scene.world_box(places).map_err(|error| error.to_string());
+    let from = |direction: DVec3, up: DVec3| -> Result<Camera, String> {
+        let whole = Camera::looking_from(direction, up, world_box()?);
+        let is_parallel = matches!(camera.projection, Projection::Orthographic { .. });
+        Ok(with_parallel_rays(&whole, is_parallel))
+    };
+    Ok(Some(match command {
+        Command::Orbit { right_deg, up_deg, about } => {
+            orbited(&camera, about.unwrap_or(camera.target), *right_deg, *up_deg)
+        }
+        Command::Look { right_deg, up_deg } => orbited(&camera, camera.eye, *right_deg, *up_deg),
+        Command::Roll { angle_deg } => rolled(&camera, *angle_deg),
+        Command::Pan { right, up } => panned(&camera, *right, *up),
+        Command::Fly { right, up, forward } => flown(&camera, [*right, *up, *forward], world_box()?),
+        Command::Zoom { factor, at: None } => zoomed(&camera, camera.target, *factor),
+        Command::Zoom { factor, at: Some([right, down]) } => {
+            let (width, height) = size_px;
+            let place_px = [right * f64::from(width), down * f64::from(height)];
+            let towards = point_at_target(&camera, size_px, place_px).ok_or("there is no such place")?;
+            zoomed(&camera, towards, *factor)
+        }
+        Command::Parallel(is_parallel) => with_parallel_rays(&camera, *is_parallel),
+        Command::View(viewpoint) => {
+            let direction = viewpoint.direction(scene.is_anatomical(places));
+            let (direction, up) = direction.ok_or("no store says how its volume lies in a patient: use +x, -y")?;
+            from(direction, up)?
+        }
+        Command::Fit => from((camera.eye - camera.target).normalize_or_zero(), camera.up)?,
+        Command::Center(point) => Camera { eye: camera.eye + (*point - camera.target), target: *point, ..camera },
+        _ => return Ok(None),
+    }))
+}
+
+/// Moves a camera right, up and forward by parts of its distance from a box.
+pub(crate) fn flown(camera: &Camera, [right, up, forward]: [f64; 3], (low, high): (DVec3, DVec3)) -> Camera {
+    let ahead = (camera.target - camera.eye).normalize_or_zero();
+    let to_right = ahead.cross(camera.up).normalize_or_zero();
+    let distance = camera.eye.distance(camera.eye.clamp(low, high)).max(LEAST_DISTANCE * low.distance(high));
+    let by = (to_right * right + to_right.cross(ahead) * up + ahead * forward) * distance;
+    Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
+}
 
 /// Turns a camera around a point of the world: by `right_deg` degrees about its up direction, as if the volume were pushed to the right, and
 /// by `up_deg` degrees over the top, as far as straight up or down.
@@ -147,6 +205,18 @@ mod tests {
             prop_assert!((pixel(&zoomed(&camera, held, factor), held) - DVec3::new(x, y, 0.0)).length() < 1e-6);
             let by = DVec3::new(right, -up, 0.0) * f64::from(SIZE.1);
             prop_assert!((pixel(&panned(&camera, right, up), held) - DVec3::new(x, y, 0.0) - by).length() < 1e-6);
+        }
+
+        /// Inside of the volumes a flight goes on, and never takes the view's direction away.
+        #[test]
+        fn a_flight_keeps_the_direction(right in -2.0..2.0, up in -2.0..2.0, forward in -2.0..2.0f64, x in 0.0..8.0) {
+            let world_box = (DVec3::new(-1.0, 2.0, 3.0), DVec3::new(7.0, 9.0, 5.0));
+            let start = zoomed(&camera(), camera().target, 1.0 + x);
+            let end = flown(&start, [right, up, forward], world_box);
+            let direction = |camera: &Camera| (camera.target - camera.eye).normalize();
+            prop_assert!(direction(&end).dot(direction(&start)) > 1.0 - 1e-9);
+            let moved = (end.eye - start.eye).length();
+            prop_assert!(moved > 0.01 * DVec3::new(right, up, forward).length());
         }
 
         /// A point that the camera turns around keeps its place and distance.

@@ -1,17 +1,28 @@
-//! What is drawn over the picture: the volume's box, a scale bar, and which way the axes of the world point. All of it follows from the camera.
+//! What is drawn over the pictures: the volume's box with ticks, a scale bar, which way the axes of the world point, what value has which colour, what was
+//! measured, and which bricks are drawn. All of it follows from the camera and the scene.
 
+pub(crate) mod bricks;
+pub(crate) mod color_bar;
+pub(crate) mod round;
+pub(crate) mod ticks;
+
+use crate::overlay::round::round_length;
+use crate::state::Overlays;
 use brickyard::volume::{Camera, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
-use glam::DVec3;
+use glam::{BVec3, DVec3};
 
 /// The part of the picture's width that the scale bar takes at most.
 const MOST_OF_WIDTH: f64 = 0.25;
 
 /// Colours of the axes x, y and z, as elsewhere.
-const AXIS_COLORS: [Color32; 3] =
+pub(crate) const AXIS_COLORS: [Color32; 3] =
     [Color32::from_rgb(235, 85, 85), Color32::from_rgb(95, 200, 95), Color32::from_rgb(95, 145, 245)];
 
 const PALE: Color32 = Color32::from_rgb(200, 200, 200);
+
+/// What was measured, in a colour that few volumes have.
+const MEASURED: Color32 = Color32::from_rgb(255, 210, 60);
 
 /// The world that is seen.
 pub(crate) struct World<'a> {
@@ -23,36 +34,106 @@ pub(crate) struct World<'a> {
     pub(crate) unit: &'a str,
 }
 
-/// Draws over a picture that fills `area`.
-pub(crate) fn show(painter: &Painter, area: Rect, camera: &Camera, size_px: (u32, u32), world: &World<'_>) {
-    let Ok(rays) = camera.rays(size_px.0, size_px.1) else { return };
-    let painter = painter.with_clip_rect(area);
-    outline(&painter, area, &rays, world.corners);
-    axes(&painter, area, &rays, world.is_anatomical);
-    let distance = (camera.target - camera.eye).dot(rays.forward);
-    let points_per_unit = f64::from(area.width()) / (rays.pixel_size(distance) * f64::from(size_px.0));
-    scale_bar(&painter, area, points_per_unit, world.unit);
+/// A picture in the window: where points of the world are in it.
+pub(crate) struct Lens {
+    /// Draws over the picture and nowhere else.
+    pub(crate) painter: Painter,
+    /// The part of the window that the picture fills.
+    pub(crate) area: Rect,
+    /// The rays of its pixels.
+    pub(crate) rays: ViewRays,
 }
 
-/// The edges of the box, as far as both of their ends are in front of the eye.
-fn outline(painter: &Painter, area: Rect, rays: &ViewRays, (low, high): (DVec3, DVec3)) {
-    let corner = |i: usize| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low);
-    for (from, axis) in (0..8).flat_map(|from| (0..3).map(move |axis| (from, axis))) {
-        let to = from | 1 << axis;
-        if to == from {
-            continue;
+impl Lens {
+    /// The picture that a camera makes of `size_px` pixels, in a part of the window; `None` if the camera makes none.
+    pub(crate) fn new(painter: &Painter, area: Rect, camera: &Camera, size_px: (u32, u32)) -> Option<Self> {
+        let rays = camera.rays(size_px.0, size_px.1).ok()?;
+        Some(Self { painter: painter.with_clip_rect(area), area, rays })
+    }
+
+    /// Where a point of the world is in the window; `None` if it is behind the eye.
+    pub(crate) fn place(&self, point: DVec3) -> Option<Pos2> {
+        let [x, y] = self.rays.pixel(point)?;
+        let part = vec2((x / f64::from(self.rays.width)) as f32, (y / f64::from(self.rays.height)) as f32);
+        Some(self.area.min + part * self.area.size())
+    }
+
+    /// The pixel, from the picture's upper left corner, that is at a place of the window.
+    pub(crate) fn pixel(&self, place: Pos2) -> [f64; 2] {
+        let part = (place - self.area.min) / self.area.size();
+        [f64::from(part.x) * f64::from(self.rays.width), f64::from(part.y) * f64::from(self.rays.height)]
+    }
+
+    /// Draws a line between two points of the world, as far as both are in front of the eye.
+    pub(crate) fn line(&self, from: DVec3, to: DVec3, stroke: Stroke) {
+        if let (Some(a), Some(b)) = (self.place(from), self.place(to)) {
+            self.painter.line_segment([a, b], stroke);
         }
-        if let (Some(a), Some(b)) = (place(area, rays, corner(from)), place(area, rays, corner(to))) {
-            painter.line_segment([a, b], Stroke::new(1.0, PALE.gamma_multiply(0.35)));
+    }
+
+    /// Draws the edges of a box, as far as both of their ends are in front of the eye.
+    pub(crate) fn edges(&self, corners: (DVec3, DVec3), stroke: Stroke) {
+        for [from, to] in edges(corners) {
+            self.line(from, to, stroke);
         }
+    }
+
+    /// Writes a text that is read on any colour.
+    pub(crate) fn text(&self, place: Pos2, align: Align2, text: &str, size: f32, color: Color32) {
+        let font = FontId::proportional(size);
+        let shade = Color32::from_black_alpha(190);
+        self.painter.text(place + vec2(1.0, 1.0), align, text, font.clone(), shade);
+        self.painter.text(place, align, text, font, color);
+    }
+
+    /// Window points for each unit of the world, at the distance of a camera's target.
+    pub(crate) fn points_per_unit(&self, camera: &Camera) -> f64 {
+        let distance = (camera.target - camera.eye).dot(self.rays.forward);
+        f64::from(self.area.width()) / (self.rays.pixel_size(distance) * f64::from(self.rays.width))
     }
 }
 
-/// Where a point of the world is in the window; `None` if it is behind the eye.
-fn place(area: Rect, rays: &ViewRays, point: DVec3) -> Option<Pos2> {
-    let [x, y] = rays.pixel(point)?;
-    let part = vec2((x / f64::from(rays.width)) as f32, (y / f64::from(rays.height)) as f32);
-    Some(area.min + part * area.size())
+/// Corner `i` of a box: the high end of x, y and z where bits 0, 1 and 2 are set.
+fn corner((low, high): (DVec3, DVec3), i: usize) -> DVec3 {
+    DVec3::select(BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low)
+}
+
+/// The twelve edges of a box.
+pub(crate) fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]> {
+    let ends = (0..8usize).flat_map(|from| (0..3).map(move |axis| (from, from | 1 << axis)));
+    ends.filter(|(from, to)| from != to).map(move |(from, to)| [corner(corners, from), corner(corners, to)])
+}
+
+/// Draws over a picture what the overlays say of the world.
+pub(crate) fn show(lens: &Lens, overlays: &Overlays, camera: &Camera, world: &World<'_>) {
+    if overlays.outline {
+        lens.edges(world.corners, Stroke::new(1.0, PALE.gamma_multiply(0.35)));
+    }
+    if overlays.ticks {
+        ticks::show(lens, world);
+    }
+    if overlays.axes {
+        axes(&lens.painter, lens.area, &lens.rays, world.is_anatomical);
+    }
+    if overlays.scale_bar {
+        scale_bar(lens, camera, world.unit);
+    }
+}
+
+/// Draws distances between points of the world, each with its length.
+pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
+    for [from, to] in distances {
+        lens.line(*from, *to, Stroke::new(1.5, MEASURED));
+        for end in [from, to] {
+            if let Some(place) = lens.place(*end) {
+                lens.painter.circle_stroke(place, 3.5, Stroke::new(1.5, MEASURED));
+            }
+        }
+        if let Some(middle) = lens.place((*from + *to) * 0.5) {
+            let text = format!("{} {unit}", round::digits(from.distance(*to), 4));
+            lens.text(middle + vec2(6.0, -6.0), Align2::LEFT_BOTTOM, text.trim_end(), 13.0, MEASURED);
+        }
+    }
 }
 
 /// The directions of the axes, in the lower left corner; the nearest last.
@@ -71,54 +152,47 @@ fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
     }
 }
 
-fn scale_bar(painter: &Painter, area: Rect, points_per_unit: f64, unit: &str) {
-    let Some(length) = round_length(MOST_OF_WIDTH * f64::from(area.width()) / points_per_unit) else { return };
+/// A length of 1, 2 or 5 times a power of ten, at the distance of the camera's target.
+pub(crate) fn scale_bar(lens: &Lens, camera: &Camera, unit: &str) {
+    let points_per_unit = lens.points_per_unit(camera);
+    let Some(length) = round_length(MOST_OF_WIDTH * f64::from(lens.area.width()) / points_per_unit) else { return };
     let width = (length * points_per_unit) as f32;
-    let right = area.right_bottom() + Vec2::new(-20.0, -18.0);
+    let right = lens.area.right_bottom() + Vec2::new(-20.0, -18.0);
     let left = right - vec2(width, 0.0);
-    painter.line_segment([left, right], Stroke::new(3.0, Color32::BLACK.gamma_multiply(0.6)));
-    painter.line_segment([left, right], Stroke::new(2.0, Color32::WHITE));
+    lens.painter.line_segment([left, right], Stroke::new(4.0, Color32::from_black_alpha(150)));
+    lens.painter.line_segment([left, right], Stroke::new(2.0, Color32::WHITE));
     let text = format!("{length} {unit}");
-    painter.text(
-        left.lerp(right, 0.5),
-        Align2::CENTER_BOTTOM,
-        text.trim_end(),
-        FontId::proportional(13.0),
-        Color32::WHITE,
-    );
-}
-
-/// The greatest length of 1, 2 or 5 times a power of ten that is no more than `most`; `None` if there is none.
-fn round_length(most: f64) -> Option<f64> {
-    let power = 10f64.powf(most.log10().floor());
-    let round = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|&length| length <= most * (1.0 + 1e-9));
-    // Written as users write it: 0.2, not 0.2000000001.
-    round.and_then(|length| format!("{length:.3e}").parse().ok()).filter(|length: &f64| length.is_normal())
+    let above = left.lerp(right, 0.5) - vec2(0.0, 4.0);
+    lens.text(above, Align2::CENTER_BOTTOM, text.trim_end(), 13.0, Color32::WHITE);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use eframe::egui;
+    use eframe::egui::{Context, LayerId};
 
-    #[test]
-    fn lengths_are_1_2_or_5() {
-        for (most, expected) in
-            [(1.0, 1.0), (1.99, 1.0), (2.0, 2.0), (49.0, 20.0), (0.07, 0.05), (9.9e-7, 5e-7), (3e5, 2e5)]
-        {
-            assert_eq!(round_length(most), Some(expected), "{most}");
-        }
-        for none in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(round_length(none), None, "{none}");
-        }
+    /// What a camera sees of a unit cube, in a part of a window.
+    pub(crate) fn lens(camera: &Camera) -> Lens {
+        let painter = Painter::new(Context::default(), LayerId::background(), egui::Rect::EVERYTHING);
+        let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
+        Lens::new(&painter, area, camera, (400, 200)).unwrap()
     }
 
     #[test]
     fn places_are_those_of_the_picture() {
         let camera = Camera::looking_at_box((DVec3::ZERO, DVec3::ONE));
-        let rays = camera.rays(400, 200).unwrap();
-        let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
-        let found = place(area, &rays, camera.target).unwrap();
+        let lens = lens(&camera);
+        let found = lens.place(camera.target).unwrap();
         assert!((found - pos2(200.0, 100.0)).length() < 1e-3, "{found:?}");
-        assert_eq!(place(area, &rays, camera.eye + (camera.eye - camera.target)), None);
+        assert_eq!(lens.pixel(pos2(200.0, 100.0)), [200.0, 100.0]);
+        assert_eq!(lens.place(camera.eye + (camera.eye - camera.target)), None);
+    }
+
+    #[test]
+    fn a_box_has_twelve_edges() {
+        let lengths: Vec<_> = edges((DVec3::ZERO, DVec3::new(1.0, 2.0, 4.0))).map(|[a, b]| a.distance(b)).collect();
+        assert_eq!(lengths.len(), 12);
+        assert_eq!(lengths.iter().sum::<f64>(), 28.0);
     }
 }

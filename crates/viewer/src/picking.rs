@@ -1,11 +1,20 @@
-//! What is under the pointer: on a slice, the exact values of the voxel there, of all volumes that the scene shows. Costs the reading of a brick for each
-//! channel, only when the pointer comes to another voxel.
+//! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in, of all volumes that the scene
+//! shows. Costs the reading of a brick for each channel, only when the pointer comes to another place.
 
 use brickyard::probe::{Probe, probe};
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Camera, Scene, Slice};
+use brickyard::volume::{Scene, Slice, ViewRays};
 use glam::DVec3;
 use std::fmt::Write;
+
+/// What is under the pointer.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Picked {
+    /// The point of the world that is seen there.
+    pub(crate) point: DVec3,
+    /// Its voxel and values, in words.
+    pub(crate) words: String,
+}
 
 /// The values under the pointer, as of the last time it moved.
 #[derive(Default)]
@@ -14,26 +23,27 @@ pub(crate) struct Picking {
 }
 
 impl Picking {
-    /// What is at a place of the picture, in words; `None` if there is no slice or no volume.
+    /// What is at a place of the picture, in pixels; `None` if there is nothing to be seen.
     pub(crate) fn at(
         &mut self,
         scene: &Scene,
         volumes: &[VolumeSource],
-        size_px: (u32, u32),
+        rays: &ViewRays,
         place_px: [f64; 2],
-    ) -> Option<&str> {
-        let point = on_slice(scene.camera.as_ref()?, scene.slice.as_ref()?, size_px, place_px)?;
+    ) -> Option<Picked> {
+        let point = on_slice(rays, scene.slice.as_ref()?, place_px)?;
         let is_known = |last: &(DVec3, u32, String)| (last.0, last.1) == (point, scene.time);
         if !self.last.as_ref().is_some_and(is_known) {
             self.last = Some((point, scene.time, words(scene, volumes, point)));
         }
-        self.last.as_ref().map(|(_, _, words)| &**words).filter(|words| !words.is_empty())
+        let (_, _, words) = self.last.as_ref()?;
+        (!words.is_empty()).then(|| Picked { point, words: words.clone() })
     }
 }
 
 /// Where the ray through a place of the picture meets a slice; `None` if it goes along it.
-fn on_slice(camera: &Camera, slice: &Slice, size_px: (u32, u32), [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
-    let ray = camera.rays(size_px.0, size_px.1).ok()?.ray(x_px, y_px);
+fn on_slice(rays: &ViewRays, slice: &Slice, [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
+    let ray = rays.ray(x_px, y_px);
     let along = (slice.point - ray.origin).dot(slice.normal) / ray.direction.dot(slice.normal);
     Some(ray.origin + ray.direction * along).filter(|point| point.is_finite())
 }
@@ -83,7 +93,7 @@ mod tests {
         let slice = Slice::across(2, 3.0);
         let size = (300, 200);
         let camera = slice.camera((DVec3::ZERO, DVec3::new(9.0, 6.0, 5.0)), slice.image_up(), size);
-        let point = on_slice(&camera, &slice, size, [70.0, 50.0]).unwrap();
+        let point = on_slice(&camera.rays(300, 200).unwrap(), &slice, [70.0, 50.0]).unwrap();
         assert!((point.z - 3.0).abs() < 1e-9, "{point}");
         let [x, y] = camera.rays(300, 200).unwrap().pixel(point).unwrap();
         assert!((x - 70.0).abs() < 1e-6 && (y - 50.0).abs() < 1e-6);

@@ -1,29 +1,29 @@
-//! The window: the scene that is shown, and what happens to it. Each frame takes the commands of script, keys, pointer and panels, does them, and
-//! brings the picture nearer to the scene. Nothing is drawn while nothing changes.
+//! The window: the state that is shown, and what happens to it. Each frame takes the commands of script, keys, pointer and panels, does them, and
+//! brings the pictures nearer to the state. Nothing is drawn while nothing changes.
 
-use crate::canvas::Canvas;
+use crate::canvas::Captured;
 use crate::command::Command;
-use crate::edits::edited;
+use crate::edits::{changes, edited};
 use crate::history::History;
-use crate::navigation::{orbited, panned, point_at_target, rolled, with_parallel_rays, zoomed};
-use crate::overlay::{self, World};
+use crate::keeping::{self, Keeper};
+use crate::navigation::moved;
+use crate::overlay::World;
 use crate::panels;
-use crate::panels::help::{PICTURE_FILE, SCENE_FILE};
-use crate::picking::Picking;
+use crate::plane_view::PlaneView;
+use crate::planes::Grid;
 use crate::screenshots::Screenshots;
 use crate::script::Script;
+use crate::state::{Budgets, Layout, State, Theme, is_navigation};
+use crate::views::Views;
+use crate::volume_view::{Seen, VolumeView};
+use crate::{clicks::Clicks, keys};
 use brickyard::picture_file::write_shown;
-use brickyard::session::VolumeSource;
-use brickyard::text_file::write_text;
+use brickyard::session::{SessionError, VolumeSource};
+use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
-use brickyard::volume::{Camera, Projection, Scene};
-use eframe::egui::{self, PointerButton, Sense, Ui, ViewportCommand};
-use glam::DVec3;
-use std::path::Path;
+use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
+use serde_json::{Value, json};
 use std::time::{Duration, Instant};
-
-/// How far the volume turns while the pointer is dragged over the picture's height.
-const TURN_DEG: f64 = 180.0;
 
 /// How often the window looks whether bricks have come.
 const STREAMING_STEP: Duration = Duration::from_millis(8);
@@ -31,53 +31,49 @@ const STREAMING_STEP: Duration = Duration::from_millis(8);
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
 
-/// The state of the window.
+/// Space between the pictures of a window, in points.
+const GAP: f32 = 3.0;
+
+/// The state of the window, and all that shows it.
 pub(crate) struct Window {
-    pub(crate) scene: Scene,
-    pub(crate) history: History,
-    volumes: Vec<VolumeSource>,
-    canvas: Canvas,
+    state: State,
+    history: History,
+    views: Views,
+    volume_view: VolumeView,
+    plane_views: [PlaneView; 3],
     script: Script,
+    keeper: Keeper,
     /// What the user is to be told.
     message: Option<String>,
-    /// Whether the picture could not be brought on in the last frame.
+    /// Whether a picture could not be brought on in the last frame.
     is_failing: bool,
-    is_help_open: bool,
-    /// Whether box, scale bar and axes are drawn over the picture.
-    has_overlays: bool,
-    picking: Picking,
-    /// What is under the pointer.
-    picked: Option<String>,
-    /// The picture's size of the last frame.
-    size_px: (u32, u32),
     /// The time of the first frame; `None` before it.
     started: Option<Instant>,
     screenshots: Screenshots,
+    clicks: Clicks,
 }
 
 impl Window {
-    /// A window that shows a scene of volumes.
-    pub(crate) fn new(scene: Scene, volumes: Vec<VolumeSource>, canvas: Canvas, script: Script) -> Self {
+    /// A window that shows a state. `message` is what the user is to be told at first.
+    pub(crate) fn new(state: State, views: Views, script: Script, (keeper, message): (Keeper, Option<String>)) -> Self {
         Self {
-            scene,
+            state,
             history: History::default(),
-            volumes,
-            canvas,
+            views,
+            volume_view: VolumeView::default(),
+            plane_views: Default::default(),
             script,
-            message: None,
+            keeper,
+            message,
             is_failing: false,
-            is_help_open: false,
-            has_overlays: true,
-            picking: Picking::default(),
-            picked: None,
-            size_px: (1, 1),
             started: None,
             screenshots: Screenshots::new(),
+            clicks: Clicks::default(),
         }
     }
 
     fn places(&self) -> Vec<VolumePlace> {
-        self.volumes.iter().map(VolumeSource::place).collect()
+        self.views.volumes().iter().map(VolumeSource::place).collect()
     }
 
     /// Does a command. What is wrong with it is said in the window.
@@ -88,82 +84,53 @@ impl Window {
     }
 
     fn try_perform(&mut self, command: &Command, egui: &egui::Context) -> Result<(), String> {
-        if let Some(kind) = command.edits() {
-            let edited = edited(&self.scene, &self.volumes, command).ok_or("there is no such layer")?;
-            self.canvas.check(&edited).map_err(|error| error.to_string())?;
-            self.history.edit(&self.scene, &kind);
-            self.scene = edited;
-            self.message = None;
-            return Ok(());
-        }
         match command {
-            Command::Undo => self.history.undo(&mut self.scene).then_some(()).ok_or("there is nothing to undo".into()),
-            Command::Redo => self.history.redo(&mut self.scene).then_some(()).ok_or("there is nothing to redo".into()),
-            Command::SaveScene(path) => self.save_scene(path),
-            Command::SavePicture(path) => self.save_picture(path),
-            Command::Screenshot(path) => {
-                self.screenshots.take(path.clone(), egui);
-                Ok(())
+            Command::Set(fields) => self.set(fields)?,
+            Command::Clip(is_on) => {
+                let whole = self.state.scene.world_box(&self.places()).map_err(|error| error.to_string())?;
+                self.set(&[("clip".into(), if *is_on { json!([whole.0, whole.1]) } else { Value::Null })])?;
             }
-            Command::Overlays(is_on) => {
-                self.has_overlays = *is_on;
-                Ok(())
+            Command::Undo => self.history.undo(&mut self.state).then_some(()).ok_or("there is nothing to undo")?,
+            Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
+            Command::SaveScene(path) => {
+                keeping::write(path, &self.state)?;
+                self.message = Some(format!("wrote {}", path.display()));
             }
-            Command::Quit => {
-                egui.send_viewport_cmd(ViewportCommand::Close);
-                Ok(())
+            Command::SavePicture(path, size_px) => {
+                self.views.main.capture(self.state.scene.clone(), *size_px, path.clone());
             }
+            Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
+            Command::Click(place) => self.clicks.add(*place),
+            Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
             _ => {
-                self.scene.camera = Some(self.moved(command)?);
-                Ok(())
+                let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
+                let camera = camera.ok_or("this window cannot do that")?;
+                let scene = Scene { camera: Some(camera), ..self.state.scene.clone() };
+                self.views.main.check(&scene).map_err(|error| error.to_string())?;
+                self.state.scene = scene;
+                if let Command::Center(point) = command {
+                    self.state.window.planes.crosshair = Some(*point);
+                }
             }
         }
-    }
-
-    /// The camera after a command that moves it.
-    fn moved(&self, command: &Command) -> Result<Camera, String> {
-        let places = self.places();
-        let camera = self.scene.camera_for(&places, self.size_px).map_err(|error| error.to_string())?;
-        let world_box = || self.scene.world_box(&places).map_err(|error| error.to_string());
-        let from = |direction: DVec3, up: DVec3| -> Result<Camera, String> {
-            let whole = Camera::looking_from(direction, up, world_box()?);
-            let is_parallel = matches!(camera.projection, Projection::Orthographic { .. });
-            Ok(with_parallel_rays(&whole, is_parallel))
-        };
-        Ok(match command {
-            Command::Orbit { right_deg, up_deg } => orbited(&camera, camera.target, *right_deg, *up_deg),
-            Command::Roll { angle_deg } => rolled(&camera, *angle_deg),
-            Command::Pan { right, up } => panned(&camera, *right, *up),
-            Command::Zoom { factor, at: None } => zoomed(&camera, camera.target, *factor),
-            Command::Zoom { factor, at: Some([right, down]) } => {
-                let (width, height) = self.size_px;
-                let place_px = [right * f64::from(width), down * f64::from(height)];
-                let towards = point_at_target(&camera, self.size_px, place_px).ok_or("there is no such place")?;
-                zoomed(&camera, towards, *factor)
-            }
-            Command::Parallel(is_parallel) => with_parallel_rays(&camera, *is_parallel),
-            Command::View(viewpoint) => {
-                let direction = viewpoint.direction(self.scene.is_anatomical(&places));
-                let (direction, up) = direction.ok_or("no store says how its volume lies in a patient: use +x, -y")?;
-                from(direction, up)?
-            }
-            Command::Fit => from((camera.eye - camera.target).normalize_or_zero(), camera.up)?,
-            _ => camera,
-        })
-    }
-
-    fn save_scene(&mut self, path: &Path) -> Result<(), String> {
-        let text = serde_json::to_string_pretty(&self.scene).map_err(|error| error.to_string())?;
-        write_text(path, &(text + "\n")).map_err(|error| error.to_string())?;
-        self.message = Some(format!("wrote {}", path.display()));
         Ok(())
     }
 
-    fn save_picture(&mut self, path: &Path) -> Result<(), String> {
-        let drawn = self.canvas.picture().map_err(|error| error.to_string())?;
-        let (picture, scene, stats) = drawn.ok_or("there is no picture yet")?;
-        write_shown(path, &picture, &scene, &stats).map_err(|error| error.to_string())?;
-        self.message = Some(format!("wrote {}", path.display()));
+    /// Sets fields of the state's document, as one edit that can be undone.
+    fn set(&mut self, fields: &[(String, Value)]) -> Result<(), String> {
+        let edited = edited(&self.state, self.views.volumes(), fields)?;
+        self.views.main.check(&edited.scene).map_err(|error| error.to_string())?;
+        if let Some(camera) = edited.scene.camera {
+            let (width, height) = self.volume_view.size_px;
+            camera.rays(width.max(1), height.max(1)).map_err(|error| error.to_string())?;
+        }
+        let edits: Vec<_> =
+            fields.iter().map(|(field, _)| field.as_str()).filter(|field| !is_navigation(field)).collect();
+        if !edits.is_empty() {
+            self.history.edit(&self.state, &edits.join(" "));
+            self.message = None;
+        }
+        self.state = edited;
         Ok(())
     }
 
@@ -172,165 +139,177 @@ impl Window {
         let since_start = self.started.get_or_insert_with(Instant::now).elapsed();
         // A screenshot shows the frame after it was asked for: nothing may change that.
         while !self.screenshots.are_awaited()
-            && let Some(command) = self.script.next(since_start, self.canvas.is_final())
+            && self.clicks.are_done()
+            && let Some(command) = self.script.next(since_start, self.views.are_final())
         {
             self.perform(&command, egui);
             self.history.close();
             // What the command changed is to be drawn before the next one that waits for it.
-            if self.canvas.is_final() {
+            if self.views.are_final() {
                 break;
             }
         }
     }
 
-    /// The picture, and what the pointer does over it.
-    fn picture(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) {
-        let scale = f64::from(ui.ctx().pixels_per_point());
-        let size = ui.available_size();
-        let pixels = |points: f32| ((f64::from(points) * scale).floor() as u32).max(1);
-        self.size_px = (pixels(size.x), pixels(size.y));
-        let drawn = self.canvas.show(ui.ctx(), &self.scene, self.size_px);
+    /// The unit of the world, as it is written beside a number; empty if that is not known.
+    fn unit(&self, is_anatomical: bool) -> String {
+        let volume = self.views.volumes().first();
+        let own = volume.and_then(|volume| volume.source.geometry().unit.clone());
+        match own.as_deref() {
+            _ if is_anatomical => "mm".into(),
+            Some("micrometer") => "µm".into(),
+            Some("nanometer") => "nm".into(),
+            Some("millimeter") => "mm".into(),
+            Some("meter") => "m".into(),
+            Some(other) => other.into(),
+            None => String::new(),
+        }
+    }
+
+    /// The pictures, and what the pointer does over them.
+    fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
+        self.views.suit(&self.state.window)?;
+        let places = self.places();
+        let is_anatomical = self.state.scene.is_anatomical(&places);
+        let unit = self.unit(is_anatomical);
+        let corners = self.state.scene.world_box(&places).ok();
+        let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
+        let volumes = self.views.volumes().to_vec();
+        let seen = Seen { state: &self.state, volumes: &volumes, places: &places, world };
+        let grid = Grid::of(&self.state.scene, &volumes).filter(|_| self.state.window.layout == Layout::Planes);
+        let Some(grid) = grid else {
+            return self.volume_view.show(ui, &mut self.views.main, &seen, commands);
+        };
+        // Across z, then the volume; across y and x below.
+        let [upper_left, upper_right, lower_left, lower_right] = quarters(ui.max_rect());
+        let mut shown = Ok(());
+        for (axis, area) in [(2, upper_left), (1, lower_left), (0, lower_right)] {
+            let mut part = ui.new_child(UiBuilder::new().max_rect(area).id_salt(axis));
+            let canvas = &mut self.views.planes[axis];
+            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), &seen, commands);
+            shown = shown.and(drawn);
+        }
+        let mut part = ui.new_child(UiBuilder::new().max_rect(upper_right).id_salt("volume"));
+        shown.and(self.volume_view.show(&mut part, &mut self.views.main, &seen, commands))
+    }
+
+    /// What is under the pointer, in words.
+    fn picked(&self) -> Option<&str> {
+        let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
+        let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
+        pictures.flatten().next().map(|picked| picked.words.as_str())
+    }
+
+    /// Writes the pictures that have come.
+    fn write_pictures(&mut self) {
+        if let Err(error) = self.screenshots.write() {
+            self.message = Some(error.to_string());
+        }
+        match self.views.main.captured(self.volume_view.size_px) {
+            Ok(None) => {}
+            Ok(Some(Captured { path, picture, scene, stats })) => {
+                let written = write_shown(&path, &picture, &scene, &stats);
+                self.message = Some(match written {
+                    Ok(()) => format!("wrote {}", path.display()),
+                    Err(error) => error.to_string(),
+                });
+            }
+            Err(error) => self.message = Some(format!("the picture cannot be written: {error}")),
+        }
+    }
+
+    /// The panels around the pictures. They edit a copy of the state.
+    fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
+        let budgets = self.views.budgets_bytes(&self.state.window);
+        let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
+        egui::Panel::top("menu").show(ui, |ui| panels::menu::show(ui, state, self.history.can(), budgets, commands));
+        egui::Panel::bottom("status").show(ui, |ui| {
+            panels::status::show(ui, &self.views, self.message.as_deref(), self.picked());
+        });
+        egui::Panel::left("scene").default_size(280.0).show(ui, |ui| {
+            egui::ScrollArea::vertical().show(ui, |ui| {
+                panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
+                ui.separator();
+                panels::layers::show(ui, &mut state.scene, self.views.volumes());
+            });
+        });
+        if state.window.diagnostics {
+            egui::Panel::right("diagnostics").default_size(280.0).show(ui, |ui| {
+                panels::diagnostics::show(ui, &self.views, &self.state.window);
+            });
+        }
+        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
+        help.show(ui.ctx(), panels::help::show);
+    }
+
+    /// Keeps the state for the next time. Returns how long until that is to be tried again, if it is.
+    fn keep(&mut self) -> Option<Duration> {
+        let kept = self.keeper.keep(&self.state);
+        kept.unwrap_or_else(|problem| {
+            self.message = Some(format!("the window's state cannot be kept: {problem}"));
+            None
+        })
+    }
+}
+
+/// The quarters of an area, with a gap between them: upper left and right, lower left and right.
+fn quarters(area: Rect) -> [Rect; 4] {
+    let size = (area.size() - vec2(GAP, GAP)) * 0.5;
+    let quarter =
+        |right: f32, down: f32| Rect::from_min_size(area.min + (size + vec2(GAP, GAP)) * vec2(right, down), size);
+    [quarter(0.0, 0.0), quarter(1.0, 0.0), quarter(0.0, 1.0), quarter(1.0, 1.0)]
+}
+
+impl eframe::App for Window {
+    fn raw_input_hook(&mut self, _egui: &egui::Context, input: &mut egui::RawInput) {
+        self.clicks.play(input);
+    }
+
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        let egui = ui.ctx().clone();
+        self.write_pictures();
+        self.play(&egui);
+        egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
+        let mut commands = Vec::new();
+        keys::pressed(&egui, &self.state, &mut commands);
+        let mut panel_state = self.state.clone();
+        self.panels(ui, &mut panel_state, &mut commands);
+        if panel_state != self.state {
+            match changes(&self.state, &panel_state) {
+                Ok(fields) => commands.push(Command::Set(fields)),
+                Err(problem) => self.message = Some(problem),
+            }
+        }
+        let mut drawn = Ok(());
+        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| drawn = self.pictures(ui, &mut commands));
         self.is_failing = drawn.is_err();
         if let Err(error) = drawn {
             self.message = Some(error.to_string());
         }
-        let shown = egui::vec2((f64::from(self.size_px.0) / scale) as f32, (f64::from(self.size_px.1) / scale) as f32);
-        let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
-        if let Some(texture) = self.canvas.texture() {
-            let whole = egui::Rect::from_min_max(egui::pos2(0.0, 0.0), egui::pos2(1.0, 1.0));
-            ui.painter().image(texture, area, whole, egui::Color32::WHITE);
-        }
-        if let Some(camera) = self.scene.camera.filter(|_| self.has_overlays)
-            && let Ok(corners) = self.scene.world_box(&self.places())
-        {
-            let is_anatomical = self.scene.is_anatomical(&self.places());
-            let world = World { corners, is_anatomical, unit: self.unit(is_anatomical) };
-            overlay::show(ui.painter(), area, &camera, self.size_px, &world);
-        }
-        self.pick(response.hover_pos().map(|pointer| pointer - area.min), scale);
-        self.drag(&response, commands);
-        if response.hovered() {
-            Self::scroll(ui, area, commands);
-        }
-        if response.double_clicked() {
-            commands.push(Command::Fit);
-        }
-    }
-
-    /// The unit of the world, as it is written beside a number; empty if that is not known.
-    fn unit(&self, is_anatomical: bool) -> &str {
-        let own = self.volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref());
-        match own {
-            _ if is_anatomical => "mm",
-            Some("micrometer") => "µm",
-            Some("nanometer") => "nm",
-            Some("millimeter") => "mm",
-            Some("meter") => "m",
-            Some(other) => other,
-            None => "",
-        }
-    }
-
-    /// Looks what is under the pointer, which is so far from the picture's corner, in points.
-    fn pick(&mut self, pointer: Option<egui::Vec2>, scale: f64) {
-        let place = pointer.map(|to| [f64::from(to.x) * scale, f64::from(to.y) * scale]);
-        let found = place.and_then(|place| self.picking.at(&self.scene, &self.volumes, self.size_px, place));
-        self.picked = found.map(str::to_string);
-    }
-
-    fn drag(&self, response: &egui::Response, commands: &mut Vec<Command>) {
-        let by = response.drag_delta() / response.rect.height().max(1.0);
-        if by == egui::Vec2::ZERO {
-            return;
-        }
-        let (right, down) = (f64::from(by.x), f64::from(by.y));
-        let is_shifted = response.ctx.input(|input| input.modifiers.shift);
-        if response.dragged_by(PointerButton::Middle) || (response.dragged_by(PointerButton::Primary) && is_shifted) {
-            commands.push(Command::Pan { right, up: -down });
-        } else if response.dragged_by(PointerButton::Primary) {
-            commands.push(Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down });
-        } else if response.dragged_by(PointerButton::Secondary) {
-            commands.push(Command::Zoom { factor: (-2.0 * down).exp(), at: None });
-        }
-    }
-
-    /// What the wheel does, and two fingers: they come nearer to what is under the pointer.
-    fn scroll(ui: &Ui, area: egui::Rect, commands: &mut Vec<Command>) {
-        let (wheel, pinch, pointer) =
-            ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta(), input.pointer.hover_pos()));
-        let factor = f64::from(pinch) * (f64::from(wheel) / 200.0).exp();
-        let Some(pointer) = pointer.filter(|_| factor != 1.0) else { return };
-        let place = (pointer - area.min) / area.size();
-        commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
-    }
-
-    fn menu(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) {
-        egui::MenuBar::new().ui(ui, |ui| {
-            ui.menu_button("File", |ui| {
-                if ui.button(format!("Save picture ({PICTURE_FILE})")).clicked() {
-                    commands.push(Command::SavePicture(PICTURE_FILE.into()));
-                }
-                if ui.button(format!("Save scene ({SCENE_FILE})")).clicked() {
-                    commands.push(Command::SaveScene(SCENE_FILE.into()));
-                }
-                if ui.button("Quit").clicked() {
-                    commands.push(Command::Quit);
-                }
-            });
-            ui.menu_button("Edit", |ui| {
-                let (can_undo, can_redo) = self.history.can();
-                if ui.add_enabled(can_undo, egui::Button::new("Undo")).clicked() {
-                    commands.push(Command::Undo);
-                }
-                if ui.add_enabled(can_redo, egui::Button::new("Redo")).clicked() {
-                    commands.push(Command::Redo);
-                }
-            });
-            ui.menu_button("Window", |ui| {
-                ui.checkbox(&mut self.canvas.is_adaptive, "coarser while it moves");
-                ui.checkbox(&mut self.has_overlays, "box, scale bar and axes");
-                egui::widgets::global_theme_preference_buttons(ui);
-            });
-            ui.toggle_value(&mut self.is_help_open, "Help");
-        });
-    }
-}
-
-impl eframe::App for Window {
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
-        let egui = ui.ctx().clone();
-        if let Err(error) = self.screenshots.write() {
-            self.message = Some(error.to_string());
-        }
-        self.play(&egui);
-        let mut commands = Vec::new();
-        panels::help::pressed(&egui, &mut commands);
-        egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut commands));
-        egui::Panel::bottom("status").show(ui, |ui| {
-            panels::status::show(ui, &self.canvas, self.message.as_deref(), self.picked.as_deref());
-        });
-        egui::Panel::left("scene").default_size(260.0).show(ui, |ui| {
-            egui::ScrollArea::vertical().show(ui, |ui| {
-                let times = self.volumes.iter().map(|volume| volume.source.times()).max().unwrap_or(1);
-                let is_anatomical = self.scene.is_anatomical(&self.places());
-                panels::view::show(ui, &self.scene, (times, is_anatomical), &mut commands);
-                ui.separator();
-                panels::layers::show(ui, &self.scene, &self.volumes, &mut commands);
-            });
-        });
-        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| self.picture(ui, &mut commands));
-        egui::Window::new("Help").open(&mut self.is_help_open).show(&egui, panels::help::show);
         commands.iter().for_each(|command| self.perform(command, &egui));
         if !egui.input(|input| input.pointer.any_down()) {
             self.history.close();
         }
+        let keep_after = self.keep();
         // A command shows in the next frame.
         if !commands.is_empty() {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);
-        } else if !self.canvas.is_final() || !self.script.is_over() || self.screenshots.are_awaited() {
+        } else if !self.views.are_final()
+            || !self.script.is_over()
+            || self.screenshots.are_awaited()
+            || !self.clicks.are_done()
+        {
             egui.request_repaint_after(STREAMING_STEP);
+        } else if let Some(after) = keep_after {
+            egui.request_repaint_after(after);
+        }
+    }
+
+    fn on_exit(&mut self) {
+        if let Err(problem) = self.keeper.write() {
+            tracing::warn!("the window's state cannot be kept: {problem}");
         }
     }
 }

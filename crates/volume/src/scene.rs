@@ -16,7 +16,7 @@ use crate::space::Extent;
 use crate::stereo::Stereo;
 use crate::transfer::{Subject, TransferChoice, TransferError, TransferFunction};
 use glam::DVec3;
-use serde::de::Error;
+use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
@@ -72,6 +72,9 @@ pub struct Scene {
     /// An expression over the layers' values, which is shown in the place of the layers themselves; `None` shows the layers.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "expression")]
     pub expression: Option<SceneExpression>,
+    /// What a window adds to a scene that it saves. No picture depends on it, so it is read by the window alone.
+    #[serde(skip_serializing)]
+    pub window: IgnoredAny,
 }
 
 /// Where a store's volume is.
@@ -139,6 +142,7 @@ impl Default for Scene {
             meshes: Vec::new(),
             layers: vec![SceneLayer::default()],
             expression: None,
+            window: IgnoredAny,
         }
     }
 }
@@ -321,10 +325,12 @@ mod tests {
                 text: "max(a, b)".into(),
                 transfer: Some(TransferChoice::preset("fire")),
             }),
+            window: IgnoredAny,
         };
         let text = serde_json::to_string(&scene).unwrap();
         assert_eq!(serde_json::from_str::<Scene>(&text).unwrap(), scene);
         assert_eq!(serde_json::from_str::<Scene>("{}").unwrap(), Scene::default());
+        assert_eq!(serde_json::from_str::<Scene>(r#"{"window": {"layout": "planes"}}"#).unwrap(), Scene::default());
         assert_eq!(Scene::default().layers, [SceneLayer::default()], "one volume is a list of one");
         let short = serde_json::from_str::<Scene>(r#"{"expression": "a*b"}"#).unwrap();
         assert_eq!(short.expression, Some("a*b".to_string().into()));

@@ -1,10 +1,11 @@
 //! The line below the picture: how far it is, what it takes, and what went wrong last.
 
 use crate::canvas::Canvas;
+use crate::views::Views;
 use eframe::egui::{Color32, Ui};
 
-/// Shows how far the picture is. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing.
-pub(crate) fn show(ui: &mut Ui, canvas: &Canvas, message: Option<&str>, picked: Option<&str>) {
+/// Shows how far the pictures are. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing.
+pub(crate) fn show(ui: &mut Ui, views: &Views, message: Option<&str>, picked: Option<&str>) {
     ui.horizontal_wrapped(|ui| {
         if let Some(message) = message {
             ui.colored_label(Color32::from_rgb(230, 120, 60), message);
@@ -14,17 +15,22 @@ pub(crate) fn show(ui: &mut Ui, canvas: &Canvas, message: Option<&str>, picked: 
             ui.monospace(picked);
             ui.separator();
         }
-        ui.label(state(canvas));
+        ui.label(state(&views.main));
         ui.separator();
-        ui.label(canvas.backend_line());
-        let (backend, host) = canvas.memory_bytes();
+        ui.label(views.main.backend_line());
+        let (backend, host) = memory_bytes(views);
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         ui.separator();
         ui.label(format!("{:.0} MiB of slots, {:.0} MiB of bricks", mib(backend), mib(host)));
     });
 }
 
-/// How far the picture is, in words.
+/// Bytes of slots, tables and targets, and of host memory, that all pictures have in use.
+pub(crate) fn memory_bytes(views: &Views) -> (u64, u64) {
+    views.all().map(Canvas::memory_bytes).fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
+}
+
+/// How far a picture is, in words.
 fn state(canvas: &Canvas) -> String {
     let Some(status) = canvas.status() else { return "opening".into() };
     let mut words = match canvas.is_final() {

@@ -1,0 +1,57 @@
+//! Clicks that a script makes: they go to the window as if the pointer had made them, a press in one frame and the release in the next.
+
+use eframe::egui::{Event, Modifiers, PointerButton, Pos2, RawInput, pos2};
+use std::collections::VecDeque;
+
+/// Clicks that have not been made yet.
+#[derive(Default)]
+pub(crate) struct Clicks {
+    waiting: VecDeque<Pos2>,
+    pressed: Option<Pos2>,
+}
+
+impl Clicks {
+    /// Makes a click at a place of the window, in points from its upper left corner, after those before.
+    pub(crate) fn add(&mut self, [x, y]: [f64; 2]) {
+        self.waiting.push_back(pos2(x as f32, y as f32));
+    }
+
+    /// Whether all clicks have been made.
+    pub(crate) fn are_done(&self) -> bool {
+        self.waiting.is_empty() && self.pressed.is_none()
+    }
+
+    /// Adds to a frame's input what is due of the clicks.
+    pub(crate) fn play(&mut self, input: &mut RawInput) {
+        let button = |pos, pressed| Event::PointerButton {
+            pos,
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        if let Some(pos) = self.pressed.take() {
+            input.events.push(button(pos, false));
+        } else if let Some(pos) = self.waiting.pop_front() {
+            input.events.extend([Event::PointerMoved(pos), button(pos, true)]);
+            self.pressed = Some(pos);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_click_takes_two_frames() {
+        let mut clicks = Clicks::default();
+        clicks.add([3.0, 4.0]);
+        let mut counts = Vec::new();
+        while !clicks.are_done() {
+            let mut input = RawInput::default();
+            clicks.play(&mut input);
+            counts.push(input.events.len());
+        }
+        assert_eq!(counts, [2, 1]);
+    }
+}

@@ -1,0 +1,126 @@
+//! Handles on the faces of the clip box: where they are in a picture, which of them the pointer is on, and the box that dragging one makes.
+
+use crate::overlay::Lens;
+use eframe::egui::{Color32, Pos2, Stroke, Vec2};
+use glam::DVec3;
+
+/// How near to a handle the pointer must be to take hold of it, in points.
+const REACH: f32 = 9.0;
+
+/// How thin the box may become, as a share of all volumes along an axis.
+const THINNEST: f64 = 1e-3;
+
+const COLOR: Color32 = Color32::from_rgb(255, 255, 255);
+
+/// A face of a box: that of the least or of the greatest coordinate along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Face {
+    /// The axis that it lies across.
+    pub(crate) axis: usize,
+    /// Whether it is at the greatest coordinate.
+    pub(crate) is_high: bool,
+}
+
+impl Face {
+    fn all() -> impl Iterator<Item = Self> {
+        (0..3).flat_map(|axis| [false, true].map(|is_high| Self { axis, is_high }))
+    }
+
+    /// The middle of the face.
+    fn middle(self, [low, high]: [DVec3; 2]) -> DVec3 {
+        let mut middle = (low + high) * 0.5;
+        middle[self.axis] = if self.is_high { high[self.axis] } else { low[self.axis] };
+        middle
+    }
+}
+
+/// Draws a clip box with its handles. The one that is under the pointer or held is larger.
+pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
+    lens.edges((clip[0], clip[1]), Stroke::new(1.0, COLOR.gamma_multiply(0.7)));
+    for face in Face::all() {
+        let Some(place) = lens.place(face.middle(clip)) else { continue };
+        let radius = if near == Some(face) { 7.0 } else { 4.5 };
+        lens.painter.circle(place, radius, Color32::from_rgb(240, 150, 40), Stroke::new(1.5, COLOR));
+    }
+}
+
+/// The handle at a place of the window: the nearest within reach.
+pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
+    let near = Face::all().filter_map(|face| {
+        let distance = lens.place(face.middle(clip))?.distance(pointer);
+        (distance <= REACH).then_some((distance, face))
+    });
+    near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, face)| face)
+}
+
+/// The box once a face of `clip` has been dragged by so many points in the window. It stays inside of the volumes' box, and some way thick.
+pub(crate) fn dragged(lens: &Lens, clip: [DVec3; 2], face: Face, by: Vec2, whole: (DVec3, DVec3)) -> [DVec3; 2] {
+    let axis = face.axis;
+    let size = whole.1[axis] - whole.0[axis];
+    let middle = face.middle(clip);
+    let ahead = middle + DVec3::AXES[axis] * (1e-3 * size);
+    let (Some(from), Some(to)) = (lens.place(middle), lens.place(ahead)) else { return clip };
+    // Points in the window that the face moves for each unit of the world.
+    let rate = (to - from) / (1e-3 * size) as f32;
+    if rate.length_sq() < 1e-12 {
+        return clip;
+    }
+    let moved = f64::from(by.dot(rate) / rate.length_sq());
+    let thinnest = THINNEST * size;
+    let [mut low, mut high] = clip;
+    if face.is_high {
+        high[axis] = (high[axis] + moved).clamp((low[axis] + thinnest).min(whole.1[axis]), whole.1[axis]);
+    } else {
+        low[axis] = (low[axis] + moved).clamp(whole.0[axis], (high[axis] - thinnest).max(whole.0[axis]));
+    }
+    [low, high]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::volume::{Camera, Projection};
+    use eframe::egui::{Context, LayerId, Painter, Rect, pos2, vec2};
+
+    const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
+
+    /// Looks along y at the box, 100 points for each unit of the world.
+    fn lens() -> Lens {
+        let target = DVec3::new(2.0, 1.0, 0.5);
+        let projection = Projection::Orthographic { height: 3.0 };
+        let camera = Camera { eye: target - 9.0 * DVec3::Y, target, up: DVec3::Z, projection };
+        let painter = Painter::new(Context::default(), LayerId::background(), Rect::EVERYTHING);
+        let area = Rect::from_min_size(pos2(50.0, 20.0), vec2(600.0, 300.0));
+        Lens::new(&painter, area, &camera, (1200, 600)).unwrap()
+    }
+
+    #[test]
+    fn a_face_follows_the_pointer() {
+        let (lens, clip) = (lens(), [WHOLE.0, WHOLE.1]);
+        let face = Face { axis: 0, is_high: true };
+        let place = lens.place(DVec3::new(4.0, 1.0, 0.5)).unwrap();
+        assert_eq!(at(&lens, clip, place + vec2(3.0, -3.0)), Some(face));
+        assert_eq!(at(&lens, clip, place + vec2(60.0, 0.0)), None);
+        let found = dragged(&lens, clip, face, vec2(-150.0, 40.0), WHOLE);
+        assert!((found[1] - DVec3::new(2.5, 2.0, 1.0)).length() < 1e-3 && found[0] == clip[0], "{found:?}");
+        let up = dragged(&lens, clip, Face { axis: 2, is_high: false }, vec2(0.0, -30.0), WHOLE);
+        assert!((up[0].z - 0.3).abs() < 1e-3, "{up:?}");
+    }
+
+    #[test]
+    fn the_box_stays_a_box() {
+        let (lens, clip) = (lens(), [WHOLE.0, WHOLE.1]);
+        for face in Face::all() {
+            for by in [vec2(9e3, 9e3), vec2(-9e3, -9e3), vec2(9e3, -9e3), Vec2::ZERO] {
+                let [low, high] = dragged(&lens, clip, face, by, WHOLE);
+                assert!(
+                    low.cmplt(high).all() && low.cmpge(WHOLE.0).all() && high.cmple(WHOLE.1).all(),
+                    "{face:?} {by:?}"
+                );
+            }
+        }
+        // Seen along the axis, a face cannot be dragged.
+        let along = Face { axis: 1, is_high: true };
+        assert_eq!(dragged(&lens, clip, along, vec2(50.0, 50.0), WHOLE), clip);
+    }
+}

@@ -1,0 +1,166 @@
+//! Keeping a window's state from one day to the next: it is written to a file of the user's a while after each change, and read when the same volumes are
+//! opened again. Costs a small file for each set of volumes.
+
+use crate::state::State;
+use brickyard::text_file::{read_text, write_text};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long after the last change the state is written.
+const AFTER: Duration = Duration::from_secs(2);
+
+/// A state that is kept in a file.
+pub(crate) struct Keeper {
+    /// The file; `None` keeps nothing.
+    path: Option<PathBuf>,
+    kept: State,
+    /// The state that is not kept yet, and since when.
+    changed: Option<(State, Instant)>,
+}
+
+impl Keeper {
+    /// Keeps a window's state, which is `state` now; without a file it is not kept.
+    pub(crate) fn new(path: Option<PathBuf>, state: &State) -> Self {
+        Self { path, kept: state.clone(), changed: None }
+    }
+
+    /// Takes note of the state of now, and writes it if it has been the same for a while. Returns how long until that is to be tried again, if it is.
+    ///
+    /// # Errors
+    /// If the file cannot be written; that state is given up then.
+    pub(crate) fn keep(&mut self, state: &State) -> Result<Option<Duration>, String> {
+        if self.path.is_none() || self.changed.is_none() && *state == self.kept {
+            return Ok(None);
+        }
+        match &self.changed {
+            Some((changed, since)) if changed == state => {
+                let left = AFTER.saturating_sub(since.elapsed());
+                if left.is_zero() { self.write().map(|()| None) } else { Ok(Some(left)) }
+            }
+            _ => {
+                self.changed = Some((state.clone(), Instant::now()));
+                Ok(Some(AFTER))
+            }
+        }
+    }
+
+    /// Writes the state that is not kept yet, if there is one.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub(crate) fn write(&mut self) -> Result<(), String> {
+        let (Some(path), Some((state, _))) = (&self.path, self.changed.take()) else { return Ok(()) };
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let result = std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()));
+        let result = result.and_then(|()| write(path, &state));
+        self.kept = state;
+        result
+    }
+}
+
+/// Writes a state as a scene file, whole or not at all.
+///
+/// # Errors
+/// If the file cannot be written.
+pub(crate) fn write(path: &Path, state: &State) -> Result<(), String> {
+    let mut state = state.clone();
+    // A file in another folder names the same files.
+    let absolute = |path: &mut PathBuf| *path = std::path::absolute(&*path).unwrap_or_else(|_| path.clone());
+    state.scene.meshes.iter_mut().for_each(|look| absolute(&mut look.path));
+    state.window.volumes.iter_mut().for_each(absolute);
+    for layer in &mut state.scene.layers {
+        if let Some(brickyard::volume::TransferChoice::File(file)) = &mut layer.transfer {
+            absolute(&mut file.path);
+        }
+    }
+    let document = state.to_document().map_err(|error| error.to_string())?;
+    let text = serde_json::to_string_pretty(&document).map_err(|error| error.to_string())?;
+    write_text(path, &(text + "\n")).map_err(|error| error.to_string())
+}
+
+/// Reads the state in a scene file; `None` if there is no such file. Files that its scene names are not read.
+///
+/// # Errors
+/// If the file cannot be read, or is no scene. The message begins with its path.
+pub(crate) fn read(path: &Path) -> Result<Option<State>, String> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = read_text(path).map_err(|error| error.to_string())?;
+    let document = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+    State::from_document(document).map(Some).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// The user's file for the state of a window on these volumes; `None` if the user has no folder for such files.
+pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
+    let mut hasher = DefaultHasher::new();
+    for volume in volumes {
+        volume.canonicalize().unwrap_or_else(|_| volume.clone()).hash(&mut hasher);
+    }
+    let name = volumes.first().and_then(|volume| volume.file_stem()).unwrap_or_default().to_string_lossy();
+    Some(state_folder()?.join("windows").join(format!("{name}-{:016x}.json", hasher.finish())))
+}
+
+/// The folder where programs keep what they know from one run to the next, as the XDG base directories say.
+pub(crate) fn state_folder() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let home = || absolute("HOME").map(|home| home.join(".local/state"));
+    Some(absolute("XDG_STATE_HOME").or_else(home)?.join("brickyard"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::volume::{MeshLook, Scene};
+
+    #[test]
+    fn a_state_is_kept_and_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("windows/ct.json");
+        let mut keeper = Keeper::new(Some(path.clone()), &State::default());
+        assert_eq!(keeper.keep(&State::default()), Ok(None), "nothing has changed");
+        let mut state = State { scene: Scene { step: 0.5, ..Scene::default() }, ..State::default() };
+        state.window.volumes = vec![PathBuf::from("/data/ct.zarr")];
+        state.scene.meshes = vec![MeshLook::new("skull.stl")];
+        assert!(keeper.keep(&state).unwrap().is_some(), "it is written a while later");
+        assert!(!path.exists());
+        keeper.write().unwrap();
+        let found = read(&path).unwrap().unwrap();
+        assert!(found.scene.meshes[0].path.is_absolute());
+        state.scene.meshes = found.scene.meshes.clone();
+        assert_eq!(found, state);
+        assert_eq!(keeper.keep(&keeper.kept.clone()), Ok(None));
+    }
+
+    #[test]
+    fn what_cannot_be_kept_is_said_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let in_the_way = folder.path().join("windows");
+        std::fs::write(&in_the_way, "").unwrap();
+        let mut keeper = Keeper::new(Some(in_the_way.join("ct.json")), &State::default());
+        let state = State { scene: Scene { step: 0.5, ..Scene::default() }, ..State::default() };
+        keeper.keep(&state).unwrap();
+        assert!(keeper.write().unwrap_err().contains("windows"));
+        assert_eq!(keeper.write(), Ok(()));
+        assert_eq!(keeper.keep(&state), Ok(None));
+    }
+
+    #[test]
+    fn files_that_are_no_states_are_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        assert_eq!(read(&path), Ok(None));
+        for text in ["", "{\"window\": 3}", "[]", "{\"nonsense\": 1}"] {
+            std::fs::write(&path, text).unwrap();
+            assert!(read(&path).unwrap_err().contains("a.json"), "{text}");
+        }
+    }
+
+    #[test]
+    fn each_set_of_volumes_has_a_file() {
+        let file = |paths: &[&str]| file_of(&paths.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_ne!(file(&["/a/ct.zarr"]), file(&["/b/ct.zarr"]));
+        assert_ne!(file(&["/a/ct.zarr"]), file(&["/a/ct.zarr", "/a/pet.zarr"]));
+    }
+}

@@ -1,0 +1,202 @@
+//! The keys, in one list: the window acts by it, and the help shows it.
+
+use crate::command::{Command, mode_name};
+use crate::state::{Layout, State, Tool};
+use brickyard::volume::{Mode, Projection};
+use eframe::egui::{self, Event, Key, KeyboardShortcut, Modifiers};
+use serde_json::Value;
+
+/// The files, in the folder that the window was opened from, that scene and picture are saved to.
+pub(crate) const SCENE_FILE: &str = "brickyard.json";
+pub(crate) const PICTURE_FILE: &str = "brickyard.png";
+
+/// A key, and what it does.
+pub(crate) struct Shortcut {
+    /// The key, with those that are held.
+    pub(crate) keys: KeyboardShortcut,
+    /// What it does, in words.
+    pub(crate) effect: String,
+    /// The command that it gives in a window of this state; `None` if it does nothing there.
+    command: Box<dyn Fn(&State) -> Option<Command>>,
+}
+
+/// All keys. A key with more keys held comes before the same key with fewer, which would take it.
+pub(crate) fn all() -> Vec<Shortcut> {
+    let mut keys = files();
+    keys.extend(navigation());
+    keys.extend(switches());
+    keys.extend(looks());
+    keys
+}
+
+fn shortcut(
+    modifiers: Modifiers,
+    key: Key,
+    effect: &str,
+    command: impl Fn(&State) -> Option<Command> + 'static,
+) -> Shortcut {
+    Shortcut { keys: KeyboardShortcut::new(modifiers, key), effect: effect.into(), command: Box::new(command) }
+}
+
+/// A key that gives the same command whatever the state.
+fn plain(modifiers: Modifiers, key: Key, effect: &str, command: Command) -> Shortcut {
+    shortcut(modifiers, key, effect, move |_| Some(command.clone()))
+}
+
+/// A key that sets a field to another value than the state has.
+fn switch<V: Into<Value> + 'static>(
+    modifiers: Modifiers,
+    key: Key,
+    effect: &str,
+    field: &'static str,
+    next: fn(&State) -> V,
+) -> Shortcut {
+    shortcut(modifiers, key, effect, move |state| Some(Command::set(field, next(state))))
+}
+
+fn files() -> Vec<Shortcut> {
+    let (command, redo) = (Modifiers::COMMAND, Modifiers::COMMAND | Modifiers::SHIFT);
+    vec![
+        plain(redo, Key::Z, "redo", Command::Redo),
+        plain(command, Key::Z, "undo", Command::Undo),
+        plain(command, Key::S, "save the scene", Command::SaveScene(SCENE_FILE.into())),
+        plain(command, Key::P, "save the picture", Command::SavePicture(PICTURE_FILE.into(), None)),
+        plain(command, Key::Q, "quit", Command::Quit),
+    ]
+}
+
+fn navigation() -> Vec<Shortcut> {
+    let none = Modifiers::NONE;
+    let nearer = |factor| Command::Zoom { factor, at: None };
+    let step = |by: i64| {
+        move |state: &State| {
+            let time = (i64::from(state.scene.time) + by).max(0);
+            Some(Command::set("time", time))
+        }
+    };
+    vec![
+        plain(Modifiers::COMMAND, Key::R, "show everything", Command::Fit),
+        plain(none, Key::Home, "show everything", Command::Fit),
+        plain(none, Key::F, "show everything", Command::Fit),
+        plain(none, Key::ArrowLeft, "turn left", Command::orbit(-5.0, 0.0)),
+        plain(none, Key::ArrowRight, "turn right", Command::orbit(5.0, 0.0)),
+        plain(none, Key::ArrowUp, "turn up", Command::orbit(0.0, 5.0)),
+        plain(none, Key::ArrowDown, "turn down", Command::orbit(0.0, -5.0)),
+        plain(none, Key::PageUp, "nearer", nearer(1.1)),
+        plain(none, Key::PageDown, "farther", nearer(1.0 / 1.1)),
+        plain(none, Key::Comma, "roll left", Command::Roll { angle_deg: -5.0 }),
+        plain(none, Key::Period, "roll right", Command::Roll { angle_deg: 5.0 }),
+        shortcut(none, Key::OpenBracket, "time step before", step(-1)),
+        shortcut(none, Key::CloseBracket, "next time step", step(1)),
+    ]
+}
+
+fn switches() -> Vec<Shortcut> {
+    let none = Modifiers::NONE;
+    let planes = |state: &State| if state.window.layout == Layout::Planes { "single" } else { "planes" };
+    let other_tool = |state: &State, tool: Tool, name| if state.window.tool == tool { "turn" } else { name };
+    vec![
+        switch(Modifiers::COMMAND, Key::Y, "three slices beside the volume", "window.layout", planes),
+        switch(none, Key::P, "three slices beside the volume", "window.layout", planes),
+        shortcut(none, Key::O, "parallel rays, or perspective", |state| {
+            let projection = state.scene.camera.map(|camera| camera.projection);
+            Some(Command::Parallel(!matches!(projection, Some(Projection::Orthographic { .. }))))
+        }),
+        shortcut(none, Key::Tab, "fly: W A S D, E and Q, drag to look around", move |state| {
+            Some(Command::set("window.tool", other_tool(state, Tool::Fly, "fly")))
+        }),
+        shortcut(none, Key::M, "measure a distance by two clicks", move |state| {
+            Some(Command::set("window.tool", other_tool(state, Tool::Distance, "distance")))
+        }),
+        shortcut(none, Key::C, "clip box", |state| Some(Command::Clip(state.scene.clip.is_none()))),
+        switch(none, Key::B, "scale bar", "window.overlays.scale_bar", |state| !state.window.overlays.scale_bar),
+        switch(none, Key::A, "axes", "window.overlays.axes", |state| !state.window.overlays.axes),
+        switch(none, Key::T, "ticks", "window.overlays.ticks", |state| !state.window.overlays.ticks),
+        switch(none, Key::Backslash, "diagnostics", "window.diagnostics", |state| !state.window.diagnostics),
+        switch(none, Key::H, "these keys", "window.help", |state| !state.window.help),
+        switch(none, Key::F1, "these keys", "window.help", |state| !state.window.help),
+    ]
+}
+
+fn looks() -> Vec<Shortcut> {
+    let digits = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
+    let modes = digits
+        .into_iter()
+        .zip(Mode::ALL)
+        .map(|(key, mode)| plain(Modifiers::ALT, key, mode_name(mode), Command::set("mode", mode_name(mode))));
+    let layers = digits.into_iter().enumerate().map(|(layer, key)| {
+        shortcut(Modifiers::NONE, key, &format!("layer {} shown or hidden", layer + 1), move |state| {
+            let is_visible = state.scene.layers.get(layer)?.visible;
+            Some(Command::set(&format!("layers.{layer}.visible"), !is_visible))
+        })
+    });
+    modes.chain(layers).collect()
+}
+
+/// The commands of the keys that were pressed since the last frame, in their order.
+pub(crate) fn pressed(egui: &egui::Context, state: &State, commands: &mut Vec<Command>) {
+    // A field that is typed into has the keys.
+    if egui.egui_wants_keyboard_input() {
+        return;
+    }
+    let shortcuts = all();
+    let is_flying = state.window.tool == Tool::Fly;
+    egui.input_mut(|input| {
+        input.events.retain(|event| {
+            let Event::Key { key, modifiers, pressed: true, .. } = event else { return true };
+            let is_flight = is_flying && crate::volume_view::FLIGHT_KEYS.iter().any(|(known, _)| known == key);
+            if is_flight && modifiers.is_none() {
+                return true;
+            }
+            let is_it = |shortcut: &&Shortcut| {
+                shortcut.keys.logical_key == *key && modifiers.matches_logically(shortcut.keys.modifiers)
+            };
+            let known = shortcuts.iter().find(is_it);
+            commands.extend(known.and_then(|known| (known.command)(state)));
+            known.is_none()
+        });
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::Ui;
+    use egui_kittest::Harness;
+
+    /// The commands that keys give in a state.
+    fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
+        let show = move |ui: &mut Ui, commands: &mut Vec<Command>| pressed(ui.ctx(), &state, commands);
+        let mut harness = Harness::new_ui_state(show, Vec::new());
+        for (modifiers, key) in keys {
+            harness.key_press_modifiers(*modifiers, *key);
+        }
+        harness.run();
+        harness.state().clone()
+    }
+
+    #[test]
+    fn keys_are_taken_in_their_order() {
+        let (none, command) = (Modifiers::NONE, Modifiers::COMMAND);
+        let keys =
+            [(Modifiers::ALT, Key::Num2), (command, Key::Z), (command | Modifiers::SHIFT, Key::Z), (none, Key::K)];
+        assert_eq!(given(State::default(), &keys), [Command::set("mode", "mip"), Command::Undo, Command::Redo]);
+    }
+
+    #[test]
+    fn keys_act_on_the_state() {
+        let mut state = State::default();
+        state.scene.time = 3;
+        let keys = [(Modifiers::NONE, Key::OpenBracket), (Modifiers::NONE, Key::Num1), (Modifiers::NONE, Key::Num2)];
+        assert_eq!(given(state.clone(), &keys), [Command::set("time", 2), Command::set("layers.0.visible", false)]);
+        state.window.tool = Tool::Fly;
+        assert_eq!(given(state, &[(Modifiers::NONE, Key::A)]), [], "it flies");
+    }
+
+    #[test]
+    fn no_key_has_two_meanings() {
+        let shortcuts: Vec<_> = all().iter().map(|shortcut| shortcut.keys).collect();
+        let is_twice = |shortcut| shortcuts.iter().filter(|other| *other == shortcut).count() > 1;
+        assert!(!shortcuts.iter().any(is_twice));
+    }
+}

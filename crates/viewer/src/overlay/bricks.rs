@@ -1,0 +1,42 @@
+//! The edges of the bricks that are drawn, in a colour for each level: what the view wants, and what stands for it.
+
+use crate::overlay::{Lens, edges};
+use brickyard::pager::DrawList;
+use brickyard::session::VolumeSource;
+use brickyard::volume::Scene;
+use eframe::egui::{Color32, Stroke};
+use glam::DVec3;
+
+/// The most bricks that are outlined: more could not be told apart.
+const MOST: usize = 3000;
+
+/// The colour of a level: the finest first.
+pub(crate) fn level_color(level: u8) -> Color32 {
+    let colors = [[90, 220, 120], [90, 190, 240], [240, 200, 80], [240, 130, 80], [230, 90, 150], [170, 120, 240]];
+    let [r, g, b] = colors[usize::from(level).min(colors.len() - 1)];
+    Color32::from_rgb(r, g, b)
+}
+
+/// Draws the edges of the cells that are drawn of a scene, each in the colour of the brick's level.
+pub(crate) fn show<'a>(
+    lens: &Lens,
+    scene: &Scene,
+    volumes: &[VolumeSource],
+    lists: impl Iterator<Item = &'a DrawList>,
+) {
+    // Lists are those of the layers that a session keeps, which begin with the first; its bricks are enough to see.
+    let Some(list) = lists.into_iter().next() else { return };
+    let Some(volume) = volumes.get(scene.store(0)) else { return };
+    let Ok(placement) = scene.placement(0, &volume.place()) else { return };
+    let world = |voxel: DVec3| placement.world_from_volume(volume.source.geometry().world_from_voxel(voxel));
+    for cell in list.cells.iter().take(MOST) {
+        let [low, high] = [cell.region.min, cell.region.max].map(|corner| {
+            let [x, y, z] = corner.to_array().map(f64::from);
+            DVec3::new(x, y, z)
+        });
+        let stroke = Stroke::new(1.0, level_color(cell.brick.level.0).gamma_multiply(0.6));
+        for [from, to] in edges((low, high)) {
+            lens.line(world(from), world(to), stroke);
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! The menu: files, edits, and what the window is like.
+
+use crate::command::Command;
+use crate::keys::{PICTURE_FILE, SCENE_FILE};
+use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
+use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
+
+/// Shows the menu. `can_undo` and `can_redo` say what is to be had of edits; `budgets` are the limits of memory now.
+pub(crate) fn show(
+    ui: &mut Ui,
+    state: &mut State,
+    (can_undo, can_redo): (bool, bool),
+    budgets: Budgets,
+    commands: &mut Vec<Command>,
+) {
+    MenuBar::new().ui(ui, |ui| {
+        ui.menu_button("File", |ui| files(ui, commands));
+        ui.menu_button("Edit", |ui| {
+            if ui.add_enabled(can_undo, Button::new("Undo")).clicked() {
+                commands.push(Command::Undo);
+            }
+            if ui.add_enabled(can_redo, Button::new("Redo")).clicked() {
+                commands.push(Command::Redo);
+            }
+            if ui.add_enabled(!state.window.distances.is_empty(), Button::new("Remove distances")).clicked() {
+                state.window.distances.clear();
+            }
+        });
+        ui.menu_button("View", |ui| view(ui, state));
+        ui.menu_button("Window", |ui| window(ui, state, budgets));
+        ui.separator();
+        for (tool, name, effect) in [
+            (Tool::Turn, "turn", "dragging turns the view around what is under the pointer"),
+            (Tool::Fly, "fly", "W A S D, E and Q move the eye, dragging looks around"),
+            (Tool::Distance, "measure", "two clicks measure a distance"),
+        ] {
+            ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
+        }
+        ui.separator();
+        ui.toggle_value(&mut state.window.help, "help");
+    });
+}
+
+fn files(ui: &mut Ui, commands: &mut Vec<Command>) {
+    let entries = [
+        (format!("Save picture ({PICTURE_FILE})"), Command::SavePicture(PICTURE_FILE.into(), None)),
+        (format!("Save scene ({SCENE_FILE})"), Command::SaveScene(SCENE_FILE.into())),
+        ("Quit".into(), Command::Quit),
+    ];
+    for (text, command) in entries {
+        if ui.button(text).clicked() {
+            commands.push(command);
+        }
+    }
+}
+
+fn view(ui: &mut Ui, state: &mut State) {
+    let window = &mut state.window;
+    ui.radio_value(&mut window.layout, Layout::Single, "the volume alone");
+    ui.radio_value(&mut window.layout, Layout::Planes, "three slices beside it");
+    ui.add_enabled_ui(window.layout == Layout::Planes, |ui| {
+        ui.label("voxels of slices");
+        ui.radio_value(&mut window.planes.filter, PlaneFilter::Auto, "squares where they are large");
+        ui.radio_value(&mut window.planes.filter, PlaneFilter::Nearest, "squares");
+        ui.radio_value(&mut window.planes.filter, PlaneFilter::Linear, "smooth");
+    });
+    ui.separator();
+    let overlays = &mut window.overlays;
+    for (is_shown, name) in [
+        (&mut overlays.outline, "box"),
+        (&mut overlays.ticks, "ticks"),
+        (&mut overlays.axes, "axes"),
+        (&mut overlays.scale_bar, "scale bar"),
+        (&mut overlays.color_bar, "colour bar"),
+        (&mut overlays.clip_handles, "handles of the clip box"),
+        (&mut overlays.bricks, "bricks"),
+    ] {
+        ui.checkbox(is_shown, name);
+    }
+}
+
+fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
+    let window = &mut state.window;
+    ui.checkbox(&mut window.motion.adaptive, "coarser while it moves");
+    ui.add_enabled(
+        window.motion.adaptive,
+        Slider::new(&mut window.motion.frame_goal_ms, 5.0..=500.0).logarithmic(true).text("ms a frame"),
+    );
+    ui.separator();
+    let mut edited = budgets;
+    ui.add(DragValue::new(&mut edited.gpu).range(64..=1 << 20).suffix(" MiB of slots"));
+    ui.add(DragValue::new(&mut edited.host).range(64..=1 << 20).suffix(" MiB of bricks"));
+    if edited != budgets {
+        window.budgets_mib = Some(edited);
+    }
+    ui.separator();
+    ui.checkbox(&mut window.diagnostics, "diagnostics");
+    ui.radio_value(&mut window.theme, Theme::Dark, "dark");
+    ui.radio_value(&mut window.theme, Theme::Light, "light");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+
+    /// What clicks, one after the other, make of a window's state, and the commands that they give.
+    fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
+        let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
+            super::show(ui, state, (true, false), Budgets { gpu: 1024, host: 2048 }, commands);
+        };
+        let mut harness = Harness::new_ui_state(show, (State::default(), Vec::new()));
+        for label in labels {
+            harness.get_by_label(label).click();
+            harness.run();
+        }
+        harness.state().clone()
+    }
+
+    #[test]
+    fn every_entry_does_what_it_says() {
+        assert_eq!(clicked(&["Edit", "Undo"]).1, [Command::Undo]);
+        assert_eq!(clicked(&["File", "Quit"]).1, [Command::Quit]);
+        let (state, commands) = clicked(&["View", "three slices beside it", "bricks"]);
+        assert_eq!((state.window.layout, state.window.overlays.bricks, commands), (Layout::Planes, true, Vec::new()));
+        assert_eq!(clicked(&["Window", "light"]).0.window.theme, Theme::Light);
+        assert_eq!(clicked(&["fly"]).0.window.tool, Tool::Fly);
+        assert!(clicked(&["help"]).0.window.help);
+    }
+
+    #[test]
+    fn what_is_not_to_be_had_is_not_clicked() {
+        assert_eq!(clicked(&["Edit", "Redo"]).1, []);
+        assert_eq!(clicked(&["Window"]).0.window.budgets_mib, None);
+    }
+}

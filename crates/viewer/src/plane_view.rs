@@ -1,0 +1,165 @@
+//! A slice in the window, one of three that meet in a point: its picture, the lines in which the other two cross it, and what the pointer does in it.
+
+use crate::canvas::Canvas;
+use crate::command::Command;
+use crate::navigation::{panned, point_at_target, zoomed};
+use crate::overlay::{self, AXIS_COLORS, Lens};
+use crate::picking::{Picked, Picking};
+use crate::planes::{Grid, filter, slice_scene};
+use crate::volume_view::{Seen, put, whole_pixels};
+use brickyard::session::SessionError;
+use brickyard::volume::Camera;
+use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
+use glam::DVec3;
+use serde_json::json;
+
+/// How far two fingers move for one slice, in points.
+const POINTS_A_SLICE: f32 = 24.0;
+
+/// A slice in the window.
+#[derive(Default)]
+pub(crate) struct PlaneView {
+    picking: Picking,
+    /// What is under the pointer.
+    pub(crate) picked: Option<Picked>,
+    /// What fingers have moved for the next slice, in points.
+    rolled: f32,
+}
+
+impl PlaneView {
+    /// Shows the slice across an axis of a grid in what is left of `ui`, and takes what the pointer does there as commands.
+    ///
+    /// # Errors
+    /// If the picture cannot be brought on; it stays as it was.
+    pub(crate) fn show(
+        &mut self,
+        ui: &mut Ui,
+        canvas: &mut Canvas,
+        (grid, axis): (&Grid, usize),
+        seen: &Seen<'_>,
+        commands: &mut Vec<Command>,
+    ) -> Result<(), SessionError> {
+        let planes = &seen.state.window.planes;
+        let (size_px, shown) = whole_pixels(ui);
+        let point = grid.crosshair(planes);
+        let slice = grid.slice(axis, point, planes.thickness);
+        let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
+        let scene = slice_scene(&seen.state.scene, slice, camera, filter(grid, planes.filter, &camera, size_px.1));
+        let drawn = canvas.show(ui.ctx(), &scene, size_px);
+        let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
+        ui.painter().rect_filled(area, 0.0, Color32::BLACK);
+        put(ui, canvas, area);
+        let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
+        decorate(&lens, grid, (axis, point), &camera, seen);
+        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
+        self.picked = place_px.and_then(|place| self.picking.at(&scene, seen.volumes, &lens.rays, place));
+        drag(&lens, (axis, &camera, point), &response, commands);
+        if response.hovered() {
+            self.scroll(ui, &lens, grid, (axis, &camera, point), commands);
+        }
+        if response.double_clicked() {
+            commands.push(Command::set(&camera_field(axis), json!(null)));
+        }
+        drawn
+    }
+
+    /// The wheel goes from slice to slice; with the command key, or by two fingers, it comes nearer.
+    fn scroll(
+        &mut self,
+        ui: &Ui,
+        lens: &Lens,
+        grid: &Grid,
+        (axis, camera, point): (usize, &Camera, DVec3),
+        commands: &mut Vec<Command>,
+    ) {
+        let (zoom, pointer, events) =
+            ui.input(|input| (f64::from(input.zoom_delta()), input.pointer.hover_pos(), input.events.clone()));
+        if let Some(pointer) = pointer.filter(|_| zoom != 1.0) {
+            let size = (lens.rays.width, lens.rays.height);
+            if let Some(towards) = point_at_target(camera, size, lens.pixel(pointer)) {
+                commands.push(Command::set(&camera_field(axis), json!(zoomed(camera, towards, zoom))));
+            }
+            return;
+        }
+        let mut slices = 0;
+        for event in &events {
+            match event {
+                Event::MouseWheel { unit: MouseWheelUnit::Point, delta, modifiers, .. } if !modifiers.command => {
+                    self.rolled += delta.y;
+                    slices += (self.rolled / POINTS_A_SLICE).trunc() as i64;
+                    self.rolled %= POINTS_A_SLICE;
+                }
+                Event::MouseWheel { delta, modifiers, .. } if !modifiers.command => slices += delta.y.round() as i64,
+                _ => {}
+            }
+        }
+        if slices != 0 {
+            let mut voxel = grid.voxel_at(point);
+            let last = i64::from(grid.extent[axis]) - 1;
+            voxel[axis] = (i64::from(voxel[axis]) + slices).clamp(0, last) as u32;
+            commands.push(Command::set("window.planes.crosshair", json!(grid.centre(voxel))));
+        }
+    }
+}
+
+/// The field of a slice's camera.
+fn camera_field(axis: usize) -> String {
+    format!("window.planes.cameras.{axis}")
+}
+
+/// The primary button moves the point in which the slices meet; shift or the middle button moves the picture, the secondary one comes nearer.
+fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &Response, commands: &mut Vec<Command>) {
+    let by = response.drag_delta() / lens.area.height().max(1.0);
+    let (right, down) = (f64::from(by.x), f64::from(by.y));
+    let is_shifted = response.ctx.input(|input| input.modifiers.shift);
+    let moved = match by == vec2(0.0, 0.0) {
+        true => None,
+        false if response.dragged_by(PointerButton::Secondary) => {
+            Some(zoomed(camera, camera.target, (-2.0 * down).exp()))
+        }
+        false if response.dragged_by(PointerButton::Middle) || response.dragged() && is_shifted => {
+            Some(panned(camera, right, -down))
+        }
+        false => None,
+    };
+    if let Some(camera) = moved {
+        commands.push(Command::set(&camera_field(axis), json!(camera)));
+        return;
+    }
+    let is_held = response.is_pointer_button_down_on() && !is_shifted;
+    let is_primary = response.ctx.input(|input| input.pointer.primary_down());
+    let Some(pointer) = response.interact_pointer_pos().filter(|_| is_held && is_primary) else { return };
+    let size = (lens.rays.width, lens.rays.height);
+    // The camera's target is on the slice.
+    let Some(on_slice) = point_at_target(camera, size, lens.pixel(pointer)) else { return };
+    if on_slice.distance(point) > 1e-9 * lens.rays.pixel_size(1.0) {
+        commands.push(Command::set("window.planes.crosshair", json!(on_slice)));
+    }
+}
+
+/// Draws the lines in which the other slices cross this one, what the clip box leaves, and what the slice is.
+fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Camera, seen: &Seen<'_>) {
+    let voxel = grid.voxel_at(point);
+    for other in (0..3).filter(|&other| other != axis) {
+        // The line along the third axis is where the slice across `other` crosses this one.
+        let along = 3 - axis - other;
+        let end = |at: f64| {
+            let mut place = grid.voxel_from_world(point);
+            place[along] = at;
+            grid.world_from_voxel(place)
+        };
+        let color = AXIS_COLORS[other].gamma_multiply(0.8);
+        lens.line(end(0.0), end(f64::from(grid.extent[along])), Stroke::new(1.0, color));
+    }
+    if let Some(clip) = seen.state.scene.clip {
+        lens.edges((clip[0], clip[1]), Stroke::new(1.0, Color32::from_rgb(240, 150, 40)));
+    }
+    let Some(world) = &seen.world else { return };
+    if seen.state.window.overlays.scale_bar {
+        overlay::scale_bar(lens, camera, world.unit);
+    }
+    overlay::distances(lens, &seen.state.window.distances, world.unit);
+    let text = format!("{}  {} / {}", grid.name(axis), voxel[axis], grid.extent[axis] - 1);
+    let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);
+    lens.text(corner, Align2::LEFT_TOP, &text, 13.0, AXIS_COLORS[axis]);
+}

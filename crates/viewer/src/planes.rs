@@ -1,0 +1,248 @@
+//! Three slices that meet in one point, along the voxels of the first layer that is shown: which voxels they are through, the scene of each, and the
+//! camera that looks straight at it. Arithmetic alone.
+
+use crate::state::{PlaneFilter, Planes};
+use brickyard::session::VolumeSource;
+use brickyard::volume::{
+    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
+};
+use glam::DVec3;
+
+/// From how many pixels a voxel on it is shown as a square.
+const SQUARE_PX: f64 = 2.0;
+
+const NEAREST: Filter = Filter::Trilinear;
+
+/// The voxels of a volume in the scene's world.
+#[derive(Clone, Debug)]
+pub(crate) struct Grid {
+    placement: Placement,
+    geometry: brickyard::volume::Geometry,
+    /// Number of voxels along each axis.
+    pub(crate) extent: [u32; 3],
+    /// Whether the world is a patient's.
+    pub(crate) is_anatomical: bool,
+    /// The box of the volume in the scene's world.
+    world_box: (DVec3, DVec3),
+}
+
+impl Grid {
+    /// The voxels of the first layer that a scene shows; `None` if it shows none.
+    pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Option<Self> {
+        let layer = (0..scene.layers.len()).find(|&layer| scene.layers[layer].visible)?;
+        let volume = volumes.get(scene.store(layer))?;
+        let place = volume.place();
+        let placement = scene.placement(layer, &place).ok()?;
+        Some(Self {
+            placement,
+            geometry: volume.source.geometry().clone(),
+            extent: volume.source.pyramid().levels()[0].extent.to_array(),
+            is_anatomical: place.is_anatomical,
+            world_box: placement.world_box(place.own_box),
+        })
+    }
+
+    /// The place of a point of the world in voxels: voxel `i` is from `i` to `i + 1` along each axis.
+    pub(crate) fn voxel_from_world(&self, point: DVec3) -> DVec3 {
+        self.geometry.voxel_from_world(self.placement.volume_from_world(point))
+    }
+
+    /// The point of the world at a place in voxels.
+    pub(crate) fn world_from_voxel(&self, voxel: DVec3) -> DVec3 {
+        self.placement.world_from_volume(self.geometry.world_from_voxel(voxel))
+    }
+
+    /// The voxel that holds a point of the world, or the nearest one.
+    pub(crate) fn voxel_at(&self, point: DVec3) -> [u32; 3] {
+        let voxel = self.voxel_from_world(point);
+        std::array::from_fn(|axis| (voxel[axis].max(0.0) as u32).min(self.extent[axis] - 1))
+    }
+
+    /// The centre of a voxel.
+    pub(crate) fn centre(&self, voxel: [u32; 3]) -> DVec3 {
+        self.world_from_voxel(DVec3::from_array(voxel.map(f64::from)) + 0.5)
+    }
+
+    /// The point of the world in which slices meet: the centre of the voxel that the crosshair is in, or of the middle one.
+    pub(crate) fn crosshair(&self, planes: &Planes) -> DVec3 {
+        match planes.crosshair {
+            Some(point) => self.centre(self.voxel_at(point)),
+            None => self.centre(self.extent.map(|count| count / 2)),
+        }
+    }
+
+    /// The step from a voxel to the next one along an axis, in the world.
+    fn step(&self, axis: usize) -> DVec3 {
+        self.placement.world_vector(DVec3::AXES[axis] * self.geometry.spacing)
+    }
+
+    /// The slice across an axis of the voxels, through the voxel at a point.
+    pub(crate) fn slice(&self, axis: usize, point: DVec3, thickness: f64) -> Slice {
+        let across = self.step((axis + 1) % 3).cross(self.step((axis + 2) % 3));
+        let nominal = match self.is_anatomical {
+            true => Slice::of_patient(dominant(across), 0.0).normal,
+            false => Slice::across(dominant(across), 0.0).normal,
+        };
+        let normal = across * across.dot(nominal).signum();
+        Slice { point, normal: normal.normalize_or_zero(), thickness }
+    }
+
+    /// A direction of the voxels that is as much up as any in a slice across an axis.
+    fn up(&self, axis: usize, slice: &Slice) -> DVec3 {
+        let nominal = if self.is_anatomical { Side::of(slice.normal).up() } else { slice.image_up() };
+        let steps = [1, 2].map(|other| self.step((axis + other) % 3).normalize_or_zero());
+        let up = steps.into_iter().max_by(|a, b| a.dot(nominal).abs().total_cmp(&b.dot(nominal).abs()));
+        up.map_or(nominal, |up| up * up.dot(nominal).signum())
+    }
+
+    /// The camera that looks straight at a slice across an axis: one that sees all of it, or the given one, moved to it.
+    pub(crate) fn camera(&self, axis: usize, slice: &Slice, camera: Option<Camera>, size_px: (u32, u32)) -> Camera {
+        let whole = slice.camera(self.world_box, self.up(axis, slice), size_px);
+        let Some(camera) = camera else { return whole };
+        let target = camera.target - slice.normal * (camera.target - slice.point).dot(slice.normal);
+        let distance = whole.eye.distance(whole.target);
+        Camera { eye: target + slice.normal * distance, target, up: whole.up, projection: camera.projection }
+    }
+
+    /// The name of the slices across an axis: that of a patient's, or their axes.
+    pub(crate) fn name(&self, axis: usize) -> &'static str {
+        match (self.is_anatomical, axis) {
+            (true, _) => ["sagittal", "coronal", "axial"][dominant(self.step(axis))],
+            (false, 0) => "yz",
+            (false, 1) => "xz",
+            (false, _) => "xy",
+        }
+    }
+}
+
+/// The axis along which a vector reaches farthest.
+fn dominant(vector: DVec3) -> usize {
+    let size = vector.abs();
+    if size.z >= size.x && size.z >= size.y { 2 } else { usize::from(size.y > size.x) }
+}
+
+/// The scene of a slice of another scene: its layers without light, clips and surfaces, read as the planes say.
+pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, filter: Filter) -> Scene {
+    let layers = scene.layers.iter().map(|layer| SceneLayer { isosurfaces: Vec::new(), crop: None, ..layer.clone() });
+    let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();
+    Scene {
+        camera: Some(camera),
+        stereo: None,
+        mode: if is_thick { scene.mode } else { Mode::Average },
+        sampling: Sampling { filter, ..Sampling::default() },
+        lighting: Lighting::default(),
+        clip: None,
+        clip_planes: Vec::new(),
+        slice: Some(slice),
+        meshes: Vec::new(),
+        layers: layers.collect(),
+        ..scene.clone()
+    }
+}
+
+/// How the voxels of a slice become pixels, in a picture of `height_px` pixels.
+pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_px: u32) -> Filter {
+    let voxel = (0..3).map(|axis| grid.step(axis).length()).fold(f64::INFINITY, f64::min);
+    let pixel = match camera.projection {
+        Projection::Orthographic { height } => height / f64::from(height_px),
+        Projection::Perspective { .. } => return Filter::Trilinear,
+    };
+    let is_square = match chosen {
+        PlaneFilter::Auto => voxel >= SQUARE_PX * pixel,
+        PlaneFilter::Nearest => true,
+        PlaneFilter::Linear => false,
+    };
+    if is_square { NEAREST } else { Filter::Trilinear }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::pager::{BrickError, BrickSource};
+    use brickyard::volume::{BrickId, Extent, Geometry, Orientation, Pyramid, VoxelType};
+    use std::sync::Arc;
+
+    struct Empty(Pyramid, Geometry);
+
+    impl BrickSource for Empty {
+        fn pyramid(&self) -> &Pyramid {
+            &self.0
+        }
+        fn geometry(&self) -> &Geometry {
+            &self.1
+        }
+        fn voxel_type(&self) -> VoxelType {
+            VoxelType::U8
+        }
+        fn value_range(&self) -> (f64, f64) {
+            (0.0, 255.0)
+        }
+        fn read_core(&self, _: BrickId, _: &mut [u8]) -> Result<(), BrickError> {
+            Ok(())
+        }
+    }
+
+    fn grid(orientation: Option<Orientation>) -> Grid {
+        let geometry = Geometry { spacing: DVec3::new(0.5, 1.0, 2.0), origin: DVec3::new(3.0, -2.0, 1.0), unit: None };
+        let pyramid = Pyramid::new(Extent::new(20, 30, 8), geometry.spacing.to_array(), 8);
+        let volume = VolumeSource::new(Arc::new(Empty(pyramid, geometry)));
+        let volume = match orientation {
+            Some(orientation) => volume.oriented(orientation).unwrap(),
+            None => volume,
+        };
+        Grid::of(&Scene::default(), &[volume]).unwrap()
+    }
+
+    #[test]
+    fn slices_meet_in_the_centre_of_a_voxel() {
+        let grid = grid(None);
+        let planes = Planes { crosshair: Some(DVec3::new(5.1, 0.4, 100.0)), ..Planes::default() };
+        let point = grid.crosshair(&planes);
+        // Voxels of 0.5 x 1 x 2 whose first centre is at 3, -2, 1; the last one along z is at 15.
+        assert!((point - DVec3::new(5.0, 0.0, 15.0)).length() < 1e-9, "{point}");
+        assert_eq!(grid.voxel_at(point), [4, 2, 7]);
+        assert_eq!(grid.voxel_at(grid.crosshair(&Planes::default())), [10, 15, 4]);
+    }
+
+    #[test]
+    fn slices_are_seen_as_images_are() {
+        let grid = grid(None);
+        let point = grid.crosshair(&Planes::default());
+        for (axis, right, up) in [(2, DVec3::X, DVec3::NEG_Y), (1, DVec3::X, DVec3::Z), (0, DVec3::Y, DVec3::Z)] {
+            let slice = grid.slice(axis, point, 0.0);
+            let camera = grid.camera(axis, &slice, None, (300, 200));
+            let rays = camera.rays(300, 200).unwrap();
+            assert!(rays.right.normalize().dot(right) > 1.0 - 1e-9 && rays.up.normalize().dot(up) > 1.0 - 1e-9);
+            let moved = grid.slice(axis, point + DVec3::splat(0.9), 0.0);
+            let again = grid.camera(axis, &moved, Some(camera), (300, 200));
+            assert!((again.target - moved.point).dot(moved.normal).abs() < 1e-9, "it stays on the slice");
+            assert_eq!(again.projection, camera.projection);
+        }
+        assert_eq!([0, 1, 2].map(|axis| grid.name(axis)), ["yz", "xz", "xy"]);
+    }
+
+    #[test]
+    fn slices_of_a_patient_have_their_names() {
+        // Voxels along x go to the head, along y to the left, along z to the front.
+        let rows = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0], [0.5, 0.0, 0.0, 0.0]];
+        let grid = grid(Some(Orientation::new(rows).unwrap()));
+        assert_eq!([0, 1, 2].map(|axis| grid.name(axis)), ["axial", "sagittal", "coronal"]);
+        let slice = grid.slice(0, grid.crosshair(&Planes::default()), 0.0);
+        let rays = grid.camera(0, &slice, None, (300, 200)).rays(300, 200).unwrap();
+        // Seen from the feet: the patient's left is on the right, the front is up.
+        assert!(rays.right.normalize().dot(DVec3::NEG_X) > 1.0 - 1e-9, "{}", rays.right);
+        assert!(rays.up.normalize().dot(DVec3::Y) > 1.0 - 1e-9, "{}", rays.up);
+    }
+
+    #[test]
+    fn large_voxels_are_squares() {
+        let grid = grid(None);
+        let slice = grid.slice(2, grid.crosshair(&Planes::default()), 0.0);
+        let camera = grid.camera(2, &slice, None, (300, 300));
+        // 30 voxels of 1 over 300 pixels; across the narrow side voxels are half as large.
+        assert_eq!(filter(&grid, PlaneFilter::Auto, &camera, 300), NEAREST);
+        assert_eq!(filter(&grid, PlaneFilter::Auto, &camera, 100), Filter::Trilinear);
+        assert_eq!(filter(&grid, PlaneFilter::Nearest, &camera, 100), NEAREST);
+        assert_eq!(filter(&grid, PlaneFilter::Linear, &camera, 300), Filter::Trilinear);
+    }
+}

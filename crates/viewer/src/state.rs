@@ -1,0 +1,332 @@
+//! All that a window shows, as one document: the scene, as `brickyard render --scene` takes it, and beside it, as the field `window`, what only a window
+//! has. Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene each time it is written or read.
+
+use brickyard::volume::{Camera, Scene};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// All that a window shows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct State {
+    /// What every picture is made of.
+    pub(crate) scene: Scene,
+    /// What only a window has.
+    pub(crate) window: WindowState,
+}
+
+/// What a window has besides the scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct WindowState {
+    /// The volumes that the scene's layers show: stores, and files that are packed while they are shown.
+    pub(crate) volumes: Vec<PathBuf>,
+    /// How the window is divided.
+    pub(crate) layout: Layout,
+    /// The three slices of [`Layout::Planes`].
+    pub(crate) planes: Planes,
+    /// What is drawn over the picture.
+    pub(crate) overlays: Overlays,
+    /// Distances that were measured, each between two points of the world.
+    pub(crate) distances: Vec<[DVec3; 2]>,
+    /// How pictures are drawn while they change.
+    pub(crate) motion: Motion,
+    /// Limits of memory in MiB; `None` are those that the window was opened with.
+    pub(crate) budgets_mib: Option<Budgets>,
+    /// What dragging and clicking in the scene's picture does.
+    pub(crate) tool: Tool,
+    /// Whether the panel with residency, rates and memory is shown.
+    pub(crate) diagnostics: bool,
+    /// Whether the keys are shown.
+    pub(crate) help: bool,
+    /// Light or dark.
+    pub(crate) theme: Theme,
+}
+
+/// How a window is divided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Layout {
+    /// The scene's picture alone.
+    #[default]
+    Single,
+    /// The scene's picture, and three slices through one point, along the voxels of the first layer that is shown.
+    Planes,
+}
+
+/// Three slices that are linked by the point in which they meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Planes {
+    /// The point of the world in which the slices meet; `None` is the middle.
+    pub(crate) crosshair: Option<DVec3>,
+    /// The cameras of the slices across the voxels' x, y and z axis. Each is moved along its view to its slice. `None` sees all of it.
+    pub(crate) cameras: [Option<Camera>; 3],
+    /// How voxels become pixels.
+    pub(crate) filter: PlaneFilter,
+    /// World distance from one side of each slice to the other; 0 is as thin as can be.
+    pub(crate) thickness: f64,
+}
+
+/// How the voxels of slices become pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum PlaneFilter {
+    /// Nearest where voxels are as large as two pixels or larger, else linear.
+    #[default]
+    Auto,
+    /// Each pixel shows the voxel that it is in.
+    Nearest,
+    /// Linear between voxels.
+    Linear,
+}
+
+/// What is drawn over the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Overlays {
+    /// The edges of the box around all volumes.
+    pub(crate) outline: bool,
+    /// Ticks with world coordinates along the edges.
+    pub(crate) ticks: bool,
+    /// The directions of the axes.
+    pub(crate) axes: bool,
+    /// The scale bar.
+    pub(crate) scale_bar: bool,
+    /// What value has which colour.
+    pub(crate) color_bar: bool,
+    /// Handles on the faces of the clip box.
+    pub(crate) clip_handles: bool,
+    /// The edges of the bricks that are drawn.
+    pub(crate) bricks: bool,
+}
+
+impl Overlays {
+    /// Nothing is drawn over the picture.
+    pub(crate) const NONE: Self = Self {
+        outline: false,
+        ticks: false,
+        axes: false,
+        scale_bar: false,
+        color_bar: false,
+        clip_handles: false,
+        bricks: false,
+    };
+}
+
+impl Default for Overlays {
+    fn default() -> Self {
+        Self { outline: true, axes: true, scale_bar: true, color_bar: true, clip_handles: true, ..Self::NONE }
+    }
+}
+
+/// How pictures are drawn while they change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Motion {
+    /// Whether pictures are coarser while they change.
+    pub(crate) adaptive: bool,
+    /// How long a frame may take then, in milliseconds.
+    pub(crate) frame_goal_ms: f64,
+}
+
+impl Default for Motion {
+    fn default() -> Self {
+        Self { adaptive: true, frame_goal_ms: 50.0 }
+    }
+}
+
+/// What dragging and clicking in the scene's picture does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Tool {
+    /// Dragging turns the view around what is under the pointer.
+    #[default]
+    Turn,
+    /// Dragging turns the eye, and keys move it.
+    Fly,
+    /// Two clicks measure a distance.
+    Distance,
+}
+
+/// Hard limits of memory, in MiB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Budgets {
+    /// Slots, tables, targets and staging.
+    pub(crate) gpu: u32,
+    /// Decoded bricks and scratch.
+    pub(crate) host: u32,
+}
+
+/// The window's colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Theme {
+    /// Pale text on dark panels.
+    #[default]
+    Dark,
+    /// Dark text on pale panels.
+    Light,
+}
+
+impl State {
+    /// The document.
+    ///
+    /// # Errors
+    /// If a path in it is not text.
+    pub(crate) fn to_document(&self) -> Result<Value, serde_json::Error> {
+        let mut document = serde_json::to_value(&self.scene)?;
+        document["window"] = serde_json::to_value(&self.window)?;
+        Ok(document)
+    }
+
+    /// Reads a document. Files that its scene names are not read.
+    ///
+    /// # Errors
+    /// If a field is unknown, or has a value of another kind.
+    pub(crate) fn from_document(document: Value) -> Result<Self, serde_json::Error> {
+        let window = document.get("window").cloned().map_or_else(|| Ok(WindowState::default()), serde_json::from_value);
+        Ok(Self { window: window?, scene: serde_json::from_value(document)? })
+    }
+
+    /// Takes over what is no edit: where the views stand, which volumes there are, what memory they may take, and what the window is like.
+    pub(crate) fn keep_navigation_of(&mut self, other: &Self) {
+        self.scene.camera = other.scene.camera;
+        self.window.volumes.clone_from(&other.window.volumes);
+        self.window.planes.crosshair = other.window.planes.crosshair;
+        self.window.planes.cameras = other.window.planes.cameras;
+        self.window.budgets_mib = other.window.budgets_mib;
+        self.window.tool = other.window.tool;
+        self.window.diagnostics = other.window.diagnostics;
+        self.window.help = other.window.help;
+        self.window.theme = other.window.theme;
+    }
+}
+
+/// The fields that [`State::keep_navigation_of`] keeps.
+const NAVIGATION: [&str; 9] = [
+    "camera",
+    "window.planes.crosshair",
+    "window.planes.cameras",
+    "window.budgets_mib",
+    "window.volumes",
+    "window.tool",
+    "window.diagnostics",
+    "window.help",
+    "window.theme",
+];
+
+/// Whether a field is no edit but says where a view stands, or what the window is like.
+pub(crate) fn is_navigation(field: &str) -> bool {
+    NAVIGATION
+        .iter()
+        .any(|known| field.strip_prefix(known).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-1e3..1e3, -1e3..1e3, -1e3..1e3f64].prop_map(DVec3::from_array)
+    }
+
+    fn camera() -> impl Strategy<Value = Camera> {
+        (point(), point()).prop_map(|(eye, target)| Camera {
+            eye,
+            target,
+            ..Camera::looking_at_box((DVec3::ZERO, DVec3::ONE))
+        })
+    }
+
+    fn overlays() -> impl Strategy<Value = Overlays> {
+        any::<[bool; 7]>().prop_map(|[outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks]| Overlays {
+            outline,
+            ticks,
+            axes,
+            scale_bar,
+            color_bar,
+            clip_handles,
+            bricks,
+        })
+    }
+
+    fn planes() -> impl Strategy<Value = Planes> {
+        let camera = || prop::option::of(camera());
+        let filter = prop::sample::select(vec![PlaneFilter::Auto, PlaneFilter::Nearest, PlaneFilter::Linear]);
+        (prop::option::of(point()), [camera(), camera(), camera()], filter, 0.0..9.0)
+            .prop_map(|(crosshair, cameras, filter, thickness)| Planes { crosshair, cameras, filter, thickness })
+    }
+
+    /// Any settings of a window.
+    pub(crate) fn window() -> impl Strategy<Value = WindowState> {
+        let volumes = prop::collection::vec("[a-z/]{1,9}".prop_map(PathBuf::from), 0..3);
+        let distances = prop::collection::vec([point(), point()], 0..3);
+        let motion =
+            (any::<bool>(), 1.0..999.0).prop_map(|(adaptive, frame_goal_ms)| Motion { adaptive, frame_goal_ms });
+        let budgets = prop::option::of((1u32..9999, 1u32..9999).prop_map(|(gpu, host)| Budgets { gpu, host }));
+        let kinds = (
+            prop::sample::select(vec![Layout::Single, Layout::Planes]),
+            prop::sample::select(vec![Theme::Dark, Theme::Light]),
+            prop::sample::select(vec![Tool::Turn, Tool::Fly, Tool::Distance]),
+            any::<[bool; 2]>(),
+        );
+        (volumes, planes(), overlays(), distances, motion, budgets, kinds).prop_map(
+            |(
+                volumes,
+                planes,
+                overlays,
+                distances,
+                motion,
+                budgets_mib,
+                (layout, theme, tool, [diagnostics, help]),
+            )| WindowState {
+                volumes,
+                layout,
+                planes,
+                overlays,
+                distances,
+                motion,
+                budgets_mib,
+                tool,
+                diagnostics,
+                help,
+                theme,
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn every_field_of_a_window_is_read_as_it_was_written(window in window(), camera in prop::option::of(camera())) {
+            let state = State { scene: Scene { camera, ..Scene::default() }, window };
+            let document = state.to_document().unwrap();
+            let text = serde_json::to_string(&document).unwrap();
+            prop_assert_eq!(State::from_document(serde_json::from_str(&text).unwrap()).unwrap(), state);
+            // A command that draws pictures reads the scene alone.
+            prop_assert_eq!(serde_json::from_str::<Scene>(&text).unwrap().camera, camera);
+        }
+
+        #[test]
+        fn what_is_navigation_stays(first in window(), second in window()) {
+            let of = |window: &WindowState| State { scene: Scene::default(), window: window.clone() };
+            let mut kept = of(&first);
+            kept.keep_navigation_of(&of(&second));
+            let fields = crate::fields::differences(&of(&second).to_document().unwrap(), &kept.to_document().unwrap());
+            for (field, _) in fields {
+                prop_assert!(!is_navigation(&field), "{field}");
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_fields_are_refused() {
+        for text in [r#"{"window": {"layuot": "single"}}"#, r#"{"modde": "mip"}"#, r#"{"window": {"layout": "five"}}"#]
+        {
+            assert!(State::from_document(serde_json::from_str(text).unwrap()).is_err(), "{text}");
+        }
+    }
+}

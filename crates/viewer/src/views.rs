@@ -1,0 +1,101 @@
+//! The pictures of a window: that of the scene, and the slices that stand beside it in some layouts. Each is drawn by a session of its own; together they
+//! stay within the window's limits of memory.
+
+use crate::canvas::Canvas;
+use crate::state::{Layout, WindowState};
+use brickyard::session::{SessionError, SessionOptions, VolumeSource};
+use eframe::egui_wgpu::RenderState;
+use std::time::Duration;
+
+/// What part of the window's memory each of three slices has, in percent: a slice meets few bricks.
+const PLANE_PERCENT: u64 = 12;
+
+/// The pictures of a window.
+pub(crate) struct Views {
+    volumes: Vec<VolumeSource>,
+    options: SessionOptions,
+    state: RenderState,
+    /// The scene's own picture.
+    pub(crate) main: Canvas,
+    /// The slices across the voxels' x, y and z axis; none in a layout without them.
+    pub(crate) planes: Vec<Canvas>,
+}
+
+impl Views {
+    /// Makes the pictures of some volumes, on the window's device or on the CPU.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn new(
+        volumes: Vec<VolumeSource>,
+        options: SessionOptions,
+        state: &RenderState,
+    ) -> Result<Self, SessionError> {
+        let main = Canvas::new(volumes.clone(), &options, state)?;
+        Ok(Self { volumes, options, state: state.clone(), main, planes: Vec::new() })
+    }
+
+    /// The volumes that are shown.
+    pub(crate) fn volumes(&self) -> &[VolumeSource] {
+        &self.volumes
+    }
+
+    /// Shows other volumes from now on.
+    ///
+    /// # Errors
+    /// If the device is not to be had any more.
+    pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) -> Result<(), SessionError> {
+        let options = SessionOptions { ..self.options };
+        *self = Self::new(volumes, options, &self.state)?;
+        Ok(())
+    }
+
+    /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks.
+    pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
+        window.budgets_mib.map_or((self.options.gpu_memory_bytes, self.options.host_memory_bytes), |budgets| {
+            (u64::from(budgets.gpu) << 20, u64::from(budgets.host) << 20)
+        })
+    }
+
+    /// Suits the pictures to a window's settings: how many there are, how they move, and what memory they may take.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn suit(&mut self, window: &WindowState) -> Result<(), SessionError> {
+        let count = if window.layout == Layout::Planes { 3 } else { 0 };
+        self.planes.truncate(count);
+        let budgets = self.budgets_bytes(window);
+        let share = |percent: u64| (budgets.0 / 100 * percent, budgets.1 / 100 * percent);
+        let of_plane = share(PLANE_PERCENT);
+        // What slices do not take is the scene's.
+        let (gpu, host) = (budgets.0 - count as u64 * of_plane.0, budgets.1 - count as u64 * of_plane.1);
+        self.main.set_budgets(gpu, host);
+        while self.planes.len() < count {
+            let (gpu_memory_bytes, host_memory_bytes) = of_plane;
+            let options = SessionOptions { gpu_memory_bytes, host_memory_bytes, ..self.options };
+            self.planes.push(Canvas::new(self.volumes.clone(), &options, &self.state)?);
+        }
+        self.planes.iter_mut().for_each(|plane| plane.set_budgets(of_plane.0, of_plane.1));
+        let goal = Duration::try_from_secs_f64(window.motion.frame_goal_ms / 1e3).unwrap_or(Duration::from_millis(50));
+        self.main.set_frame_goal(goal);
+        self.planes.iter_mut().for_each(|plane| plane.set_frame_goal(goal / 3));
+        for canvas in self.all_mut() {
+            canvas.is_adaptive = window.motion.adaptive;
+        }
+        Ok(())
+    }
+
+    /// All pictures: the scene's own first.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &Canvas> {
+        std::iter::once(&self.main).chain(&self.planes)
+    }
+
+    fn all_mut(&mut self) -> impl Iterator<Item = &mut Canvas> {
+        std::iter::once(&mut self.main).chain(&mut self.planes)
+    }
+
+    /// Whether all pictures are as they will stay until something changes.
+    pub(crate) fn are_final(&self) -> bool {
+        self.all().all(Canvas::is_final) && !self.main.is_capturing()
+    }
+}

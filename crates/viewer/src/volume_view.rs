@@ -1,0 +1,260 @@
+//! The scene's picture in the window: what is drawn over it, and what the pointer does in it.
+
+use crate::canvas::Canvas;
+use crate::clip_handles::{self, Face};
+use crate::command::Command;
+use crate::overlay::{self, Lens, World, bricks, color_bar};
+use crate::picking::{Picked, Picking};
+use crate::state::{State, Tool};
+use brickyard::session::{SessionError, VolumeSource};
+use brickyard::volume::scene::VolumePlace;
+use eframe::egui::{self, Color32, Key, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
+use glam::DVec3;
+use serde_json::json;
+
+/// How far the volume turns while the pointer is dragged over the picture's height.
+const TURN_DEG: f64 = 180.0;
+
+/// How far the eye turns while the pointer is dragged over the picture's height.
+const LOOK_DEG: f64 = 60.0;
+
+/// How far the eye flies in a second, in parts of its distance from the volumes.
+const FLIGHT: f64 = 0.8;
+
+/// The keys that fly, and where to: right, up, forward.
+pub(crate) const FLIGHT_KEYS: [(Key, [f64; 3]); 6] = [
+    (Key::W, [0.0, 0.0, 1.0]),
+    (Key::S, [0.0, 0.0, -1.0]),
+    (Key::A, [-1.0, 0.0, 0.0]),
+    (Key::D, [1.0, 0.0, 0.0]),
+    (Key::E, [0.0, 1.0, 0.0]),
+    (Key::Q, [0.0, -1.0, 0.0]),
+];
+
+/// What is to be seen: the window's state, and the volumes that it is about.
+pub(crate) struct Seen<'a> {
+    /// The window's state.
+    pub(crate) state: &'a State,
+    /// The volumes that the scene's layers show.
+    pub(crate) volumes: &'a [VolumeSource],
+    /// Where they are.
+    pub(crate) places: &'a [VolumePlace],
+    /// The world that they are in; `None` if no layer says where it is.
+    pub(crate) world: Option<World<'a>>,
+}
+
+/// What the pointer has hold of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Hold {
+    /// The volumes, to be turned around a point; `None` is the camera's target.
+    Turn(Option<DVec3>),
+    /// The view's direction.
+    Look,
+    /// The picture, to be rolled.
+    Roll,
+    /// The volumes, to be moved.
+    Pan,
+    /// The distance from the volumes.
+    Zoom,
+    /// A face of the clip box.
+    Face(Face),
+}
+
+/// The scene's picture in the window.
+#[derive(Default)]
+pub(crate) struct VolumeView {
+    /// The picture's size in the last frame.
+    pub(crate) size_px: (u32, u32),
+    hold: Option<Hold>,
+    /// The first end of a distance that is being measured.
+    measured_from: Option<DVec3>,
+    picking: Picking,
+    /// What is under the pointer.
+    pub(crate) picked: Option<Picked>,
+}
+
+impl VolumeView {
+    /// Shows the scene's picture in what is left of `ui`, and takes what the pointer does there as commands.
+    ///
+    /// # Errors
+    /// If the picture cannot be brought on; it stays as it was.
+    pub(crate) fn show(
+        &mut self,
+        ui: &mut Ui,
+        canvas: &mut Canvas,
+        seen: &Seen<'_>,
+        commands: &mut Vec<Command>,
+    ) -> Result<(), SessionError> {
+        let (size_px, shown) = whole_pixels(ui);
+        self.size_px = size_px;
+        let drawn = match canvas.is_capturing() {
+            true => Ok(()),
+            false => canvas.show(ui.ctx(), &seen.state.scene, size_px),
+        };
+        let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
+        put(ui, canvas, area);
+        let Some(camera) = seen.state.scene.camera else { return drawn };
+        let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
+        self.decorate(&lens, canvas, seen, response.hover_pos());
+        self.pick(&lens, seen, &response);
+        self.drag(&lens, seen, &response, commands);
+        self.click(seen, &response, commands);
+        if response.hovered() {
+            scroll(ui, &lens, commands);
+        }
+        if seen.state.window.tool == Tool::Fly {
+            fly(ui, commands);
+        }
+        drawn
+    }
+
+    /// Draws over the picture.
+    fn decorate(&self, lens: &Lens, canvas: &Canvas, seen: &Seen<'_>, pointer: Option<Pos2>) {
+        let (scene, window) = (&seen.state.scene, &seen.state.window);
+        let (Some(world), Some(camera)) = (&seen.world, &scene.camera) else { return };
+        if window.overlays.bricks {
+            bricks::show(lens, scene, seen.volumes, canvas.draw_lists());
+        }
+        overlay::show(lens, &window.overlays, camera, world);
+        if window.overlays.color_bar {
+            color_bar::show(lens, scene, seen.volumes);
+        }
+        overlay::distances(lens, &window.distances, world.unit);
+        if let Some(from) = self.measured_from {
+            let to = self.picked.as_ref().map_or(from, |picked| picked.point);
+            overlay::distances(lens, &[[from, to]], world.unit);
+        }
+        if let Some(clip) = scene.clip.filter(|_| window.overlays.clip_handles) {
+            let held = match self.hold {
+                Some(Hold::Face(face)) => Some(face),
+                _ => pointer.and_then(|pointer| clip_handles::at(lens, clip, pointer)),
+            };
+            clip_handles::show(lens, clip, held);
+        }
+    }
+
+    /// Looks what is under the pointer, unless it drags something.
+    fn pick(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response) {
+        if self.hold.is_some() {
+            return;
+        }
+        let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
+        self.picked = place_px.and_then(|place| self.picking.at(&seen.state.scene, seen.volumes, &lens.rays, place));
+    }
+
+    /// What a drag that begins here has hold of.
+    fn grasp(&self, lens: &Lens, seen: &Seen<'_>, response: &Response, from: Pos2) -> Hold {
+        let (scene, window) = (&seen.state.scene, &seen.state.window);
+        let modifiers = response.ctx.input(|input| input.modifiers);
+        let clip = scene.clip.filter(|_| window.overlays.clip_handles);
+        let face = clip.and_then(|clip| clip_handles::at(lens, clip, from));
+        if response.dragged_by(PointerButton::Secondary) {
+            return Hold::Zoom;
+        }
+        if response.dragged_by(PointerButton::Middle) || modifiers.shift {
+            return Hold::Pan;
+        }
+        match (face, modifiers.command, window.tool) {
+            (Some(face), ..) => Hold::Face(face),
+            (None, true, _) => Hold::Roll,
+            (None, false, Tool::Fly) => Hold::Look,
+            (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.point)),
+        }
+    }
+
+    fn drag(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+        if response.drag_started() {
+            let from = response.ctx.input(|input| input.pointer.press_origin());
+            let from = from.or_else(|| response.interact_pointer_pos()).unwrap_or(lens.area.center());
+            self.hold = Some(self.grasp(lens, seen, response, from));
+        }
+        let by = response.drag_delta();
+        if let Some(hold) = self.hold.filter(|_| response.dragged() && by != egui::Vec2::ZERO) {
+            let parts = by / lens.area.height().max(1.0);
+            let (right, down) = (f64::from(parts.x), f64::from(parts.y));
+            commands.push(match hold {
+                Hold::Turn(about) => Command::Orbit { right_deg: TURN_DEG * right, up_deg: -TURN_DEG * down, about },
+                Hold::Look => Command::Look { right_deg: LOOK_DEG * right, up_deg: -LOOK_DEG * down },
+                Hold::Roll => Command::Roll { angle_deg: TURN_DEG * right },
+                Hold::Pan => Command::Pan { right, up: -down },
+                Hold::Zoom => Command::Zoom { factor: (-2.0 * down).exp(), at: None },
+                Hold::Face(face) => match (seen.state.scene.clip, &seen.world) {
+                    (Some(clip), Some(world)) => {
+                        Command::set("clip", json!(clip_handles::dragged(lens, clip, face, by, world.corners)))
+                    }
+                    _ => return,
+                },
+            });
+        }
+        if !response.dragged() {
+            self.hold = None;
+        }
+    }
+
+    fn click(&mut self, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+        let tool = seen.state.window.tool;
+        if tool != Tool::Distance {
+            self.measured_from = None;
+        }
+        let point = self.picked.as_ref().map(|picked| picked.point);
+        if response.double_clicked() && tool == Tool::Turn {
+            commands.push(point.map_or(Command::Fit, Command::Center));
+        }
+        let Some(point) = point.filter(|_| response.clicked() && tool == Tool::Distance) else { return };
+        match self.measured_from.take() {
+            None => self.measured_from = Some(point),
+            Some(from) => {
+                let distances = [&seen.state.window.distances[..], &[[from, point]]].concat();
+                commands.push(Command::set("window.distances", json!(distances)));
+            }
+        }
+    }
+}
+
+/// What is left of a part of the window: in whole pixels, and the same in points.
+pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
+    let scale = ui.ctx().pixels_per_point();
+    let size = ui.available_size();
+    let pixels = |points: f32| ((points * scale).floor() as u32).max(1);
+    let size_px = (pixels(size.x), pixels(size.y));
+    (size_px, vec2(size_px.0 as f32, size_px.1 as f32) / scale)
+}
+
+/// Puts a canvas's texture in a part of the window.
+pub(crate) fn put(ui: &Ui, canvas: &Canvas, area: Rect) {
+    if let Some(texture) = canvas.texture() {
+        let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+        ui.painter().image(texture, area, whole, Color32::WHITE);
+    }
+}
+
+/// By how much the wheel and two fingers come nearer in this frame.
+pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
+    let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
+    f64::from(pinch) * (f64::from(wheel) / 200.0).exp()
+}
+
+/// What the wheel does, and two fingers: they come nearer to what is under the pointer.
+fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
+    let factor = zoom_factor(ui);
+    let pointer = ui.input(|input| input.pointer.hover_pos());
+    let Some(pointer) = pointer.filter(|_| factor != 1.0) else { return };
+    let place = (pointer - lens.area.min) / lens.area.size();
+    commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
+}
+
+/// What the keys of a flight do while they are held.
+fn fly(ui: &Ui, commands: &mut Vec<Command>) {
+    if ui.ctx().egui_wants_keyboard_input() {
+        return;
+    }
+    let (by, seconds) = ui.input(|input| {
+        let held = FLIGHT_KEYS.iter().filter(|(key, _)| input.key_down(*key) && input.modifiers.is_none());
+        let by = held.fold(DVec3::ZERO, |sum, (_, by)| sum + DVec3::from_array(*by));
+        (by, f64::from(input.stable_dt.min(0.1)))
+    });
+    if by != DVec3::ZERO {
+        let [right, up, forward] = (by * FLIGHT * seconds).to_array();
+        commands.push(Command::Fly { right, up, forward });
+    }
+}
