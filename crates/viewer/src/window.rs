@@ -226,13 +226,18 @@ impl Window {
         egui::Panel::bottom("status").show(ui, |ui| {
             panels::status::show(ui, &self.views, self.message.as_deref(), self.picked());
         });
+        let mut saved = Vec::new();
         egui::Panel::left("scene").default_size(280.0).show(ui, |ui| {
             egui::ScrollArea::vertical().show(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
-                panels::layers::show(ui, &mut state.scene, self.views.volumes());
+                panels::layers::show(ui, &mut state.scene, self.views.volumes(), None, &mut saved);
             });
         });
+        for function in saved {
+            let written = function.write().map(|()| format!("wrote {}", function.path.display()));
+            self.message = Some(written.unwrap_or_else(|error| error.to_string()));
+        }
         if state.window.diagnostics {
             egui::Panel::right("diagnostics").default_size(280.0).show(ui, |ui| {
                 panels::diagnostics::show(ui, &self.views, &self.state.window);

@@ -1,7 +1,9 @@
-//! A channel's histogram, its counts on a logarithmic scale, with a window that is dragged on it: by one of its ends, or whole by its middle.
+//! A channel's histogram, with a window that is dragged on it: by one of its ends, or whole by its middle. Counts are on a logarithmic scale, or on a
+//! linear one once a right click says so. Its axis and its bars serve the editor of transfer functions, too.
 
+use crate::panels::widgets::digits;
 use brickyard::store::Histogram;
-use eframe::egui::{Color32, Id, Rect, Sense, Stroke, Ui, pos2, vec2};
+use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, pos2, vec2};
 
 const HEIGHT: f32 = 54.0;
 
@@ -17,44 +19,71 @@ enum Handle {
 }
 
 /// Shows a histogram and the window over it. Returns the window that the hand drags it to, the least value first.
-pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, [low, high]: [f64; 2]) -> Option<[f64; 2]> {
+pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Option<[f64; 2]> {
     let width = ui.available_width();
     let (area, response) = ui.allocate_exact_size(vec2(width, HEIGHT), Sense::click_and_drag());
-    let response = response.on_hover_text("drag an end of the window, or all of it by its middle");
-    let axis = Axis::new(histogram, [low, high], area);
-    draw(ui, &axis, histogram, [low, high]);
+    let axis = Axis::new(histogram, window, area);
+    draw(ui, &axis, histogram, window);
+    let at = response.hover_pos().map(|pointer| grasped(window.map(|value| axis.x(value)), pointer.x));
+    let response = match at {
+        Some(Handle::Whole) => response.on_hover_cursor(CursorIcon::Grab),
+        Some(_) => response.on_hover_cursor(CursorIcon::ResizeHorizontal),
+        None => response,
+    };
+    let response = hovered(response, &axis, histogram, "drag an end of the window, or all of it by its middle");
+    scale_menu(&response);
     let held: Id = response.id.with("held");
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.drag_started()) {
         // Where the button went down, the pointer may have left by now.
         let from = ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer);
-        let handle = grasped([low, high].map(|value| axis.x(value)), from.x);
+        let handle = grasped(window.map(|value| axis.x(value)), from.x);
         ui.data_mut(|data| data.insert_temp(held, handle));
     }
     let by = f64::from(response.drag_delta().x) / axis.points_per_value();
     let handle = ui.data(|data| data.get_temp(held))?;
-    (response.dragged() && by != 0.0).then(|| dragged([low, high], handle, by, histogram.width / 16.0))
+    (response.dragged() && by != 0.0).then(|| dragged(window, handle, by, histogram.width / 16.0))
 }
 
-/// The values along a histogram's width.
-struct Axis {
+/// The values along a width on the screen.
+#[derive(Clone, Copy)]
+pub(crate) struct Axis {
     least: f64,
     greatest: f64,
-    area: Rect,
+    pub(crate) area: Rect,
 }
 
 impl Axis {
     /// All values that the histogram or the window has.
     fn new(histogram: &Histogram, [low, high]: [f64; 2], area: Rect) -> Self {
         let end = histogram.low + histogram.width * histogram.counts.len() as f64;
-        Self { least: histogram.low.min(low), greatest: end.max(high), area }
+        Self::over([histogram.low.min(low), end.max(high)], area)
     }
 
-    fn points_per_value(&self) -> f64 {
-        f64::from(self.area.width()) / (self.greatest - self.least).max(f64::MIN_POSITIVE)
+    /// The values from one to another.
+    pub(crate) fn over([least, greatest]: [f64; 2], area: Rect) -> Self {
+        Self { least, greatest, area }
     }
 
-    fn x(&self, value: f64) -> f32 {
+    /// The width in values.
+    pub(crate) fn span(&self) -> f64 {
+        (self.greatest - self.least).max(f64::MIN_POSITIVE)
+    }
+
+    /// The values at both ends.
+    pub(crate) fn ends(&self) -> [f64; 2] {
+        [self.least, self.greatest]
+    }
+
+    pub(crate) fn points_per_value(&self) -> f64 {
+        f64::from(self.area.width()) / self.span()
+    }
+
+    pub(crate) fn x(&self, value: f64) -> f32 {
         self.area.left() + ((value - self.least) * self.points_per_value()) as f32
+    }
+
+    pub(crate) fn value(&self, x: f32) -> f64 {
+        self.least + f64::from(x - self.area.left()) / self.points_per_value()
     }
 }
 
@@ -78,22 +107,77 @@ fn dragged([low, high]: [f64; 2], handle: Handle, by: f64, least: f64) -> [f64; 
     }
 }
 
-fn draw(ui: &Ui, axis: &Axis, histogram: &Histogram, window: [f64; 2]) {
+/// The value under the pointer and how many voxels are in its bin, above what can be done.
+pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hint: &str) -> Response {
+    let Some(pointer) = response.hover_pos() else { return response };
+    let value = axis.value(pointer.x);
+    let bin = ((value - histogram.low) / histogram.width).floor();
+    let count = if bin >= 0.0 { histogram.counts.get(bin as usize).copied().unwrap_or(0) } else { 0 };
+    let text = format!("{}: {} voxels near it\n{hint}", digits(value, axis.span()), grouped(count));
+    response.on_hover_text_at_pointer(text)
+}
+
+/// A count with its thousands apart.
+fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push('\u{2009}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Whether counts are shown on a linear scale.
+fn is_linear(ui: &Ui) -> bool {
+    ui.data(|data| data.get_temp(scale_id())).unwrap_or(false)
+}
+
+fn scale_id() -> Id {
+    Id::unique("histograms are linear")
+}
+
+/// What a right click on a histogram offers.
+fn scale_menu(response: &Response) {
+    response.context_menu(|ui| {
+        let mut is_linear = is_linear(ui);
+        ui.label("voxel counts");
+        let log = ui.radio_value(&mut is_linear, false, "logarithmic").on_hover_text("shows rare values, too");
+        let linear = ui.radio_value(&mut is_linear, true, "linear").on_hover_text("twice as high is twice as many");
+        if log.changed() || linear.changed() {
+            ui.data_mut(|data| data.insert_temp(scale_id(), is_linear));
+            ui.close();
+        }
+    });
+}
+
+/// The bars of the counts, each in the colour of its least value.
+pub(crate) fn bars(ui: &Ui, axis: &Axis, histogram: &Histogram, color: impl Fn(f64) -> Color32) {
     let (painter, area) = (ui.painter_at(axis.area), axis.area);
-    let visuals = ui.visuals();
-    painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
-    let most = histogram.counts.iter().copied().max().unwrap_or(0) as f64;
-    let [left, right] = window.map(|value| axis.x(value));
-    for (bin, &count) in histogram.counts.iter().enumerate() {
+    let scaled: fn(u64) -> f64 = if is_linear(ui) { |count| count as f64 } else { |count| (count as f64).ln_1p() };
+    let most = histogram.counts.iter().map(|&count| scaled(count)).fold(f64::MIN_POSITIVE, f64::max);
+    for (bin, &count) in histogram.counts.iter().enumerate().filter(|(_, count)| **count > 0) {
         let from = histogram.low + bin as f64 * histogram.width;
         let (x0, x1) = (axis.x(from), axis.x(from + histogram.width));
-        let part = (count as f64).ln_1p() / most.ln_1p().max(f64::MIN_POSITIVE);
-        let top = area.bottom() - part as f32 * (HEIGHT - 4.0);
-        let is_shown = x0 < right && left < x1;
-        let color = if is_shown { visuals.selection.bg_fill } else { Color32::GRAY };
-        painter.rect_filled(Rect::from_min_max(pos2(x0, top), pos2(x1.max(x0 + 1.0), area.bottom())), 0.0, color);
+        if x1 < area.left() || area.right() < x0 {
+            continue;
+        }
+        let top = area.bottom() - (scaled(count) / most) as f32 * (area.height() - 4.0);
+        painter.rect_filled(Rect::from_min_max(pos2(x0, top), pos2(x1.max(x0 + 1.0), area.bottom())), 0.0, color(from));
     }
-    for x in [left, right] {
+}
+
+fn draw(ui: &Ui, axis: &Axis, histogram: &Histogram, window: [f64; 2]) {
+    let (painter, area, visuals) = (ui.painter_at(axis.area), axis.area, ui.visuals());
+    painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
+    let [low, high] = window;
+    let is_shown = |from: f64| from < high && low < from + histogram.width;
+    let (shown, other) = (visuals.selection.bg_fill, visuals.weak_text_color().gamma_multiply(0.5));
+    bars(ui, axis, histogram, |from| if is_shown(from) { shown } else { other });
+    // A line at the very edge would be cut in half.
+    for x in window.map(|value| axis.x(value).clamp(area.left() + 1.0, area.right() - 1.0)) {
         painter.vline(x, area.y_range(), Stroke::new(2.0, visuals.strong_text_color()));
     }
 }
@@ -101,8 +185,8 @@ fn draw(ui: &Ui, axis: &Axis, histogram: &Histogram, window: [f64; 2]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eframe::egui::{Event, Modifiers, PointerButton};
     use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
 
     #[test]
     fn ends_are_taken_hold_of_near_them_and_the_whole_in_the_middle() {
@@ -126,28 +210,58 @@ mod tests {
         assert_eq!(dragged([2.0, 5.0], Handle::Whole, -9.0, 0.5), [-7.0, -4.0]);
     }
 
-    #[test]
-    fn a_drag_moves_the_window() {
-        let histogram = Histogram { low: 0.0, width: 1.0, counts: vec![3; 256] };
+    fn harness<'a>() -> Harness<'a, [f64; 2]> {
+        let histogram = Histogram { low: 0.0, width: 1.0, counts: (0..256).map(|bin| bin * 5000).collect() };
         let show = move |ui: &mut Ui, window: &mut [f64; 2]| {
             *window = show(ui, &histogram, *window).unwrap_or(*window);
         };
-        let mut harness = Harness::builder().with_size(vec2(272.0, 80.0)).build_ui_state(show, [64.0, 128.0]);
-        let press = |pos, pressed| Event::PointerButton {
-            pos,
-            button: PointerButton::Primary,
-            pressed,
-            modifiers: Modifiers::NONE,
-        };
+        Harness::builder().with_size(vec2(272.0, 200.0)).build_ui_state(show, [64.0, 128.0])
+    }
+
+    #[test]
+    fn a_drag_moves_the_window() {
+        let mut harness = harness();
         // From the middle of the window to the right.
-        harness.event(Event::PointerMoved(pos2(104.0, 30.0)));
-        harness.event(press(pos2(104.0, 30.0), true));
+        harness.drag_at(pos2(104.0, 30.0));
         harness.run();
-        harness.event(Event::PointerMoved(pos2(124.0, 30.0)));
+        harness.hover_at(pos2(124.0, 30.0));
         harness.run();
-        harness.event(press(pos2(124.0, 30.0), false));
+        harness.drop_at(pos2(124.0, 30.0));
         harness.run();
         let [low, high] = *harness.state();
         assert!((high - low - 64.0).abs() < 1e-9 && (70.0..100.0).contains(&low), "{low} {high}");
+    }
+
+    #[test]
+    fn the_value_under_the_pointer_is_said() {
+        let mut harness = harness();
+        harness.hover_at(pos2(136.0, 30.0));
+        harness.run_steps(60);
+        assert!(harness.query_by_label_contains("128: 640\u{2009}000 voxels near it").is_some());
+    }
+
+    #[test]
+    fn counts_become_linear() {
+        let mut harness = harness();
+        let press = |harness: &mut Harness<'_, [f64; 2]>| {
+            for pressed in [true, false] {
+                let (pos, button) = (pos2(20.0, 30.0), eframe::egui::PointerButton::Secondary);
+                let modifiers = eframe::egui::Modifiers::NONE;
+                harness.event(eframe::egui::Event::PointerButton { pos, button, pressed, modifiers });
+            }
+        };
+        harness.hover_at(pos2(20.0, 30.0));
+        press(&mut harness);
+        harness.run();
+        harness.get_by_label("linear").click();
+        harness.run();
+        assert!(harness.ctx.data(|data| data.get_temp::<bool>(scale_id())).unwrap());
+        assert_eq!(*harness.state(), [64.0, 128.0]);
+    }
+
+    #[test]
+    fn an_axis_goes_both_ways() {
+        let axis = Axis::over([-5.0, 15.0], Rect::from_min_max(pos2(10.0, 0.0), pos2(110.0, 9.0)));
+        assert_eq!((axis.x(-5.0), axis.x(5.0), axis.value(110.0)), (10.0, 60.0, 15.0));
     }
 }

@@ -1,80 +1,249 @@
-//! The layers: whether each is shown, its window, colours, gamma and opacity.
+//! The layers of a scene as a list. A layer is a line: whether it is shown, its name and its colour; opened, it has all that can be said of it. Layers are
+//! shown alone, copied, moved and removed here. Costs what its open layers cost: a closed one is a few shapes.
 
-use crate::panels::histogram;
+mod data;
+mod isosurfaces;
+mod labels;
+pub(crate) mod style;
+
+use crate::panels::transfer_editor::{self, SavedFunction};
+use crate::panels::widgets::color;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Mode, Scene, SceneLayer, TransferChoice, TransferFunction};
-use eframe::egui::{ComboBox, DragValue, Slider, Ui};
+use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer};
+use eframe::egui::collapsing_header::paint_default_icon;
+use eframe::egui::{
+    Align, Button, Id, Label, Layout, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
+};
 
-/// Shows the layers of a scene of these volumes, and edits them.
-pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
-    let mode = scene.mode;
+/// Which layers are open.
+#[derive(Clone, Default)]
+struct Open(Vec<bool>);
+
+/// What is done with a layer as a whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Change {
+    Solo,
+    Duplicate,
+    Up,
+    Down,
+    Remove,
+}
+
+/// Shows the layers of a scene of these volumes. `picked` is the label under the pointer; functions that are to be saved are added to `saved`.
+pub(crate) fn show(
+    ui: &mut Ui,
+    scene: &mut Scene,
+    volumes: &[VolumeSource],
+    picked: Option<i64>,
+    saved: &mut Vec<SavedFunction>,
+) {
+    let key = Id::unique("open layers");
+    let mut open: Open = ui.data(|data| data.get_temp(key)).unwrap_or_default();
+    // With one layer there is nothing else to look at.
+    open.0.resize(scene.layers.len(), scene.layers.len() == 1);
+    let mut change = None;
     for layer in 0..scene.layers.len() {
-        let Some(volume) = volumes.get(scene.store(layer)) else { continue };
-        let style = &mut scene.layers[layer];
         ui.push_id(layer, |ui| {
-            let name = name(volume, style, layer);
-            ui.checkbox(&mut style.visible, name);
-            ui.add_enabled_ui(style.visible, |ui| {
-                if !volume.source.is_labels() {
-                    window(ui, volume, style);
-                    colors(ui, style);
-                    ui.add(Slider::new(&mut style.gamma, 0.1..=5.0).logarithmic(true).text("gamma"));
-                }
-                if let Some(surface) = style.isosurfaces.first_mut().filter(|_| mode == Mode::Isosurface) {
-                    let (least, greatest) = volume.source.channel_range(style.channel);
-                    ui.add(Slider::new(&mut surface.value, least..=greatest).text("isovalue"));
-                }
-                ui.add(Slider::new(&mut style.opacity, 0.0..=1.0).text("opacity"));
-            });
-            ui.separator();
+            let wish = line(ui, scene, volumes, layer, &mut open.0[layer]);
+            change = change.or(wish.map(|wish| (layer, wish)));
+            if open.0[layer] {
+                body(ui, scene, volumes, (layer, picked), saved);
+                ui.separator();
+            }
         });
     }
+    if let Some((layer, change)) = change {
+        rearrange(scene, layer, change, &mut open.0);
+    }
+    ui.data_mut(|data| data.insert_temp(key, open));
 }
 
 /// The name of a layer: its channel's, else its store's.
-fn name(volume: &VolumeSource, style: &SceneLayer, layer: usize) -> String {
-    let store = volume.store();
-    let channel = store.and_then(|store| store.channel_displays().get(style.channel as usize));
+pub(crate) fn name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
+    let store = volumes.get(scene.store(layer)).and_then(VolumeSource::store);
+    let channel = store.and_then(|store| store.channel_displays().get(scene.layers[layer].channel as usize));
     let channel = channel.and_then(|display| display.name.clone()).filter(|name| !name.is_empty());
     let file = store.and_then(|store| store.path().file_stem());
     channel.or_else(|| Some(file?.to_string_lossy().into_owned())).unwrap_or_else(|| format!("layer {layer}"))
 }
 
-/// The histogram, and the window's two values. They stay in order, and apart.
-fn window(ui: &mut Ui, volume: &VolumeSource, style: &mut SceneLayer) {
-    let shown = style.window.unwrap_or_else(|| volume.subject(style.channel).window.into());
-    let (least, greatest) = volume.source.channel_range(style.channel);
-    let statistics = volume.store().and_then(|store| store.info().channels.get(style.channel as usize));
-    if let Some(window) = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown)) {
-        style.window = Some(window);
-    }
-    let speed = ((greatest - least) / 500.0).max(f64::MIN_POSITIVE);
+/// The line of a layer. Returns what is to be done with the layer.
+fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, is_open: &mut bool) -> Option<Change> {
+    let name = name(scene, volumes, layer);
+    let must_stay = must_stay(scene, layer);
+    let mut change = None;
     ui.horizontal(|ui| {
-        ui.label("window");
-        let [mut low, mut high] = shown;
-        let is_low = ui.add(DragValue::new(&mut low).speed(speed)).on_hover_text("least value").changed();
-        let is_high = ui.add(DragValue::new(&mut high).speed(speed)).on_hover_text("greatest value").changed();
-        if (is_low || is_high) && low < high {
-            style.window = Some([low, high]);
-        }
-        if ui.button("auto").on_hover_text("the store's own window").clicked() {
-            style.window = None;
-        }
+        fold(ui, is_open, &name);
+        let is_visible = &mut scene.layers[layer].visible;
+        let eye = ui.add_enabled_ui(must_stay.is_none(), |ui| eye(ui, is_visible, &name)).inner;
+        eye.on_hover_text("whether the layer is shown").on_disabled_hover_text(must_stay.unwrap_or_default());
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            let menu = ui.menu_button("\u{2630}", |ui| change = menu(ui, scene, layer));
+            menu.response.accessible_name(format!("more of {name}")).on_hover_text("copy, move, remove");
+            let is_solo = scene.layers[layer].visible && shown(scene) == 1 && scene.layers.len() > 1;
+            let solo = ui.add(Button::selectable(is_solo, "S")).accessible_name(format!("{name} alone"));
+            if solo.on_hover_text("shows this layer alone; once more shows all").clicked() {
+                change = Some(Change::Solo);
+            }
+            let volume = volumes.get(scene.store(layer));
+            swatch(ui, &mut scene.layers[layer], volume, &name);
+            ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+                let text = RichText::new(&name);
+                let text = if scene.layers[layer].visible { text.strong() } else { text.weak() };
+                let label = Label::new(text).truncate().selectable(false).sense(Sense::click());
+                if ui.add(label).clicked() {
+                    *is_open = !*is_open;
+                }
+            });
+        });
     });
+    change
 }
 
-/// The preset of the transfer function.
-fn colors(ui: &mut Ui, style: &mut SceneLayer) {
-    let shown = match &style.transfer {
-        None => "gray".to_string(),
-        Some(TransferChoice::Preset(preset)) => preset.preset.clone(),
-        Some(TransferChoice::Function(_) | TransferChoice::File(_)) => "of its own".to_string(),
+/// Why a layer that is shown cannot be hidden.
+fn must_stay(scene: &Scene, layer: usize) -> Option<&'static str> {
+    if scene.parsed_expression().ok().flatten().is_some_and(|expression| expression.volumes().contains(&layer)) {
+        return Some("the expression reads this layer");
+    }
+    let is_last = scene.layers[layer].visible && shown(scene) == 1;
+    is_last.then_some("the only layer that is shown: show another one first")
+}
+
+/// The number of layers that are shown.
+fn shown(scene: &Scene) -> usize {
+    scene.layers.iter().filter(|layer| layer.visible).count()
+}
+
+/// The triangle that opens a layer.
+fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
+    let (_, response) = ui.allocate_exact_size(vec2(14.0, ui.spacing().interact_size.y), Sense::click());
+    if response.clicked() {
+        *is_open = !*is_open;
+    }
+    let label = format!("open {name}");
+    response.widget_info(|| WidgetInfo::selected(Role::DisclosureTriangle, ui.is_enabled(), *is_open, &label));
+    paint_default_icon(ui, if *is_open { 1.0 } else { 0.0 }, &response);
+}
+
+/// An eye, struck out if the layer is hidden.
+fn eye(ui: &mut Ui, is_visible: &mut bool, name: &str) -> Response {
+    let (area, mut response) = ui.allocate_exact_size(vec2(20.0, ui.spacing().interact_size.y), Sense::click());
+    if response.clicked() {
+        *is_visible = !*is_visible;
+        response.mark_changed();
+    }
+    response.widget_info(|| WidgetInfo::selected(Role::CheckBox, ui.is_enabled(), *is_visible, name));
+    let color = match *is_visible {
+        true => ui.style().interact(&response).text_color(),
+        false => ui.visuals().weak_text_color(),
     };
-    ComboBox::from_label("colors").selected_text(&shown).show_ui(ui, |ui| {
-        for preset in TransferFunction::PRESETS {
-            if ui.selectable_label(preset == shown, preset).clicked() {
-                style.transfer = (preset != "gray").then(|| TransferChoice::preset(preset));
+    let (middle, stroke) = (area.center(), Stroke::new(1.5, color));
+    let lid = |side: f32| {
+        (0..=12).map(move |i| {
+            let turn = std::f32::consts::PI * i as f32 / 12.0;
+            pos2(middle.x - 7.5 * turn.cos(), middle.y - side * 4.5 * turn.sin())
+        })
+    };
+    for side in [1.0, -1.0] {
+        ui.painter().add(Shape::line(lid(side).collect(), stroke));
+    }
+    ui.painter().circle_filled(middle, 2.2, color);
+    if !*is_visible {
+        ui.painter().line_segment([middle + vec2(-7.0, 5.5), middle + vec2(7.0, -5.5)], stroke);
+    }
+    if response.has_focus() {
+        ui.painter().rect_stroke(area, 2.0, ui.visuals().selection.stroke, eframe::egui::StrokeKind::Inside);
+    }
+    response
+}
+
+/// The colour of a layer: its own, or the brightest of its transfer function.
+fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, name: &str) {
+    let function = volume.and_then(|volume| volume.function(layer).ok());
+    let last = function.and_then(|function| function.color.last().copied()).unwrap_or([1.0; 4]);
+    let mut shown = layer.color.unwrap_or([last[1], last[2], last[3]]);
+    let button = color(ui, &mut shown).accessible_name(format!("colour of {name}"));
+    let hint = "one colour for the layer, from black over its window; opened, the layer has colour maps, too";
+    if button.on_hover_text(hint).changed() {
+        layer.color = Some(shown);
+    }
+}
+
+/// What a layer's menu offers.
+fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
+    let count = scene.layers.len();
+    let names = "the expression names layers by their places: clear it first";
+    let expression = scene.expression.as_ref().map(|_| names);
+    let end = |is_end: bool| is_end.then_some("it is at the end of the list");
+    let full = (count >= MAX_VOLUMES).then_some("a scene has at most 32 layers");
+    let entries = [
+        ("duplicate", Change::Duplicate, expression.or(full)),
+        ("move up", Change::Up, expression.or(end(layer == 0))),
+        ("move down", Change::Down, expression.or(end(layer + 1 == count))),
+        ("remove", Change::Remove, expression.or((count == 1).then_some("a scene has at least one layer"))),
+    ];
+    let mut change = None;
+    for (name, wish, reason) in entries {
+        let entry = ui.add_enabled(reason.is_none(), Button::new(name));
+        if entry.on_disabled_hover_text(reason.unwrap_or_default()).clicked() {
+            change = Some(wish);
+            ui.close();
+        }
+    }
+    change
+}
+
+/// All that can be said of a layer.
+fn body(
+    ui: &mut Ui,
+    scene: &mut Scene,
+    volumes: &[VolumeSource],
+    (layer, picked): (usize, Option<i64>),
+    saved: &mut Vec<SavedFunction>,
+) {
+    let Some(volume) = volumes.get(scene.store(layer)) else {
+        ui.label("its volume is not there");
+        return;
+    };
+    if scene.expression.is_some() {
+        ui.label(RichText::new("The expression's colours are shown in the place of the layer's own.").weak());
+    } else if volume.source.is_labels() {
+        labels::show(ui, &mut scene.layers[layer], volume, picked);
+        style::opacity_and_blend(ui, &mut scene.layers[layer]);
+    } else {
+        style::show(ui, &mut scene.layers[layer], volume);
+        style::opacity_and_blend(ui, &mut scene.layers[layer]);
+        transfer_editor::show(ui, &mut scene.layers[layer], volume, saved);
+        isosurfaces::show(ui, scene, layer, volume);
+    }
+    data::show(ui, scene, volumes, layer);
+}
+
+/// Does something with a layer as a whole. Each layer goes on showing its own volume, wherever it comes to stand.
+fn rearrange(scene: &mut Scene, layer: usize, change: Change, open: &mut Vec<bool>) {
+    let stores: Vec<usize> = (0..scene.layers.len()).map(|layer| scene.store(layer)).collect();
+    let mut layers: Vec<_> = scene.layers.drain(..).zip(stores).zip(open.drain(..)).collect();
+    match change {
+        Change::Solo => {
+            let is_solo = layers.iter().enumerate().all(|(i, ((other, _), _))| other.visible == (i == layer));
+            layers.iter_mut().enumerate().for_each(|(i, ((other, _), _))| other.visible = is_solo || i == layer);
+        }
+        Change::Duplicate => layers.insert(layer + 1, layers[layer].clone()),
+        Change::Up => layers.swap(layer - 1, layer),
+        Change::Down => layers.swap(layer, layer + 1),
+        Change::Remove => {
+            layers.remove(layer);
+            if layers.iter().all(|((other, _), _)| !other.visible) {
+                layers.iter_mut().for_each(|((other, _), _)| other.visible = true);
             }
         }
-    });
+    }
+    for (i, ((mut layer, store), is_open)) in layers.into_iter().enumerate() {
+        layer.source = (layer.source.is_some() || store != i).then_some(store);
+        scene.layers.push(layer);
+        open.push(is_open);
+    }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,41 +1,145 @@
-//! How the scene is looked at: mode, light, rays, sides, and the time step.
+//! How a scene is looked at: mode, side, time step, and in groups that are folded away all else that is not a layer's own.
 
-use crate::command::{Command, mode_name};
+mod camera;
+mod clipping;
+mod expression;
+mod light;
+mod meshes;
+mod sampling;
+mod slice;
+mod stereo;
+
+use crate::command::Command;
+use crate::panels::mending::set_mode;
+use crate::panels::reason;
+use crate::panels::widgets::{color, count, group, row};
 use brickyard::session::VolumeSource;
-use brickyard::volume::{LightingModel, Mode, Projection, Scene, Viewpoint};
-use eframe::egui::{Checkbox, Slider, Ui};
+use brickyard::volume::scene::VolumePlace;
+use brickyard::volume::{Mode, Projection, Scene, Viewpoint};
+use eframe::egui::{Button, Ui};
+use glam::DVec3;
 
-/// Shows how a scene of these volumes is looked at, and edits it.
+/// The modes, their names in commands, and what they show.
+const MODES: [(Mode, &str, &str); 5] = [
+    (Mode::Dvr, "dvr", "direct volume rendering: fog that glows and hides what is behind it"),
+    (Mode::Mip, "mip", "maximum intensity projection: the greatest value along each ray"),
+    (Mode::MinIp, "minip", "minimum intensity projection: the least value along each ray (airways)"),
+    (Mode::Average, "average", "the mean value along each ray, as in an X-ray picture"),
+    (Mode::Isosurface, "isosurface", "surfaces where the volume has one value, and nothing else"),
+];
+
+/// The world that a scene of volumes shows.
+struct World<'a> {
+    /// Its least and greatest corner.
+    low: DVec3,
+    high: DVec3,
+    is_anatomical: bool,
+    /// The unit of its distances; empty if that is not known.
+    unit: &'a str,
+}
+
+impl<'a> World<'a> {
+    fn new(scene: &Scene, volumes: &'a [VolumeSource]) -> Self {
+        let places: Vec<VolumePlace> = volumes.iter().map(VolumeSource::place).collect();
+        let shown = scene.world_box(&places).ok().filter(|(low, high)| low.is_finite() && high.is_finite());
+        let (low, high) = shown.unwrap_or((DVec3::ZERO, DVec3::ONE));
+        Self { low, high, is_anatomical: scene.is_anatomical(&places), unit: super::unit(volumes) }
+    }
+
+    fn middle(&self) -> DVec3 {
+        0.5 * (self.low + self.high)
+    }
+
+    /// The length of its diagonal.
+    fn size(&self) -> f64 {
+        self.low.distance(self.high)
+    }
+
+    /// The least and the greatest height of its corners along a direction.
+    fn extent_along(&self, direction: DVec3) -> (f64, f64) {
+        let (a, b) = (direction * self.low, direction * self.high);
+        (a.min(b).element_sum(), a.max(b).element_sum())
+    }
+}
+
+/// Shows how a scene of these volumes is looked at. What moves the camera is added to `commands`.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], commands: &mut Vec<Command>) {
-    let times = volumes.iter().map(|volume| volume.source.times()).max().unwrap_or(1);
-    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
-    let is_anatomical = scene.is_anatomical(&places);
+    let world = World::new(scene, volumes);
+    modes(ui, scene, volumes);
+    sides(ui, scene, &world, commands);
+    time(ui, scene, volumes);
+    slice::show(ui, scene, volumes, &world);
+    clipping::show(ui, scene, &world);
+    light::show(ui, scene, volumes, &world);
+    sampling::show(ui, scene, volumes);
+    expression::show(ui, scene, volumes);
+    meshes::show(ui, scene);
+    stereo::show(ui, scene, &world);
+    camera::show(ui, scene, &world);
+    background(ui, scene);
+}
+
+fn modes(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+    let mut chosen = None;
     ui.horizontal_wrapped(|ui| {
-        for mode in Mode::ALL {
-            ui.selectable_value(&mut scene.mode, mode, mode_name(mode));
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (mode, name, hint) in MODES {
+            let is_shown = scene.mode == mode;
+            let barred = if is_shown { None } else { reason(scene, volumes, |scene| set_mode(scene, volumes, mode)) };
+            let button = ui.add_enabled(barred.is_none(), Button::selectable(is_shown, name));
+            let button = button.on_hover_text(hint);
+            if button.on_disabled_hover_text(barred.unwrap_or_default()).clicked() && !is_shown {
+                chosen = Some(mode);
+            }
         }
     });
-    let mut is_lit = scene.lighting.model != LightingModel::None;
-    if ui.add_enabled(!scene.mode.is_projection(), Checkbox::new(&mut is_lit, "lit")).changed() {
-        scene.lighting.model = if is_lit { LightingModel::BlinnPhong } else { LightingModel::None };
+    if let Some(mode) = chosen {
+        set_mode(scene, volumes, mode);
     }
-    let camera = scene.camera.map(|camera| camera.projection);
-    let mut is_parallel = matches!(camera, Some(Projection::Orthographic { .. }));
-    if ui.checkbox(&mut is_parallel, "parallel rays").changed() {
-        commands.push(Command::Parallel(is_parallel));
-    }
+}
+
+/// The sides from which the scene is looked at, and how rays leave the camera.
+fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Command>) {
     ui.horizontal_wrapped(|ui| {
-        ui.label("from");
+        ui.spacing_mut().item_spacing.x = 4.0;
+        ui.label("from").on_hover_text("the side from which the scene is looked at");
         for (name, view) in Viewpoint::all() {
-            if matches!(view, Viewpoint::Patient(_)) == is_anatomical && ui.button(name).clicked() {
+            if matches!(view, Viewpoint::Patient(_)) == world.is_anatomical && ui.small_button(name).clicked() {
                 commands.push(Command::View(view));
             }
         }
-        if ui.button("fit").clicked() {
+        if ui.small_button("fit").on_hover_text("shows everything, from the direction of now").clicked() {
             commands.push(Command::Fit);
         }
+        let camera = scene.camera.map(|camera| camera.projection);
+        let mut is_parallel = matches!(camera, Some(Projection::Orthographic { .. }));
+        let hint = "parallel rays show equal lengths alike, near and far; without it there is perspective";
+        if ui.checkbox(&mut is_parallel, "parallel rays").on_hover_text(hint).changed() {
+            commands.push(Command::Parallel(is_parallel));
+        }
     });
+}
+
+fn time(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+    let times = volumes.iter().map(|volume| volume.source.times()).max().unwrap_or(1);
     if times > 1 {
-        ui.add(Slider::new(&mut scene.time, 0..=times - 1).text("time step"));
+        let hint = format!("the time step of all layers, 0 to {}", times - 1);
+        count(ui, "time step", &hint, &mut scene.time, 0..=times - 1);
     }
 }
+
+fn background(ui: &mut Ui, scene: &mut Scene) {
+    group(ui, "background", "the colour behind the volumes", |ui| {
+        row(ui, "colour", "the colour behind the volumes", |ui, label| {
+            color(ui, &mut scene.background).labelled_by(label);
+            for (name, level) in [("black", 0.0), ("gray", 0.5), ("white", 1.0)] {
+                if ui.small_button(name).clicked() {
+                    scene.background = [level; 3];
+                }
+            }
+        });
+    });
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,117 @@
+//! Which part of which volume a layer shows, and where: volume, channel, crop and placement.
+
+use crate::panels::reason;
+use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
+use brickyard::session::VolumeSource;
+use brickyard::volume::{Placement, Scene, SceneLayer};
+use eframe::egui::Ui;
+use glam::DVec3;
+
+const HINT: &str = "which part of which volume the layer shows, and where it stands";
+
+/// Shows where a layer's values come from.
+pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
+    group(ui, "data", HINT, |ui| {
+        source(ui, scene, volumes, layer);
+        let Some(volume) = volumes.get(scene.store(layer)) else { return };
+        channel(ui, scene, volume, layer);
+        crop(ui, &mut scene.layers[layer], volume);
+        placement(ui, &mut scene.layers[layer], volume);
+    });
+}
+
+fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
+    let name = |(i, volume): (usize, &VolumeSource)| {
+        let path = volume.store().and_then(|store| store.path().file_stem());
+        path.map_or_else(|| format!("volume {i}"), |name| name.to_string_lossy().into_owned())
+    };
+    let names: Vec<String> = volumes.iter().enumerate().map(name).collect();
+    let choices: Vec<_> = names.iter().enumerate().map(|(i, name)| (i, &**name, "")).collect();
+    let barred = |store| reason(scene, volumes, |scene| show_store(scene, volumes, layer, store));
+    let chosen = menu(ui, "volume", "the volume that the layer shows", (scene.store(layer), &choices), barred);
+    if let Some(store) = chosen {
+        show_store(scene, volumes, layer, store);
+    }
+}
+
+/// Shows another volume. Of the layer's look stays what suits labels and measurements alike, if it was the other.
+fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: usize) {
+    let are_labels = |store: usize| volumes.get(store).is_some_and(|volume| volume.source.is_labels());
+    let is_alike = are_labels(scene.store(layer)) == are_labels(store);
+    let SceneLayer { world_from_volume, opacity, blend, visible, .. } = scene.layers[layer].clone();
+    let style = &mut scene.layers[layer];
+    if !is_alike {
+        *style = SceneLayer { world_from_volume, opacity, blend, visible, ..SceneLayer::default() };
+    }
+    // What a volume's voxels are does not hold for another's.
+    (style.source, style.channel, style.crop) = (Some(store), 0, None);
+}
+
+fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) {
+    let displays = volume.store().map_or(&[][..], |store| store.channel_displays());
+    let name = |channel: u32| match displays.get(channel as usize).and_then(|display| display.name.as_deref()) {
+        Some(name) if !name.is_empty() => format!("{channel}: {name}"),
+        _ => channel.to_string(),
+    };
+    let names: Vec<String> = (0..volume.source.channels()).map(name).collect();
+    let choices: Vec<_> = (0..).zip(&names).map(|(channel, name)| (channel, &**name, "")).collect();
+    let shown = scene.layers[layer].channel;
+    let hint = "the channel of the volume that the layer shows, from 0";
+    if let Some(channel) = menu(ui, "channel", hint, (shown, &choices), |_| None) {
+        scene.layers[layer].channel = channel;
+    }
+}
+
+/// The box in voxels of which something is shown.
+fn crop(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
+    let extent = DVec3::from_array(volume.source.pyramid().levels()[0].extent.to_array().map(f64::from));
+    let mut is_on = layer.crop.is_some();
+    let hint = "shows, and reads, a box of the volume alone; in voxels of its finest level";
+    if switch(ui, "crop", hint, &mut is_on).changed() {
+        layer.crop = is_on.then_some([DVec3::ZERO, extent]);
+    }
+    let Some([low, high]) = &mut layer.crop else { return };
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let ends = [&mut low.as_mut()[axis], &mut high.as_mut()[axis]];
+        range(ui, &format!("   {name}"), "first and last voxel along the axis", ends, (0.0..=extent[axis], 1.0));
+    }
+}
+
+/// The map from the volume's own world to the scene's: where it is moved to, and the whole matrix.
+fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
+    let (low, high) = volume.place().own_box;
+    let placement = &mut layer.world_from_volume;
+    let mut rows = placement.rows();
+    let mut moved = DVec3::from_array(rows.map(|row| row[3]));
+    vector(
+        ui,
+        "moved by",
+        "how far the layer is moved from where its store says it is, in world units",
+        &mut moved,
+        (high - low).length(),
+    );
+    (0..3).for_each(|axis| rows[axis][3] = moved[axis]);
+    if rows != placement.rows()
+        && let Ok(new) = Placement::from_rows(&rows)
+    {
+        *placement = new;
+    }
+    row(
+        ui,
+        "matrix",
+        "from the volume's own world to the scene's, row by row, as registration programs write it",
+        |ui, _| {
+            if ui.small_button("reset").on_hover_text("where the store says").clicked() {
+                *placement = Placement::default();
+            }
+        },
+    );
+    let read = |text: &str| Placement::from_text(text).map_err(|error| error.to_string());
+    typed(ui, ("placement", "12 or 16 numbers, row by row", 3), placement, matrix, read);
+}
+
+/// A matrix as text, a row a line.
+fn matrix(placement: &Placement) -> String {
+    let line = |row: &[f64; 4]| row.map(|number| number.to_string()).join(" ");
+    placement.rows().each_ref().map(line).join("\n")
+}

@@ -1,0 +1,111 @@
+//! The isosurfaces of a layer: their values, colours and opacities, as a list.
+
+use crate::panels::mending::drop_idle_lights;
+use crate::panels::widgets::{group, own_color, row, slider};
+use brickyard::session::VolumeSource;
+use brickyard::volume::surface::MAX_SURFACES;
+use brickyard::volume::{Isosurface, Mode, Scene};
+use eframe::egui::{Button, Ui};
+
+const HINT: &str = "surfaces where the volume has one value: alone in mode isosurface, and within the fog in mode dvr";
+
+/// Shows the isosurfaces of a layer of this volume.
+pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &VolumeSource) {
+    group(ui, "isosurfaces", HINT, |ui| {
+        let barred =
+            scene.mode.is_projection().then_some("a projection shows no surfaces: choose mode dvr or isosurface");
+        let keep_last = scene.mode == Mode::Isosurface && others(scene, layer) == 0;
+        let (least, greatest) = volume.source.channel_range(layer_channel(scene, layer));
+        let seen = volume.function(&scene.layers[layer]).ok();
+        let surfaces = &mut scene.layers[layer].isosurfaces;
+        let is_only = surfaces.len() == 1;
+        let mut removed = None;
+        for i in 0..surfaces.len() {
+            ui.push_id(i, |ui| {
+                let before = surfaces[i].value;
+                let hint = "the value on the surface, in stored units";
+                slider(ui, "value", hint, &mut surfaces[i].value, (least..=greatest, ""));
+                if surfaces.iter().enumerate().any(|(other, surface)| other != i && surface.value == surfaces[i].value)
+                {
+                    // Two surfaces in one place are none that can be told apart.
+                    surfaces[i].value = before;
+                }
+                slider(
+                    ui,
+                    "opacity",
+                    "the share of the light that it takes",
+                    &mut surfaces[i].opacity,
+                    (0.0..=1.0, ""),
+                );
+                row(ui, "colour", "of its own, or the transfer function's at the value", |ui, label| {
+                    let color = seen.as_ref().map_or([1.0; 3], |function| function.rgb(before));
+                    own_color(ui, &mut surfaces[i].color, color, label);
+                    let remove = ui.add_enabled(!(is_only && keep_last), Button::new("remove").small());
+                    let reason = "mode isosurface shows nothing else: choose another mode first";
+                    if remove.on_disabled_hover_text(reason).clicked() {
+                        removed = Some(i);
+                    }
+                });
+                ui.add_space(4.0);
+            });
+        }
+        if let Some(i) = removed {
+            surfaces.remove(i);
+            if scene.layers.iter().all(|layer| layer.isosurfaces.is_empty()) {
+                drop_idle_lights(scene);
+            }
+            return;
+        }
+        let full = (surfaces.len() >= MAX_SURFACES).then_some("a layer has at most 8 isosurfaces");
+        let reason = barred.or(full);
+        let add = ui.add_enabled(reason.is_none(), Button::new("add a surface"));
+        if add.on_disabled_hover_text(reason.unwrap_or_default()).clicked() {
+            surfaces.push(another(surfaces, (least, greatest)));
+        }
+    });
+}
+
+fn layer_channel(scene: &Scene, layer: usize) -> u32 {
+    scene.layers[layer].channel
+}
+
+/// How many surfaces the other layers that are shown have.
+fn others(scene: &Scene, layer: usize) -> usize {
+    let shown = scene.layers.iter().enumerate().filter(|(i, other)| *i != layer && other.visible);
+    shown.map(|(_, other)| other.isosurfaces.len()).sum()
+}
+
+/// A surface in the widest gap between those that there are.
+fn another(surfaces: &[Isosurface], (least, greatest): (f64, f64)) -> Isosurface {
+    let inside = surfaces.iter().map(|surface| surface.value).filter(|value| least < *value && *value < greatest);
+    let mut values: Vec<f64> = inside.chain([least, greatest]).collect();
+    values.sort_by(f64::total_cmp);
+    let gaps = values.windows(2).map(|pair| (pair[1] - pair[0], 0.5 * (pair[0] + pair[1])));
+    let widest = gaps.fold((f64::NEG_INFINITY, least), |best, gap| if gap.0 > best.0 { gap } else { best });
+    let mut value = widest.1;
+    // A volume of one value has no gap.
+    while surfaces.iter().any(|surface| surface.value == value) {
+        value += value.abs().max(1.0) * 0.01;
+    }
+    Isosurface::at(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn surfaces_are_added_where_there_is_room() {
+        let mut surfaces = Vec::new();
+        for expected in [50.0, 25.0, 75.0, 12.5] {
+            surfaces.push(another(&surfaces, (0.0, 100.0)));
+            assert_eq!(surfaces.last().map(|surface| surface.value), Some(expected));
+        }
+        let mut constant = Vec::new();
+        for _ in 0..MAX_SURFACES {
+            constant.push(another(&constant, (7.0, 7.0)));
+        }
+        constant.dedup_by(|a, b| a.value == b.value);
+        assert_eq!(constant.len(), MAX_SURFACES);
+    }
+}

@@ -1,0 +1,114 @@
+//! How a layer's values look: its window over the histogram, colours and gamma.
+
+use crate::panels::widgets::{log_slider, menu, number, own_color, problem_color, row, slider};
+use crate::panels::{color_map, histogram};
+use brickyard::session::VolumeSource;
+use brickyard::store::metadata::ChannelStatistics;
+use brickyard::volume::transfer::{GAMMAS, shown_window};
+use brickyard::volume::{Blend, SceneLayer, TransferChoice};
+use eframe::egui::{RichText, Ui};
+
+/// Shows window, colours and gamma of a layer that shows measurements.
+pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
+    window(ui, layer, volume);
+    match volume.function(layer) {
+        Ok(function) => {
+            row(ui, "colours", "the colour map, and the opacities that come with it", |ui, label| {
+                if let Some(chosen) = color_map::menu(ui, layer.transfer.as_ref(), &function, label) {
+                    // A tint would hide what has just been chosen.
+                    (layer.transfer, layer.color) = (chosen, None);
+                }
+            });
+            row(ui, "tint", "one colour in the place of the map's: from black to it over the window", |ui, label| {
+                let last = function.color.last().map_or([1.0; 3], |point| [point[1], point[2], point[3]]);
+                own_color(ui, &mut layer.color, last, label);
+            });
+        }
+        Err(problem) => {
+            ui.label(RichText::new(problem.to_string()).color(problem_color(ui.visuals())));
+            if ui.button("use gray").on_hover_text("the gray ramp over the window, without a file").clicked() {
+                (layer.transfer, layer.window) = (None, None);
+            }
+        }
+    }
+    let hint = "the power by which colours and opacities are bent over the window: less than 1 shows more of the lesser values";
+    log_slider(ui, "gamma", hint, &mut layer.gamma, (GAMMAS, ""));
+}
+
+/// How much there is of a layer, and how it joins the others.
+pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
+    let hint = "factor of all opacities of the layer, 0 to 1";
+    slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
+    let blends = [
+        (Blend::Mix, "mix", "a medium in the same place as the others: it hides what is behind it"),
+        (Blend::Add, "add", "light alone: its colours are added, and it hides nothing (fluorescence)"),
+        (Blend::Over, "over", "in projections and slices on top of the others (labels over an image)"),
+    ];
+    let hint = "how the layer joins others in the same place";
+    if let Some(blend) = menu(ui, "blend", hint, (layer.blend, &blends), |_| None) {
+        layer.blend = blend;
+    }
+}
+
+/// The window that is shown: the layer's own, or where its function has values of its own, those that they span.
+pub(crate) fn shown(layer: &SceneLayer, volume: &VolumeSource) -> [f64; 2] {
+    let subject = volume.subject(layer.channel);
+    let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window());
+    let span = own.and_then(|choice| Some(choice.function(&subject).ok()?.span()));
+    layer.window.unwrap_or_else(|| span.unwrap_or(subject.window).into())
+}
+
+/// The histogram, and the window's two values. They stay in order, and apart.
+fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
+    let shown = shown(layer, volume);
+    let [low, high] = shown;
+    let is_flat = low >= high;
+    let drawn = ui.add_enabled_ui(!is_flat, |ui| {
+        let statistics = statistics(volume, layer.channel);
+        let dragged = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown));
+        let (least, greatest) = volume.source.channel_range(layer.channel);
+        let span = (greatest - least).max(high - low);
+        let hint = "the values that are shown as the first and as the last colour, in stored units";
+        let typed = row(ui, "window", hint, |ui, label| {
+            let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
+            let mut typed = shown;
+            let (any, size) = (f64::NEG_INFINITY..=f64::INFINITY, (width, ""));
+            number(ui, &mut typed[0], any.clone(), span, size).labelled_by(label).on_hover_text("least value");
+            number(ui, &mut typed[1], any, span, size).labelled_by(label).on_hover_text("greatest value");
+            (typed != shown).then_some(typed)
+        });
+        if let Some(window) = typed.or(dragged).filter(|[low, high]| low < high && (high - low).is_finite()) {
+            layer.window = Some(window);
+        }
+        presets(ui, layer, statistics, (least, greatest));
+    });
+    drawn
+        .response
+        .on_disabled_hover_text("all points of the transfer function have one value: there is nothing to move");
+}
+
+fn statistics(volume: &VolumeSource, channel: u32) -> Option<&ChannelStatistics> {
+    volume.store()?.info().channels.get(channel as usize)
+}
+
+/// Windows by a click.
+fn presets(ui: &mut Ui, layer: &mut SceneLayer, statistics: Option<&ChannelStatistics>, range: (f64, f64)) {
+    row(ui, "", "", |ui, _| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        let own = match layer.transfer.as_ref().is_none_or(TransferChoice::spans_window) {
+            true => "the window that the file or its metadata give",
+            false => "the transfer function's own values",
+        };
+        if ui.small_button("auto").on_hover_text(own).clicked() {
+            layer.window = None;
+        }
+        if ui.small_button("full").on_hover_text("from the least value to the greatest").clicked() {
+            layer.window = Some(shown_window(range).into());
+        }
+        let Some(percentiles) = statistics.map(|channel| channel.percentiles) else { return };
+        let hint = "leaves out the least and the greatest thousandth of the voxels";
+        if ui.small_button("0.1\u{2013}99.9 %").on_hover_text(hint).clicked() {
+            layer.window = Some(shown_window((percentiles.p0_1, percentiles.p99_9)).into());
+        }
+    });
+}

@@ -1,0 +1,114 @@
+//! What a choice asks of the rest of the scene. What a mode cannot have is left out, and what it needs is added, so that every mode is one click away.
+
+use brickyard::session::VolumeSource;
+use brickyard::volume::{Expression, Isosurface, LightingModel, Method, Mode, Scene, SceneExpression, SceneLayer};
+
+/// Shows a scene of these volumes in another mode. Projections have neither light nor surfaces, and no translucent meshes; slices are projections; methods
+/// of sampling are those of fog; and surfaces begin in the middle of the window.
+pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
+    scene.mode = mode;
+    if mode != Mode::Dvr {
+        scene.sampling.method = Method::Udvr;
+    }
+    if mode.is_projection() {
+        scene.layers.iter_mut().for_each(|layer| layer.isosurfaces.clear());
+        scene.meshes.iter_mut().filter(|mesh| mesh.opacity > 0.0).for_each(|mesh| mesh.opacity = 1.0);
+        set_light(scene, LightingModel::None);
+    } else {
+        scene.slice = None;
+    }
+    let has_surface = scene.layers.iter().any(|layer| layer.visible && !layer.isosurfaces.is_empty());
+    if mode == Mode::Isosurface && !has_surface {
+        add_surfaces(scene, volumes);
+    }
+}
+
+/// A surface in the middle of the window for every layer that can have one.
+fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource]) {
+    for i in 0..scene.layers.len() {
+        let volume = volumes.get(scene.store(i)).filter(|volume| !volume.source.is_labels());
+        let layer = &mut scene.layers[i];
+        let Some(volume) = volume.filter(|_| layer.isosurfaces.is_empty()) else { continue };
+        let [low, high] = layer.window.unwrap_or_else(|| volume.subject(layer.channel).window.into());
+        layer.isosurfaces = vec![Isosurface::at(0.5 * (low + high))];
+    }
+}
+
+/// Shows an expression over the layers in their place, or the layers again. An expression's values have its own look, so the layers lose theirs; the layers
+/// that it reads are shown.
+pub(crate) fn set_expression(scene: &mut Scene, volumes: &[VolumeSource], text: Option<String>) {
+    let Some(text) = text else {
+        scene.expression = None;
+        return;
+    };
+    if scene.mode != Mode::Dvr {
+        set_mode(scene, volumes, Mode::Dvr);
+    }
+    scene.sampling.method = Method::Udvr;
+    let read =
+        Expression::parse(&text, scene.layers.len()).map_or_else(|_| Vec::new(), |expression| expression.volumes());
+    for (i, layer) in scene.layers.iter_mut().enumerate() {
+        let SceneLayer { source, channel, world_from_volume, crop, visible, .. } = layer.clone();
+        let visible = visible || read.contains(&i);
+        *layer = SceneLayer { source, channel, world_from_volume, crop, visible, ..SceneLayer::default() };
+    }
+    drop_idle_lights(scene);
+    let transfer = scene.expression.take().and_then(|before| before.transfer);
+    scene.expression = Some(SceneExpression { text, transfer });
+}
+
+/// Lights a scene by another model.
+pub(crate) fn set_light(scene: &mut Scene, model: LightingModel) {
+    scene.lighting.model = model;
+    drop_idle_lights(scene);
+}
+
+/// Leaves out lights that have nothing to light.
+pub(crate) fn drop_idle_lights(scene: &mut Scene) {
+    let has_surfaces = scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
+    if scene.lighting.model == LightingModel::None && !has_surfaces {
+        scene.lighting.lights.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::panels::fixture;
+    use brickyard::volume::{MeshLook, Slice};
+    use glam::DVec3;
+
+    #[test]
+    fn every_mode_is_one_choice_away_from_every_other() {
+        let volumes = fixture::volumes();
+        for from in Mode::ALL {
+            for to in Mode::ALL {
+                let mut scene = fixture::scene();
+                set_mode(&mut scene, &volumes, from);
+                if from == Mode::Dvr {
+                    scene.sampling.method = Method::Pcvs;
+                }
+                if from.is_projection() {
+                    scene.slice = Some(Slice::across(2, 3.0));
+                } else {
+                    set_light(&mut scene, LightingModel::Phong);
+                    scene.lighting.lights = vec![DVec3::ONE];
+                    scene.meshes = vec![MeshLook { opacity: 0.5, ..fixture::mesh() }];
+                }
+                fixture::check(&scene, &volumes);
+                set_mode(&mut scene, &volumes, to);
+                assert_eq!(scene.mode, to);
+                fixture::check(&scene, &volumes);
+            }
+        }
+    }
+
+    #[test]
+    fn a_light_goes_with_what_it_lights() {
+        let mut scene = fixture::scene();
+        set_light(&mut scene, LightingModel::Tone);
+        scene.lighting.lights = vec![DVec3::ONE];
+        set_light(&mut scene, LightingModel::None);
+        assert!(scene.lighting.lights.is_empty());
+    }
+}

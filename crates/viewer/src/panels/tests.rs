@@ -1,0 +1,212 @@
+//! What panels owe: every field of a scene has a control, and looking changes nothing.
+
+use super::*;
+use brickyard::volume::{
+    Camera, ClipPlane, Isosurface, Jitter, Lighting, LightingModel, Method, Mode, Sampling, SceneExpression,
+    SceneLayer, Slice, Stereo, StereoLayout, TransferChoice,
+};
+use eframe::egui::{Ui, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use glam::DVec3;
+use std::collections::BTreeSet;
+
+/// Every field of a scene, as JSON has it, and the name of a control that edits it. A field of the scene that is not here, or whose control is gone, fails the
+/// test below.
+const FIELDS: [(&str, &str); 47] = [
+    ("background", "colour"),
+    ("camera.eye", "eye"),
+    ("camera.projection.perspective.fov_y_deg", "angle"),
+    ("camera.target", "target"),
+    ("camera.up", "up"),
+    ("clip", "clip"),
+    ("clip_planes.normal", "normal"),
+    ("clip_planes.point", "through"),
+    ("expression.text", "expression text"),
+    ("expression.transfer.preset", "colours"),
+    ("layers.blend", "blend"),
+    ("layers.channel", "channel"),
+    ("layers.color", "tint"),
+    ("layers.crop", "crop"),
+    ("layers.gamma", "gamma"),
+    ("layers.isosurfaces.color", "colour"),
+    ("layers.isosurfaces.opacity", "opacity"),
+    ("layers.isosurfaces.value", "value"),
+    ("layers.opacity", "opacity"),
+    ("layers.show_labels", "shown labels"),
+    ("layers.source", "volume"),
+    ("layers.transfer.preset", "colours"),
+    ("layers.visible", "layer 0"),
+    ("layers.window", "window"),
+    ("layers.world_from_volume", "placement"),
+    ("level", "level"),
+    ("lighting.gradient", "gradient"),
+    ("lighting.lights", "light 1"),
+    ("lighting.model", "model"),
+    ("meshes.color", "colour"),
+    ("meshes.lit", "lit"),
+    ("meshes.opacity", "opacity"),
+    ("meshes.path", "organ.stl"),
+    ("mode", "dvr"),
+    ("pixel_error", "pixel error"),
+    ("sampling.filter", "filter"),
+    ("sampling.jitter.white", "seed"),
+    ("sampling.method", "method"),
+    ("sampling.virtual_samples", "virtual"),
+    ("slice.normal", "normal"),
+    ("slice.point", "position"),
+    ("slice.thickness", "thickness"),
+    ("step", "step"),
+    ("stereo.convergence", "screen at"),
+    ("stereo.eye_separation", "eyes apart"),
+    ("stereo.layout", "layout"),
+    ("time", "time step"),
+];
+
+/// Headings of groups.
+const GROUPS: [&str; 13] = [
+    "slice",
+    "clip box",
+    "clip planes",
+    "light",
+    "sampling",
+    "expression",
+    "meshes",
+    "stereo",
+    "camera",
+    "background",
+    "transfer function",
+    "isosurfaces",
+    "data",
+];
+
+/// Scenes in which every field has a value.
+fn scenes() -> Vec<Scene> {
+    let camera = Some(Camera::looking_at_box((DVec3::ZERO, DVec3::splat(20.0))));
+    let image = SceneLayer {
+        source: Some(0),
+        channel: 1,
+        transfer: Some(TransferChoice::preset("viridis")),
+        window: Some([3.25, 200.0]),
+        color: Some([0.251, 1.0, 1.0 / 3.0]),
+        gamma: 12.0,
+        opacity: 0.333_333,
+        isosurfaces: vec![Isosurface { value: 400.123, color: Some([0.3; 3]), opacity: 0.111_11 }],
+        crop: Some([DVec3::splat(-3.0), DVec3::splat(99.5)]),
+        ..SceneLayer::default()
+    };
+    let fog = Scene {
+        camera,
+        stereo: Some(Stereo {
+            layout: StereoLayout::Anaglyph,
+            eye_separation: Some(0.12345),
+            convergence: Some(7.7777),
+        }),
+        sampling: Sampling {
+            method: Method::Cvs,
+            virtual_samples: 5,
+            jitter: Jitter::White(123_456),
+            ..Sampling::default()
+        },
+        lighting: Lighting {
+            model: LightingModel::Phong,
+            lights: vec![DVec3::new(1.0 / 3.0, 1e6, -2.0)],
+            ..Lighting::default()
+        },
+        step: 0.012_345,
+        background: [0.1234; 3],
+        pixel_error: 77.7,
+        time: 2,
+        clip: Some([DVec3::splat(-99.0), DVec3::splat(5.000_001)]),
+        clip_planes: vec![ClipPlane { point: DVec3::splat(1.0 / 3.0), normal: DVec3::new(0.1, 0.2, 1.0 / 7.0) }],
+        meshes: vec![brickyard::volume::MeshLook { opacity: 0.123_456, ..fixture::mesh() }],
+        layers: vec![image],
+        ..Scene::default()
+    };
+    let slice = Scene {
+        camera,
+        mode: Mode::Average,
+        slice: Some(Slice { point: DVec3::splat(3.333_33), normal: DVec3::new(0.2, 0.1, 3.0), thickness: 0.123_456 }),
+        ..Scene::of(SceneLayer { source: Some(1), show_labels: Some(vec![9, 3]), ..SceneLayer::default() })
+    };
+    let expression = SceneExpression { text: "a*2".into(), transfer: Some(TransferChoice::preset("fire")) };
+    let expression = Scene { expression: Some(expression), ..Scene::default() };
+    vec![fog, slice, expression]
+}
+
+fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> {
+    let volumes = fixture::volumes();
+    let show = move |ui: &mut Ui, scene: &mut Scene| {
+        view::show(ui, scene, &volumes, &mut Vec::new());
+        ui.separator();
+        layers::show(ui, scene, &volumes, Some(5), &mut Vec::new());
+    };
+    let builder = Harness::builder().with_size(vec2(276.0, 2600.0)).with_theme(theme);
+    let mut harness = builder.build_ui_state(show, scene.clone());
+    for group in GROUPS {
+        if let Some(heading) = harness.query_by_role_and_label(eframe::egui::accesskit::Role::DisclosureTriangle, group)
+        {
+            heading.click();
+            harness.run();
+        }
+    }
+    harness
+}
+
+/// The paths of all fields of a JSON document; lists of objects are as one object.
+fn fields(value: &serde_json::Value, path: &str, found: &mut BTreeSet<String>) {
+    use serde_json::Value;
+    let inner = |name: &str| if path.is_empty() { name.to_string() } else { format!("{path}.{name}") };
+    match value {
+        Value::Object(entries) => entries.iter().for_each(|(name, value)| fields(value, &inner(name), found)),
+        Value::Array(items) if items.iter().any(Value::is_object) => {
+            items.iter().for_each(|item| fields(item, path, found))
+        }
+        _ => drop(found.insert(path.to_string())),
+    }
+}
+
+#[test]
+fn every_field_of_a_scene_has_a_control() {
+    let mut all = BTreeSet::new();
+    let mut controls = BTreeSet::new();
+    for scene in scenes() {
+        fixture::check(&scene, &fixture::volumes());
+        let mut own = BTreeSet::new();
+        fields(&serde_json::to_value(&scene).expect("JSON"), "", &mut own);
+        let harness = harness(&scene, eframe::egui::Theme::Dark);
+        let shown = FIELDS.iter().filter(|(_, control)| harness.query_all_by_label(control).next().is_some());
+        controls.extend(shown.map(|(field, _)| field.to_string()));
+        all.extend(own);
+    }
+    // A field that is null here has its parts there.
+    let is_whole = |field: &&String| !all.iter().any(|other| other.starts_with(&format!("{field}.")));
+    let all: BTreeSet<String> = all.iter().filter(is_whole).cloned().collect();
+    let known: BTreeSet<String> = FIELDS.iter().map(|(field, _)| field.to_string()).collect();
+    assert_eq!(all, known, "a field without a control, or a control without a field");
+    assert_eq!(controls, known, "a control is gone");
+}
+
+#[test]
+fn looking_changes_nothing() {
+    for scene in scenes() {
+        let mut harness = harness(&scene, eframe::egui::Theme::Light);
+        // Through all fields and back to the first.
+        for _ in 0..150 {
+            harness.key_press(eframe::egui::Key::Tab);
+            harness.run_steps(2);
+        }
+        assert_eq!(*harness.state(), scene);
+    }
+}
+
+#[test]
+fn nothing_is_wider_than_the_panel() {
+    for scene in scenes() {
+        let harness = harness(&scene, eframe::egui::Theme::Dark);
+        let nodes = harness.query_all(egui_kittest::kittest::By::new());
+        for node in nodes {
+            assert!(node.rect().right() <= 276.0, "{node:?}");
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! The editor of a layer's transfer function: opacity as a curve over the histogram, colours as a strip below. Points are dragged, added by a double click,
+//! and removed by a right click. The first edit of a preset writes it out as a function of the layer's own, which looks the same. Costs a copy of the
+//! function's points in each frame in which it is open.
+
+mod plot;
+mod points;
+mod strip;
+
+use crate::panels::layers::style;
+use crate::panels::widgets::{color, group, number, problem_color, row};
+use brickyard::session::VolumeSource;
+use brickyard::store::Histogram;
+use brickyard::text_file::{TextError, read_text, write_text};
+use brickyard::volume::transfer::file;
+use brickyard::volume::{SceneLayer, TransferChoice, TransferFile, TransferFunction};
+use eframe::egui::{Button, Id, Key, Modifiers, Response, RichText, TextEdit, Ui};
+use points::{add_point, move_point, remove_point, simplified};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+const HINT: &str = "which opacity and which colour each value has";
+
+/// More colour points than this are a table; they are edited as the few that look the same.
+const FEW_COLORS: usize = 24;
+
+/// By how much colours may change when a table becomes few points.
+const TOLERANCE: f64 = 1.5 / 255.0;
+
+/// The fewest points of opacity: one alone would make the function flat.
+const FEWEST: usize = 2;
+
+/// A transfer function that the hand wants in a file.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SavedFunction {
+    pub(crate) path: PathBuf,
+    function: TransferFunction,
+}
+
+impl SavedFunction {
+    /// Writes the file, as JSON that is read again by scenes and by the editor.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub(crate) fn write(&self) -> Result<(), TextError> {
+        let text = serde_json::to_string_pretty(&self.function).expect("numbers in lists are JSON");
+        write_text(&self.path, &(text + "\n"))
+    }
+}
+
+/// A point of one of the function's lists.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Point {
+    Opacity(usize),
+    Color(usize),
+}
+
+/// What the editor remembers from frame to frame.
+#[derive(Clone)]
+struct State {
+    selected: Option<Point>,
+    /// Whether the window fills the width.
+    is_zoomed: bool,
+    path: String,
+    /// What a file had to say.
+    message: Result<String, String>,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self { selected: None, is_zoomed: false, path: "transfer.json".into(), message: Ok(String::new()) }
+    }
+}
+
+/// Shows the transfer function of a layer that shows measurements of a volume. Functions that are to be saved are added to `saved`.
+pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, saved: &mut Vec<SavedFunction>) {
+    let channel = volume.store().and_then(|store| store.info().channels.get(layer.channel as usize));
+    let histogram = channel.map(|channel| &channel.histogram);
+    group(ui, "transfer function", HINT, |ui| edit(ui, layer, volume, histogram, saved));
+}
+
+fn edit(
+    ui: &mut Ui,
+    layer: &mut SceneLayer,
+    volume: &VolumeSource,
+    histogram: Option<&Histogram>,
+    saved: &mut Vec<SavedFunction>,
+) {
+    let key: Id = ui.scope_id().with("editor");
+    let mut state: State = ui.data(|data| data.get_temp(key)).unwrap_or_default();
+    if let Ok(before) = volume.function(layer) {
+        let mut function = before.clone();
+        let ends = ends(layer, volume, &before, state.is_zoomed);
+        plot::show(ui, &mut function, histogram, ends, &mut state.selected);
+        let mut colors = few(&function.color);
+        let shown = colors.clone();
+        strip::show(ui, &function, &mut colors, ends, &mut state.selected);
+        selected(ui, &mut function, &mut colors, ends, &mut state.selected);
+        if colors != shown {
+            function.color = colors;
+        }
+        extras(ui, &mut function, volume, &mut state);
+        if function != before {
+            *layer = layer.written_out(function);
+        }
+    }
+    files(ui, layer, volume, &mut state, saved);
+    ui.data_mut(|data| data.insert_temp(key, state));
+}
+
+/// The values at both ends of the width: the window, or all values that the volume or the function has.
+fn ends(layer: &SceneLayer, volume: &VolumeSource, function: &TransferFunction, is_zoomed: bool) -> [f64; 2] {
+    let [low, high] = style::shown(layer, volume);
+    if is_zoomed && low < high {
+        return [low, high];
+    }
+    let (least, greatest) = volume.source.channel_range(layer.channel);
+    let (first, last) = function.span();
+    let (least, greatest) = (least.min(first), greatest.max(last));
+    if least < greatest { [least, greatest] } else { [least - 0.5, least + 0.5] }
+}
+
+/// How near to each other points may come: about a point of the screen.
+fn least([low, high]: [f64; 2]) -> f64 {
+    (high - low) / 400.0
+}
+
+/// The colour points that are edited.
+fn few(colors: &[[f64; 4]]) -> Vec<[f64; 4]> {
+    if colors.len() > FEW_COLORS { simplified(colors, TOLERANCE) } else { colors.to_vec() }
+}
+
+/// The numbers of the point that is selected.
+fn selected(
+    ui: &mut Ui,
+    function: &mut TransferFunction,
+    colors: &mut Vec<[f64; 4]>,
+    ends: [f64; 2],
+    selected: &mut Option<Point>,
+) {
+    let span = ends[1] - ends[0];
+    let limits = ([f64::NEG_INFINITY, f64::INFINITY], least(ends));
+    let any = f64::NEG_INFINITY..=f64::INFINITY;
+    row(ui, "point", "the point that was clicked: its value, and its opacity or colour", |ui, label| {
+        let gone = match *selected {
+            Some(Point::Opacity(i)) if i < function.opacity.len() => {
+                let mut value = function.opacity[i][0];
+                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
+                    move_point(&mut function.opacity, i, value, limits);
+                }
+                let alpha = &mut function.opacity[i][1];
+                number(ui, alpha, 0.0..=1.0, 1.0, (48.0, "")).labelled_by(label).on_hover_text("opacity, 0 to 1");
+                let can = function.opacity.len() > FEWEST;
+                removes(ui, can) && remove_point(&mut function.opacity, i, FEWEST)
+            }
+            Some(Point::Color(i)) if i < colors.len() => {
+                let mut value = colors[i][0];
+                if number(ui, &mut value, any, span, (58.0, "")).labelled_by(label).on_hover_text("value").changed() {
+                    move_point(colors, i, value, limits);
+                }
+                let [_, r, g, b] = colors[i];
+                let mut shown = [r, g, b];
+                if color(ui, &mut shown).labelled_by(label).changed() {
+                    colors[i][1..].copy_from_slice(&shown);
+                }
+                let can = colors.len() > 1;
+                removes(ui, can) && remove_point(colors, i, 1)
+            }
+            _ => {
+                ui.label(RichText::new("click one").weak());
+                false
+            }
+        };
+        if gone {
+            *selected = None;
+        }
+    });
+}
+
+fn removes(ui: &mut Ui, can: bool) -> bool {
+    let button = ui.add_enabled(can, Button::new("remove").small());
+    button.on_disabled_hover_text("the function needs its last points").clicked()
+}
+
+/// What a function has besides its curve.
+fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, state: &mut State) {
+    let unit = crate::panels::unit(std::slice::from_ref(volume));
+    let hint = "the distance in the world over which the opacity is collected: a longer one makes everything thinner";
+    row(ui, "per length", hint, |ui, label| {
+        let span = function.unit_distance;
+        let range = f64::MIN_POSITIVE..=f64::INFINITY;
+        number(ui, &mut function.unit_distance, range, span, (58.0, unit)).labelled_by(label);
+        let zoom = ui.selectable_label(state.is_zoomed, "zoom");
+        if zoom.on_hover_text("the window fills the width").clicked() {
+            state.is_zoomed = !state.is_zoomed;
+        }
+    });
+    if !function.is_by_gradient() {
+        return;
+    }
+    ui.horizontal_wrapped(|ui| {
+        let (factors, regions) = (function.gradient_opacity.len(), function.regions.len());
+        let text = format!("It depends on the gradient, too: {factors} points and {regions} regions.");
+        ui.label(RichText::new(text).weak());
+        if ui.small_button("leave out").on_hover_text("what is left depends on the value alone").clicked() {
+            function.gradient_opacity.clear();
+            function.regions.clear();
+        }
+    });
+}
+
+/// Reading, writing, and starting anew.
+fn files(
+    ui: &mut Ui,
+    layer: &mut SceneLayer,
+    volume: &VolumeSource,
+    state: &mut State,
+    saved: &mut Vec<SavedFunction>,
+) {
+    row(
+        ui,
+        "file",
+        "a path; of brickyard's own JSON, ParaView's colour maps, or 3D Slicer's volume properties",
+        |ui, label| {
+            ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
+        },
+    );
+    row(ui, "", "", |ui, _| {
+        let has_path = !state.path.trim().is_empty();
+        let path = PathBuf::from(state.path.trim());
+        if ui.add_enabled(has_path, Button::new("load").small()).on_hover_text("takes the file's function").clicked() {
+            state.message = load(layer, volume, &path);
+            state.selected = None;
+        }
+        let save = ui.add_enabled(has_path, Button::new("save").small()).on_hover_text("writes the function");
+        if let Some(function) = save.clicked().then(|| volume.function(layer).ok()).flatten() {
+            saved.push(SavedFunction { path, function });
+        }
+        if ui.small_button("reset").on_hover_text("the gray ramp over the window").clicked() {
+            (layer.transfer, layer.window, state.selected) = (None, None, None);
+        }
+    });
+    match &state.message {
+        Ok(remarks) if remarks.is_empty() => {}
+        Ok(remarks) => drop(ui.label(RichText::new(remarks).weak())),
+        Err(problem) => drop(ui.label(RichText::new(problem).color(problem_color(ui.visuals())))),
+    }
+}
+
+/// Gives a layer the function of a file. Returns what is to be said of it, which is nothing or a remark a line.
+fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<String, String> {
+    let text = read_text(path).map_err(|error| error.to_string())?;
+    let read = file::read(&text, None, &volume.subject(layer.channel));
+    let imported = read.map_err(|error| format!("{}: {error}", path.display()))?;
+    let function = Some(Arc::new(imported.transfer));
+    layer.transfer = Some(TransferChoice::File(TransferFile { path: path.into(), name: None, function }));
+    (layer.window, layer.color) = (None, None);
+    Ok(imported.remarks.join("\n"))
+}
+
+/// What the keys do to the point that is selected: the change of its value and of its opacity, and whether it is removed. `step` is a step in values.
+fn keys(ui: &Ui, response: &Response, step: f64) -> ([f64; 2], bool) {
+    if !response.has_focus() {
+        return ([0.0; 2], false);
+    }
+    let filter = eframe::egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
+    ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, filter));
+    ui.input_mut(|input| {
+        let mut pressed = |key| input.count_and_consume_key(Modifiers::NONE, key) as f64;
+        let right = pressed(Key::ArrowRight) - pressed(Key::ArrowLeft);
+        let up = pressed(Key::ArrowUp) - pressed(Key::ArrowDown);
+        let is_removed = pressed(Key::Delete) + pressed(Key::Backspace) > 0.0;
+        ([right * step, 0.01 * up], is_removed)
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! What is cut away of all volumes: everything outside of a box, and outside of planes.
+
+use super::World;
+use crate::panels::widgets::{group, range, row, slider, switch, vector};
+use brickyard::volume::{ClipPlane, MAX_CLIP_PLANES, Scene};
+use eframe::egui::Ui;
+use glam::DVec3;
+
+/// The planes that can be added: the side that stays is the one that the axis points to.
+const SIDES: [(&str, DVec3); 6] = [
+    ("+x", DVec3::X),
+    ("-x", DVec3::NEG_X),
+    ("+y", DVec3::Y),
+    ("-y", DVec3::NEG_Y),
+    ("+z", DVec3::Z),
+    ("-z", DVec3::NEG_Z),
+];
+
+/// Shows clip box and clip planes of a scene.
+pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
+    group(ui, "clip box", "shows, and reads, the inside of a box alone", |ui| clip_box(ui, &mut scene.clip, world));
+    group(ui, "clip planes", "cuts away what is on the outer side of planes", |ui| {
+        planes(ui, &mut scene.clip_planes, world);
+    });
+}
+
+fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
+    let mut is_on = clip.is_some();
+    let unit = if world.unit.is_empty() { "world units" } else { world.unit };
+    if switch(ui, "clip", &format!("a box in the world, in {unit}"), &mut is_on).changed() {
+        *clip = is_on.then_some([world.low, world.high]);
+    }
+    let Some([low, high]) = clip else { return };
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let whole = world.low[axis]..=world.high[axis];
+        let least = 1e-3 * (world.high[axis] - world.low[axis]);
+        let ends = [&mut low.as_mut()[axis], &mut high.as_mut()[axis]];
+        range(ui, &format!("{name} ({unit})"), "from where to where something is shown", ends, (whole, least));
+    }
+    if ui.small_button("reset").on_hover_text("the box around everything").clicked() {
+        *clip = Some([world.low, world.high]);
+    }
+}
+
+fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
+    let mut removed = None;
+    for (i, plane) in planes.iter_mut().enumerate() {
+        ui.push_id(i, |ui| {
+            row(ui, &format!("plane {}", i + 1), "what is on the side of its normal is shown", |ui, _| {
+                if ui.small_button("flip").on_hover_text("shows the other side").clicked() {
+                    plane.normal = -plane.normal;
+                }
+                if ui.small_button("remove").clicked() {
+                    removed = Some(i);
+                }
+            });
+            position(ui, plane, world);
+            let before = plane.normal;
+            vector(ui, "normal", "towards what is shown; of any length", &mut plane.normal, 2.0);
+            if plane.normalized().is_err() {
+                plane.normal = before;
+            }
+            vector(ui, "through", "a point of the plane, in world units", &mut plane.point, world.size());
+            ui.add_space(4.0);
+        });
+    }
+    if let Some(i) = removed {
+        planes.remove(i);
+    }
+    let can_add = planes.len() < MAX_CLIP_PLANES;
+    row(ui, "add", "a plane across the middle; the side that its name points to stays", |ui, _| {
+        ui.spacing_mut().item_spacing.x = 3.0;
+        for (name, normal) in SIDES {
+            let add = ui.add_enabled(can_add, eframe::egui::Button::new(name).small());
+            if add.on_disabled_hover_text("a scene has at most 6 clip planes").clicked() {
+                planes.push(ClipPlane { point: world.middle(), normal });
+            }
+        }
+    });
+}
+
+/// How far a plane is along its normal.
+fn position(ui: &mut Ui, plane: &mut ClipPlane, world: &World<'_>) {
+    let along = plane.normal.normalize_or_zero();
+    let (least, greatest) = world.extent_along(along);
+    let before = along.dot(plane.point);
+    let mut at = before;
+    slider(ui, "position", "along the normal", &mut at, (least..=greatest, world.unit));
+    if at != before {
+        plane.point += along * (at - before);
+    }
+}

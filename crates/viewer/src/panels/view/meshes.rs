@@ -1,0 +1,47 @@
+//! The meshes beside the volumes, as a list.
+
+use crate::panels::widgets::{group, own_color, row, slider};
+use brickyard::volume::mesh::PLAIN_COLOR;
+use brickyard::volume::{MeshLook, Scene};
+use eframe::egui::{RichText, Ui};
+
+/// Shows the meshes of a scene.
+pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
+    group(ui, "meshes", "surfaces of triangles from files, in the scene's world", |ui| {
+        if scene.meshes.is_empty() {
+            ui.label(RichText::new("There are none: open a scene that names some.").weak());
+        }
+        let is_projection = scene.mode.is_projection();
+        let mut removed = None;
+        for (i, mesh) in scene.meshes.iter_mut().enumerate() {
+            ui.push_id(i, |ui| {
+                if one(ui, mesh, is_projection) {
+                    removed = Some(i);
+                }
+            });
+        }
+        if let Some(i) = removed {
+            scene.meshes.remove(i);
+        }
+    });
+}
+
+/// A mesh. Returns whether it is to be removed.
+fn one(ui: &mut Ui, mesh: &mut MeshLook, is_projection: bool) -> bool {
+    let name = mesh.path.file_name().unwrap_or(mesh.path.as_os_str()).to_string_lossy().into_owned();
+    let mut is_visible = mesh.opacity > 0.0;
+    if ui.checkbox(&mut is_visible, name).on_hover_text(mesh.path.display().to_string()).changed() {
+        mesh.opacity = f64::from(u8::from(is_visible));
+    }
+    let shown = ui.add_enabled_ui(!is_projection, |ui| {
+        slider(ui, "opacity", "0 is not there, 1 hides what is behind it", &mut mesh.opacity, (0.0..=1.0, ""));
+    });
+    shown
+        .response
+        .on_disabled_hover_text("a projection does not say what is in front of what: choose mode dvr or isosurface");
+    row(ui, "colour", "of its own, or the file's", |ui, label| {
+        own_color(ui, &mut mesh.color, PLAIN_COLOR, label);
+        ui.checkbox(&mut mesh.lit, "lit").on_hover_text("lit from the eye; if not, the colour is shown as it is");
+        ui.small_button("remove").clicked()
+    })
+}

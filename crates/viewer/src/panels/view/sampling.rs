@@ -1,0 +1,99 @@
+//! How rays are sampled, and how fine the bricks are that they sample.
+
+use crate::panels::reason;
+use crate::panels::widgets::{count, group, log_slider, menu};
+use brickyard::session::VolumeSource;
+use brickyard::volume::sampling::MOST_VIRTUAL_SAMPLES;
+use brickyard::volume::{Filter, Jitter, LevelPolicy, Method, Scene};
+use eframe::egui::Ui;
+
+const METHODS: [(Method, &str, &str); 7] = [
+    (Method::Udvr, "one sample", "one sample in the middle of each step: the fastest (UDVR)"),
+    (
+        Method::Pdvr,
+        "pre-integrated",
+        "the mean of the transfer function between the ends of each step: no rings (PDVR)",
+    ),
+    (Method::Lvs, "virtual, linear", "virtual samples on a straight line between the ends of a step (LVS)"),
+    (Method::Cvs, "virtual, cubic", "virtual samples on a cubic curve through neighbouring steps (CVS)"),
+    (Method::Asm, "adaptive", "as many samples as the difference of the values asks for (ASM)"),
+    (Method::Plvs, "pre-integrated, linear", "pre-integrated parts on a straight line (PLVS)"),
+    (Method::Pcvs, "pre-integrated, cubic", "pre-integrated parts on a cubic curve: the best, and the slowest (PCVS)"),
+];
+
+const FILTERS: [(Filter, &str, &str); 2] = [
+    (Filter::Trilinear, "trilinear", "linear between the eight voxels around a place"),
+    (Filter::Tricubic, "tricubic", "a cubic B-spline over 64 voxels: smooth, but it blurs, and is slower"),
+];
+
+/// Kinds of jitter without their seeds.
+const JITTERS: [(u8, &str, &str); 3] = [
+    (0, "none", "all rays are sampled at the same distances: coarse steps show as rings"),
+    (1, "white noise", "each ray begins elsewhere: rings become noise"),
+    (2, "blue noise", "neighbouring rays begin far apart: noise that the eye averages"),
+];
+
+/// Shows how the rays of a scene of these volumes are sampled.
+pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+    group(ui, "sampling", "how rays are sampled, and how fine the data are: quality against speed", |ui| {
+        let barred = |method| reason(scene, volumes, |scene| scene.sampling.method = method);
+        let hint = "how the fog of each step along a ray is found";
+        if let Some(method) = menu(ui, "method", hint, (scene.sampling.method, &METHODS), barred) {
+            scene.sampling.method = method;
+        }
+        if scene.sampling.method.has_virtual_samples() {
+            let mut samples = u32::from(scene.sampling.virtual_samples);
+            let hint = "virtual samples of each step: they cost no reading of voxels";
+            count(ui, "virtual", hint, &mut samples, 1..=u32::from(MOST_VIRTUAL_SAMPLES));
+            scene.sampling.virtual_samples = samples as u8;
+        }
+        if let Some(filter) =
+            menu(ui, "filter", "how values between voxels are found", (scene.sampling.filter, &FILTERS), |_| None)
+        {
+            scene.sampling.filter = filter;
+        }
+        jitter(ui, &mut scene.sampling.jitter);
+        let hint = "distance of samples along a ray, in voxels of the finest layer: shorter is better and slower";
+        log_slider(ui, "step", hint, &mut scene.step, (0.1..=10.0, "vx"));
+        let hint = "how many pixels a voxel may cover before a finer level is fetched: more is faster and coarser";
+        log_slider(ui, "pixel error", hint, &mut scene.pixel_error, (0.25..=32.0, "px"));
+        level(ui, scene, volumes);
+    });
+}
+
+fn jitter(ui: &mut Ui, jitter: &mut Jitter) {
+    let (kind, seed) = match *jitter {
+        Jitter::None => (0, 0),
+        Jitter::White(seed) => (1, seed),
+        Jitter::Blue => (2, 0),
+    };
+    let hint = "whether each ray's first step is shortened by a share of its own";
+    match menu(ui, "jitter", hint, (kind, &JITTERS), |_| None) {
+        Some(0) => *jitter = Jitter::None,
+        Some(1) => *jitter = Jitter::White(seed),
+        Some(_) => *jitter = Jitter::Blue,
+        None => {}
+    }
+    if let Jitter::White(seed) = jitter {
+        count(ui, "seed", "another number is other noise", seed, 0..=999);
+    }
+}
+
+/// The level that is shown.
+fn level(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+    let levels = volumes.iter().map(|volume| volume.source.pyramid().levels().len()).max().unwrap_or(1);
+    let locked = (0..levels).map(|level| match level {
+        0 => "0, the finest".to_string(),
+        level => level.to_string(),
+    });
+    let names: Vec<String> = locked.collect();
+    let auto = (LevelPolicy::Auto, "auto", "brick by brick as fine as the pixel error asks for");
+    let locked = (0u8..)
+        .zip(&names)
+        .map(|(level, name)| (LevelPolicy::Locked(level), &**name, "this level everywhere, as far as memory goes"));
+    let choices: Vec<_> = [auto].into_iter().chain(locked).collect();
+    let hint = "which level of the data's pyramid is shown; each is half as fine as the one before";
+    if let Some(level) = menu(ui, "level", hint, (scene.level, &choices), |_| None) {
+        scene.level = level;
+    }
+}

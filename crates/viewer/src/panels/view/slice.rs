@@ -1,0 +1,162 @@
+//! A slice: a plane through everything, or a slab about it, across an axis or oblique.
+
+use super::World;
+use crate::panels::mending::set_mode;
+use crate::panels::widgets::{count, group, menu, number, row, slider, vector};
+use brickyard::session::VolumeSource;
+use brickyard::volume::scene::VolumePlace;
+use brickyard::volume::{Mode, Scene, Slice};
+use eframe::egui::Ui;
+use glam::DVec3;
+
+/// How a slice lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Cut {
+    Off,
+    /// Across an axis: 0 is x.
+    Across(usize),
+    Oblique,
+}
+
+const WORLD_CUTS: [(Cut, &str, &str); 5] = [
+    (Cut::Off, "off", "the whole volumes"),
+    (Cut::Across(0), "x", "across the x axis"),
+    (Cut::Across(1), "y", "across the y axis"),
+    (Cut::Across(2), "z", "across the z axis: as images are stored"),
+    (Cut::Oblique, "oblique", "by a normal of any direction; at first across the view"),
+];
+
+const PATIENT_CUTS: [(Cut, &str, &str); 5] = [
+    (Cut::Off, "off", "the whole volumes"),
+    (Cut::Across(2), "axial", "across the body, seen from the feet"),
+    (Cut::Across(1), "coronal", "front and back apart, seen from the front"),
+    (Cut::Across(0), "sagittal", "left and right apart, seen from the left"),
+    (Cut::Oblique, "oblique", "by a normal of any direction; at first across the view"),
+];
+
+const PROJECTIONS: [(Mode, &str, &str); 3] = [
+    (Mode::Average, "mean", "the mean of the values across the slab"),
+    (Mode::Mip, "greatest", "the greatest value across the slab (MIP)"),
+    (Mode::MinIp, "least", "the least value across the slab (MinIP)"),
+];
+
+/// Shows the slice of a scene of these volumes.
+pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
+    group(ui, "slice", "a plane through everything, or a slab about it", |ui| {
+        let cuts = if world.is_anatomical { &PATIENT_CUTS } else { &WORLD_CUTS };
+        let no_expression =
+            scene.expression.is_some().then(|| "an expression is shown in mode dvr alone: clear it first".to_string());
+        let shown = cut(scene.slice.as_ref());
+        if let Some(cut) = menu(ui, "cut", "how the slice lies", (shown, cuts), |_| no_expression.clone()) {
+            choose(scene, volumes, world, cut);
+        }
+        let Some(mut slice) = scene.slice else { return };
+        position(ui, &mut slice, scene, volumes, world);
+        if cut(Some(&slice)) == Cut::Oblique {
+            vector(ui, "normal", "towards the viewer; of any length", &mut slice.normal, 2.0);
+        }
+        row(ui, "thickness", "from one side of the slab to the other; 0 is as thin as can be", |ui, label| {
+            let range = 0.0..=world.size();
+            number(ui, &mut slice.thickness, range, world.size(), (64.0, world.unit)).labelled_by(label);
+            if ui.small_button("look at it").on_hover_text("looks at the slice from straight above").clicked() {
+                look_at(scene, volumes, slice);
+            }
+        });
+        if slice.check().is_ok() && scene.slice.is_some() {
+            scene.slice = Some(slice);
+        }
+        let hint = "which of the values across the slab is shown";
+        if let Some(mode) = menu(ui, "shows", hint, (scene.mode, &PROJECTIONS), |_| None) {
+            set_mode(scene, volumes, mode);
+        }
+    });
+}
+
+/// How a slice lies.
+fn cut(slice: Option<&Slice>) -> Cut {
+    let Some(slice) = slice else { return Cut::Off };
+    let normal = slice.normal.normalize_or_zero().abs();
+    (0..3).find(|&axis| normal[axis] > 1.0 - 1e-12).map_or(Cut::Oblique, Cut::Across)
+}
+
+/// Lays the slice of a scene as is asked for: through where it is, or else through the middle. A slice is a projection, and is looked at straight.
+fn choose(scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>, cut: Cut) {
+    let (point, thickness) = scene.slice.map_or((world.middle(), 0.0), |slice| (slice.point, slice.thickness));
+    let slice = match cut {
+        Cut::Off => {
+            scene.slice = None;
+            // The mean of whole volumes is what nobody asked for.
+            if scene.mode == Mode::Average {
+                set_mode(scene, volumes, Mode::Dvr);
+            }
+            return;
+        }
+        Cut::Across(axis) if world.is_anatomical => Slice { thickness, ..Slice::of_patient(axis, point[axis]) },
+        Cut::Across(axis) => Slice { thickness, ..Slice::across(axis, point[axis]) },
+        Cut::Oblique => {
+            let seen = scene.camera.map(|camera| (camera.eye - camera.target).normalize_or_zero());
+            let is_askew = |normal: &DVec3| normal.abs().max_element() < 0.999 && *normal != DVec3::ZERO;
+            Slice { point, normal: seen.filter(is_askew).unwrap_or(DVec3::ONE), thickness }
+        }
+    };
+    if !scene.mode.is_projection() {
+        set_mode(scene, volumes, Mode::Average);
+    }
+    scene.slice = Some(slice);
+    look_at(scene, volumes, slice);
+}
+
+/// Looks straight at a slice.
+fn look_at(scene: &mut Scene, volumes: &[VolumeSource], slice: Slice) {
+    let places: Vec<VolumePlace> = volumes.iter().map(VolumeSource::place).collect();
+    let straight = Scene { camera: None, slice: Some(slice), ..scene.clone() };
+    // Of a square picture, all is seen in any that is wider.
+    if let Ok(camera) = straight.camera_for(&places, (1, 1)) {
+        scene.camera = Some(camera);
+    }
+}
+
+/// Where the slice is: in the world, and for a slice along voxels of the first layer that is shown, which of them it shows.
+fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSource], world: &World<'_>) {
+    let along = match cut(Some(slice)) {
+        Cut::Across(axis) => DVec3::AXES[axis],
+        _ => slice.normal.normalize_or_zero(),
+    };
+    let (least, greatest) = world.extent_along(along);
+    let before = along.dot(slice.point);
+    let mut at = before;
+    slider(ui, "position", "where the slice is, along its normal", &mut at, (least..=greatest, world.unit));
+    if at != before {
+        slice.point += along * (at - before);
+    }
+    let Some(voxels) = Voxels::new(scene, volumes, slice.point, along) else { return };
+    let mut index = voxels.place.floor().clamp(0.0, f64::from(voxels.count - 1)) as u32;
+    let hint = format!("which of the {} voxels along the axis the slice passes through, from 0", voxels.count);
+    if count(ui, "voxel", &hint, &mut index, 0..=voxels.count - 1).changed() {
+        slice.point += along * ((f64::from(index) + 0.5 - voxels.place) / voxels.per_length);
+    }
+}
+
+/// A line of voxels across a slice.
+struct Voxels {
+    count: u32,
+    /// Where the slice crosses it, in voxels.
+    place: f64,
+    /// Voxels per world distance; negative where they count the other way.
+    per_length: f64,
+}
+
+impl Voxels {
+    /// The voxels of the first layer that is shown; `None` if the slice lies askew to them.
+    fn new(scene: &Scene, volumes: &[VolumeSource], point: DVec3, along: DVec3) -> Option<Self> {
+        let layer = scene.layers.iter().position(|layer| layer.visible)?;
+        let volume = volumes.get(scene.store(layer))?;
+        let placement = scene.placement(layer, &volume.place()).ok()?;
+        let voxel = |world: DVec3| volume.source.geometry().voxel_from_world(placement.volume_from_world(world));
+        let (first, step) = (voxel(point), voxel(point + along) - voxel(point));
+        let axis = (0..3).max_by(|a, b| step[*a].abs().total_cmp(&step[*b].abs()))?;
+        let is_askew = (0..3).any(|other| other != axis && step[other].abs() > 1e-6 * step[axis].abs());
+        let count = volume.source.pyramid().levels()[0].extent.to_array()[axis];
+        (!is_askew).then_some(Self { count, place: first[axis], per_length: step[axis] })
+    }
+}

@@ -1,0 +1,389 @@
+//! The controls that panels are made of: rows with a label in front, numbers with as many digits as matter, colours, choices with explanations, text
+//! that is applied once it can be read. None of them changes a value by being shown, so a scene that is only looked at stays as it is.
+
+use eframe::egui::{
+    Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText, Slider,
+    SliderClamping, TextEdit, Ui, Visuals, vec2,
+};
+use glam::DVec3;
+use std::ops::RangeInclusive;
+
+/// Width of the column of labels, in points.
+const LABEL_WIDTH: f32 = 74.0;
+
+/// Width of a number beside a slider, in points.
+const NUMBER_WIDTH: f32 = 52.0;
+
+/// A line of controls behind a label. `content` takes the label's id, by which its controls are named.
+pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(&mut Ui, Id) -> R) -> R {
+    ui.horizontal(|ui| {
+        let size = vec2(LABEL_WIDTH, ui.spacing().interact_size.y);
+        let label = ui.allocate_ui_with_layout(size, Layout::left_to_right(Align::Center), |ui| {
+            ui.set_min_width(LABEL_WIDTH);
+            ui.add(Label::new(label).truncate()).on_hover_text(hint)
+        });
+        content(ui, label.inner.id)
+    })
+    .inner
+}
+
+/// Controls under a heading that is folded away until it is clicked.
+pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&mut Ui)) {
+    let folded = CollapsingHeader::new(name).id_salt(name).show(ui, content);
+    folded.header_response.on_hover_text(hint);
+}
+
+/// A number in words, with as many digits as it takes to tell a thousandth of `span` apart.
+pub(crate) fn digits(value: f64, span: f64) -> String {
+    let reach = if span.is_finite() && span > 0.0 { span } else { value.abs().max(f64::MIN_POSITIVE) };
+    let decimals = 3.0 - reach.log10().floor();
+    if decimals > 9.0 || value.abs() >= 1e9 {
+        return format!("{value:.3e}");
+    }
+    let text = format!("{value:.*}", decimals.max(0.0) as usize);
+    let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if short == "-0" { "0".into() } else { short.into() }
+}
+
+/// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown.
+fn access<'a>(value: &'a mut f64, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
+    move |new| {
+        let is_as_shown = |new: f64| digits(*value, span).parse() == Ok(new);
+        if let Some(new) = new.filter(|new| new.is_finite() && !is_as_shown(*new)) {
+            *value = new;
+        }
+        *value
+    }
+}
+
+/// A number that is dragged or typed. `span` is the range of values that matter, `unit` what follows the number.
+pub(crate) fn number(
+    ui: &mut Ui,
+    value: &mut f64,
+    range: RangeInclusive<f64>,
+    span: f64,
+    (width, unit): (f32, &str),
+) -> Response {
+    let suffix = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let number = DragValue::from_get_set(access(value, span))
+        .range(range)
+        .clamp_existing_to_range(false)
+        .speed((span / 500.0).max(f64::MIN_POSITIVE))
+        .max_decimals(15)
+        .custom_formatter(|value, _| digits(value, span))
+        .clip_text(true)
+        .min_size(vec2(width, ui.spacing().interact_size.y))
+        .suffix(suffix);
+    ui.add(number)
+}
+
+/// A slider in a row of its own, with its number.
+pub(crate) fn slider(
+    ui: &mut Ui,
+    label: &str,
+    hint: &str,
+    value: &mut f64,
+    (range, unit): (RangeInclusive<f64>, &str),
+) -> Response {
+    slid(ui, label, hint, value, (range, unit), false)
+}
+
+/// A slider on which equal distances are equal factors.
+pub(crate) fn log_slider(
+    ui: &mut Ui,
+    label: &str,
+    hint: &str,
+    value: &mut f64,
+    (range, unit): (RangeInclusive<f64>, &str),
+) -> Response {
+    slid(ui, label, hint, value, (range, unit), true)
+}
+
+fn slid(
+    ui: &mut Ui,
+    label: &str,
+    hint: &str,
+    value: &mut f64,
+    (range, unit): (RangeInclusive<f64>, &str),
+    is_logarithmic: bool,
+) -> Response {
+    let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
+    row(ui, label, hint, |ui, label| {
+        let width = NUMBER_WIDTH + if unit.is_empty() { 0.0 } else { 8.0 + 6.0 * unit.len() as f32 };
+        ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(24.0);
+        let rail = Slider::from_get_set(range.clone(), access(value, span))
+            .clamping(SliderClamping::Edits)
+            .logarithmic(is_logarithmic)
+            .smallest_positive(1e-3)
+            .show_value(false);
+        let rail = ui.add(rail).labelled_by(label).on_hover_text(hint);
+        rail | number(ui, value, range, span, (width, unit)).labelled_by(label)
+    })
+}
+
+/// The three numbers of a point or a direction.
+pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
+    row(ui, label, hint, |ui, label| {
+        let width = (ui.available_width() - 2.0 * ui.spacing().item_spacing.x) / 3.0;
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let part = &mut value.as_mut()[axis];
+            number(ui, part, f64::NEG_INFINITY..=f64::INFINITY, span, (width, ""))
+                .labelled_by(label)
+                .on_hover_text(name);
+        }
+    });
+}
+
+/// A whole number on a slider in a row of its own.
+pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range: RangeInclusive<u32>) -> Response {
+    row(ui, label, hint, |ui, label| {
+        ui.spacing_mut().slider_width = (ui.available_width() - NUMBER_WIDTH - ui.spacing().item_spacing.x).max(24.0);
+        let clamping = SliderClamping::Edits;
+        let rail = ui.add(Slider::new(value, range.clone()).clamping(clamping).show_value(false)).labelled_by(label);
+        let number = DragValue::new(value).range(range).clamp_existing_to_range(false).speed(0.2);
+        let number = number.min_size(vec2(NUMBER_WIDTH, ui.spacing().interact_size.y));
+        rail.on_hover_text(hint) | ui.add(number).labelled_by(label)
+    })
+}
+
+/// A switch in a row of its own.
+pub(crate) fn switch(ui: &mut Ui, label: &str, hint: &str, is_on: &mut bool) -> Response {
+    row(ui, label, hint, |ui, label| ui.checkbox(is_on, "").labelled_by(label).on_hover_text(hint))
+}
+
+/// A value that may be left to the engine: a switch `auto`, and a number where it is off.
+pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>, (own, unit): (f64, &str)) {
+    row(ui, label, hint, |ui, label| {
+        let mut is_auto = value.is_none();
+        if ui.checkbox(&mut is_auto, "auto").changed() {
+            *value = if is_auto { None } else { Some(own) };
+        }
+        if let Some(value) = value {
+            let least = f64::MIN_POSITIVE;
+            number(ui, value, least..=f64::INFINITY, own, (NUMBER_WIDTH, unit)).labelled_by(label);
+        }
+    });
+}
+
+/// A choice among a few: a value, its name, and what it means, each.
+pub(crate) type Choices<'a, T> = &'a [(T, &'a str, &'a str)];
+
+/// A menu of choices. Those for which `barred` gives a reason cannot be chosen, and say it. Returns what was chosen.
+pub(crate) fn menu<T: Copy + PartialEq>(
+    ui: &mut Ui,
+    label: &str,
+    hint: &str,
+    (shown, all): (T, Choices<'_, T>),
+    barred: impl Fn(T) -> Option<String>,
+) -> Option<T> {
+    row(ui, label, hint, |ui, label| {
+        let mut chosen = None;
+        let name = all.iter().find(|(value, ..)| *value == shown).map_or("", |(_, name, _)| *name);
+        let list = |ui: &mut Ui| {
+            for (value, name, hint) in all {
+                let reason = barred(*value).filter(|_| *value != shown);
+                let entry = ui.add_enabled_ui(reason.is_none(), |ui| ui.selectable_label(*value == shown, *name)).inner;
+                let entry = entry.on_hover_text(*hint).on_disabled_hover_text(reason.unwrap_or_default());
+                if entry.clicked() {
+                    chosen = Some(*value);
+                }
+            }
+        };
+        let width = ui.available_width();
+        let menu = ComboBox::from_id_salt(label).width(width).selected_text(name).truncate().show_ui(ui, list);
+        menu.response.labelled_by(label).on_hover_text(hint);
+        chosen.filter(|chosen| *chosen != shown)
+    })
+}
+
+/// A colour, which a click edits.
+pub(crate) fn color(ui: &mut Ui, color: &mut [f64; 3]) -> Response {
+    let mut bytes = color.map(|part| (part * 255.0).round() as u8);
+    let button = ui.color_edit_button_srgb(&mut bytes);
+    if button.changed() {
+        *color = bytes.map(|part| f64::from(part) / 255.0);
+    }
+    button
+}
+
+/// A colour in the place of one that follows from something else: the swatch shows what is seen, and a cross takes the own colour back.
+pub(crate) fn own_color(ui: &mut Ui, own: &mut Option<[f64; 3]>, seen: [f64; 3], label: Id) {
+    let mut shown = own.unwrap_or(seen);
+    if color(ui, &mut shown).labelled_by(label).changed() {
+        *own = Some(shown);
+    }
+    if own.is_some() && ui.small_button("x").on_hover_text("no colour of its own").clicked() {
+        *own = None;
+    }
+}
+
+/// The colour of pixels.
+pub(crate) fn color32(color: [f64; 3]) -> Color32 {
+    let [r, g, b] = color.map(|part| (part * 255.0).round() as u8);
+    Color32::from_rgb(r, g, b)
+}
+
+/// The colour of messages about what is wrong.
+pub(crate) fn problem_color(visuals: &Visuals) -> Color32 {
+    if visuals.dark_mode { Color32::from_rgb(240, 140, 90) } else { Color32::from_rgb(170, 60, 10) }
+}
+
+/// What is being typed, and the words of the value that it was begun from.
+#[derive(Clone)]
+struct Draft {
+    basis: String,
+    text: String,
+}
+
+/// A value that is typed as text. It is applied as soon as it can be read; until then the text stays, with what is wrong with it below. Returns
+/// whether the value changed.
+pub(crate) fn typed<T: PartialEq>(
+    ui: &mut Ui,
+    (name, hint, rows): (&str, &str, usize),
+    value: &mut T,
+    words: impl Fn(&T) -> String,
+    read: impl FnOnce(&str) -> Result<T, String>,
+) -> bool {
+    let key = ui.scope_id().with(name);
+    let basis = words(value);
+    let known = ui.data(|data| data.get_temp::<Draft>(key)).filter(|draft| draft.basis == basis);
+    let mut text = known.map_or_else(|| basis.clone(), |draft| draft.text);
+    let field = if rows > 1 { TextEdit::multiline(&mut text) } else { TextEdit::singleline(&mut text) };
+    let field = field.desired_rows(rows).desired_width(f32::INFINITY).hint_text(hint);
+    let response = ui.add(field).accessible_name(name);
+    let parsed = (text != basis).then(|| read(&text));
+    let mut has_changed = false;
+    let basis = match parsed {
+        Some(Ok(new)) if response.changed() && new != *value => {
+            *value = new;
+            has_changed = true;
+            words(value)
+        }
+        Some(Err(problem)) => {
+            let color = problem_color(ui.visuals());
+            ui.label(RichText::new(problem).monospace().small().color(color));
+            basis
+        }
+        _ => basis,
+    };
+    ui.data_mut(|data| data.insert_temp(key, Draft { basis, text }));
+    has_changed
+}
+
+/// A range of values in a row of its own: its ends on a rail, and as numbers. The ends stay `least` apart.
+pub(crate) fn range(
+    ui: &mut Ui,
+    label: &str,
+    hint: &str,
+    [low, high]: [&mut f64; 2],
+    (whole, least): (RangeInclusive<f64>, f64),
+) {
+    let (first, last) = (*whole.start(), *whole.end());
+    let span = last - first;
+    row(ui, label, hint, |ui, label| {
+        let end = NUMBER_WIDTH - 8.0;
+        number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
+        ui.spacing_mut().slider_width = (ui.available_width() - end - ui.spacing().item_spacing.x).max(24.0);
+        let (mut to_low, mut to_high) = (*low, *high);
+        let rail = RangeSlider::new(&mut to_low, &mut to_high, whole)
+            .clamping(SliderClamping::Edits)
+            .min_separation(least)
+            .show_value(false);
+        if ui.add(rail).on_hover_text(hint).changed() {
+            (*low, *high) = (to_low, to_high);
+        }
+        number(ui, high, (*low + least).min(last)..=last, span, (end, "")).labelled_by(label);
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::Key;
+    use eframe::egui::accesskit::Role;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+
+    #[test]
+    fn numbers_have_the_digits_that_matter() {
+        for (value, span, expected) in [
+            (0.5, 1.0, "0.5"),
+            (0.12345, 1.0, "0.123"),
+            (127.46, 255.0, "127.5"),
+            (1500.4, 65535.0, "1500"),
+            (-0.0, 65535.0, "0"),
+            (100.0, 65535.0, "100"),
+            (0.000_012_34, 1e-5, "1.234e-5"),
+            (1.5e12, 1e12, "1.500e12"),
+            (0.25, 0.0, "0.25"),
+        ] {
+            assert_eq!(digits(value, span), expected);
+        }
+    }
+
+    #[test]
+    fn a_number_that_is_only_visited_stays_what_it_is() {
+        let value = 1.0 / 3.0;
+        let show = |ui: &mut Ui, value: &mut f64| {
+            number(ui, value, 0.0..=0.2, 1.0, (50.0, "mm"));
+        };
+        let mut harness = Harness::new_ui_state(show, value);
+        harness.get_by_role(Role::SpinButton).focus();
+        harness.run();
+        harness.key_press(Key::Enter);
+        harness.run();
+        assert_eq!(*harness.state(), value, "neither rounded nor brought into its range");
+    }
+
+    #[test]
+    fn a_number_is_typed() {
+        let show = |ui: &mut Ui, value: &mut f64| {
+            number(ui, value, 0.0..=9.0, 1.0, (50.0, ""));
+        };
+        let mut harness = Harness::new_ui_state(show, 1.0);
+        for (typed, expected) in [("2.34567", 2.345_67), ("inf", 2.345_67), ("12", 9.0)] {
+            harness.get_by_role(Role::SpinButton).focus();
+            harness.run();
+            harness.get_by_role(Role::SpinButton).type_text(typed);
+            harness.run();
+            harness.key_press(Key::Enter);
+            harness.run();
+            assert_eq!(*harness.state(), expected, "{typed}");
+        }
+    }
+
+    #[test]
+    fn text_is_applied_once_it_can_be_read() {
+        let show = |ui: &mut Ui, value: &mut u32| {
+            let read = |text: &str| text.parse::<u32>().map_err(|error| error.to_string());
+            typed(ui, ("count", "a number", 1), value, u32::to_string, read);
+        };
+        let mut harness = Harness::new_ui_state(show, 7);
+        harness.get_by_label("count").focus();
+        harness.run();
+        harness.get_by_label("count").type_text("x");
+        harness.run();
+        assert_eq!(*harness.state(), 7);
+        assert!(harness.query_by_label_contains("invalid digit").is_some());
+        harness.key_press(Key::Backspace);
+        harness.run();
+        harness.get_by_label("count").type_text("1");
+        harness.run();
+        assert_eq!(*harness.state(), 71);
+        assert!(harness.query_by_label_contains("invalid digit").is_none());
+    }
+
+    #[test]
+    fn the_ends_of_a_range_stay_apart() {
+        let show = |ui: &mut Ui, [low, high]: &mut [f64; 2]| range(ui, "x", "", [low, high], (0.0..=100.0, 1.0));
+        let mut harness = Harness::new_ui_state(show, [20.0, 80.0]);
+        let low = harness.get_all_by_role(Role::SpinButton).next().expect("the least value");
+        low.focus();
+        harness.run();
+        harness.get_all_by_role(Role::SpinButton).next().expect("the least value").type_text("95");
+        harness.run();
+        harness.key_press(Key::Enter);
+        harness.run();
+        assert_eq!(*harness.state(), [79.0, 80.0]);
+    }
+}
