@@ -2,10 +2,11 @@
 //! cannot have is left out, and files that the scene newly names are read.
 
 use crate::fields::{differences, set};
+use crate::panels::mending::set_mode;
 use crate::state::State;
 use brickyard::scene_file::read_named_files;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Isosurface, LightingModel, Mode, Scene, TransferChoice};
+use brickyard::volume::{Scene, TransferChoice};
 use serde_json::Value;
 
 /// A state after fields of its document have been set.
@@ -21,7 +22,8 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
     keep_files(&mut edited.scene, &state.scene);
     read_named_files(&mut edited.scene, volumes).map_err(|error| error.to_string())?;
     if edited.scene.mode != state.scene.mode {
-        suit_mode(&mut edited.scene, volumes);
+        let mode = edited.scene.mode;
+        set_mode(&mut edited.scene, volumes, mode);
     }
     Ok(edited)
 }
@@ -57,28 +59,11 @@ fn keep_files(scene: &mut Scene, before: &Scene) {
     }
 }
 
-/// Projections are not lit. Surfaces begin in the middle of the window.
-fn suit_mode(scene: &mut Scene, volumes: &[VolumeSource]) {
-    if scene.mode.is_projection() {
-        scene.lighting.model = LightingModel::None;
-    }
-    let has_surface = scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
-    if scene.mode != Mode::Isosurface || has_surface {
-        return;
-    }
-    for i in 0..scene.layers.len() {
-        let Some(volume) = volumes.get(scene.store(i)) else { continue };
-        let layer = &mut scene.layers[i];
-        let [low, high] = layer.window.unwrap_or_else(|| volume.subject(layer.channel).window.into());
-        layer.isosurfaces = vec![Isosurface::at(0.5 * (low + high))];
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::state::Layout;
-    use brickyard::volume::SceneLayer;
+    use brickyard::volume::{LightingModel, Mode, SceneLayer};
     use serde_json::json;
 
     fn after(state: &State, field: &str, value: Value) -> Result<State, String> {
