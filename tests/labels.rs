@@ -10,11 +10,10 @@ use brickyard::volume::{
     Picture, Placement, Projection, Sampling, Scene, SceneExpression, SceneLayer, Slice, TransferFunction, Voxel,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, open_session, open_session_of, options, oracle, read_png, run, run_ok,
-    settled,
+    Expected, FunctionSource, Sandbox, TestStore, WAYS, off, open_session, open_session_of, options, oracle, read_png,
+    run, run_ok, settled,
 };
 use glam::DVec3;
-use std::cell::OnceCell;
 use std::collections::BTreeSet;
 
 const SIZE: (u32, u32) = (72, 60);
@@ -93,53 +92,6 @@ fn naming_a_label_decodes_nothing_again() {
         assert_eq!(second.bytes.decoded, first.bytes.decoded, "{way:?}");
         let expected = oracle(&test.store, &naming(vec![70_000, 4_000_000_000]), SIZE);
         assert!(off(&found, &expected).len() <= found.rgb.len() / 1000, "{way:?}");
-    }
-}
-
-/// The pixels in which a picture is more than 1/255 off.
-fn off(found: &Picture, expected: &Picture) -> Vec<usize> {
-    let is_off = |i: &usize| (0..3).any(|k| found.rgb[*i][k].abs_diff(expected.rgb[*i][k]) > 1);
-    (0..found.rgb.len()).filter(is_off).collect()
-}
-
-/// What the oracle shows of a scene: from its camera, and, made when they are first asked for, from a thousandth of a voxel beside it.
-struct Expected<'a> {
-    draw: &'a dyn Fn(&Scene) -> Picture,
-    scene: &'a Scene,
-    exact: Picture,
-    near: OnceCell<Vec<Picture>>,
-}
-
-impl<'a> Expected<'a> {
-    fn new(scene: &'a Scene, draw: &'a dyn Fn(&Scene) -> Picture) -> Self {
-        let exact = draw(scene);
-        assert!(exact.rgb.iter().any(|p| *p != exact.rgb[0]), "the expected picture is one flat colour");
-        Self { draw, scene, exact, near: OnceCell::new() }
-    }
-
-    fn near(&self) -> &[Picture] {
-        self.near.get_or_init(|| {
-            let camera = self.scene.camera.expect("a scene of these tests has one");
-            let by = [-1e-3, 1e-3].into_iter().flat_map(|by| DVec3::AXES.map(|axis| axis * by));
-            let moved = by.map(|by| Camera { eye: camera.eye + by, target: camera.target + by, ..camera });
-            moved.map(|camera| (self.draw)(&Scene { camera: Some(camera), ..self.scene.clone() })).collect()
-        })
-    }
-
-    /// The picture equals the oracle's, but for at most a thousandth of the pixels, which are what the oracle has a thousandth of a voxel away:
-    /// there rounding decides which of two voxels a place is in.
-    fn assert_shown(&self, found: &Picture, what: &str) {
-        let mut left = off(found, &self.exact);
-        assert!(left.len() * 1000 <= found.rgb.len(), "{what}: {} pixels of {} are off", left.len(), found.rgb.len());
-        if left.is_empty() {
-            return;
-        }
-        for near in self.near() {
-            let off = off(found, near);
-            left.retain(|i| off.contains(i));
-        }
-        let seen: Vec<_> = left.iter().map(|&i| (found.rgb[i], self.exact.rgb[i])).collect();
-        assert!(left.is_empty(), "{what}: nowhere near the oracle's at {left:?}: {seen:?}");
     }
 }
 

@@ -66,7 +66,8 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     let sampled = |sampling| Scene { sampling, ..base() };
     let shaded = |lighting| Scene { lighting, ..base() };
     let plain = Sampling::default();
-    let smooth = |mode| Scene { sampling: Sampling { filter: Filter::Tricubic, ..plain }, ..of_mode(mode) };
+    let filtered =
+        |filter| Mode::ALL.map(|mode| Scene { sampling: Sampling { filter, ..plain }, ..of_mode(mode) }).to_vec();
     let counts = [1, 2, 16].map(|virtual_samples| sampled(Sampling { method: Method::Pcvs, virtual_samples, ..plain }));
     let filters = Filter::ALL.map(|filter| sampled(Sampling { filter, ..plain }));
     let models = LightingModel::ALL.map(|model| shaded(lit(model, Gradient::Central)));
@@ -96,7 +97,8 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     });
     vec![
         ("modes", Mode::ALL.map(of_mode).to_vec()),
-        ("modes with splines", Mode::ALL.map(smooth).to_vec()),
+        ("modes with splines", filtered(Filter::Tricubic)),
+        ("modes with steps", filtered(Filter::Nearest)),
         ("methods", Method::ALL.map(|method| sampled(Sampling { method, ..plain })).to_vec()),
         ("virtual samples", counts.to_vec()),
         ("filters", filters.to_vec()),

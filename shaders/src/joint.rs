@@ -5,7 +5,7 @@
 //! code is called once for each layer, and no loop goes over layers, so that drivers fold what is constant.
 
 use crate::compose::Parts;
-use crate::{Curve, Light, Medium, Sampler, Surfaces, margin};
+use crate::{Curve, Filter, Light, Medium, Sampler, Surfaces, margin};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -31,6 +31,8 @@ pub struct LayerShader {
     pub has_invalid: bool,
     /// Whether values are labels, which are read at the nearest voxel. Layers of labels share a pool with no others.
     pub is_labels: bool,
+    /// Whether all values are whole numbers, as labels are. Only expressions use it.
+    pub is_whole: bool,
     /// Whether the layer's slots hold 32-bit floats instead of codes.
     pub is_float: bool,
     /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
@@ -67,8 +69,8 @@ pub struct JointVariant {
     /// How segments become media in all layers. Surfaces and grids are said layer by layer: of [`Medium::surfaces`]
     /// only [`Surfaces::Alone`] counts, which means that there is no fog, and [`Medium::has_grid`] does not count.
     pub medium: Medium,
-    /// Whether fields are tricubic splines of their voxels. If not, they are trilinear.
-    pub is_cubic: bool,
+    /// How fields are made of their voxels, but those of labels.
+    pub filter: Filter,
     /// Whether only a slab between layers of meshes is drawn.
     pub has_meshes: bool,
     /// The layers, at least one, in the order of their frames.
@@ -91,7 +93,7 @@ impl JointVariant {
                 "atlas",
                 atlases(
                     &self.layers.iter().map(|layer| (layer.pool, layer.sampler())).collect::<Vec<_>>(),
-                    self.is_cubic,
+                    self.filter,
                 ),
             )
             .text("layers", self.layers())
@@ -124,7 +126,7 @@ impl JointVariant {
              var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> IS_UNBOUNDED: bool;\nvar<private> ADDS: bool;\n\
              var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
             self.layers.len(),
-            margin(self.is_cubic),
+            margin(self.filter),
             curve as u32,
             self.medium.surface_light() as u32,
             surfaces != Surfaces::Alone,
@@ -205,8 +207,8 @@ impl JointVariant {
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
             let value = format!("{low:?}f + way_{i}.value * {width:?}f");
-            // Labels are whole numbers, which expressions compare.
-            let value = if layer.is_labels { format!("round({value})") } else { value };
+            // Whole numbers are compared by expressions.
+            let value = if layer.is_whole { format!("round({value})") } else { value };
             let _ = write!(
                 text,
                 "    read.values[{i}] = {value};\n    \
@@ -263,10 +265,10 @@ impl ExpressionShader {
 
 /// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the
 /// layer that shared code is about. `layers` says of each layer its pool, and how that is sampled.
-pub(crate) fn atlases(layers: &[(u32, Sampler)], is_cubic: bool) -> String {
+pub(crate) fn atlases(layers: &[(u32, Sampler)], filter: Filter) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
     for sampler in Sampler::ALL.into_iter().filter(|sampler| layers.iter().any(|(_, own)| own == sampler)) {
-        let _ = writeln!(text, "//!import {}", sampler.file(is_cubic));
+        let _ = writeln!(text, "//!import {}", sampler.files(filter));
     }
     let pools: BTreeMap<u32, Sampler> = layers.iter().copied().collect();
     for i in pools.keys() {
@@ -276,10 +278,8 @@ pub(crate) fn atlases(layers: &[(u32, Sampler)], is_cubic: bool) -> String {
              @group(0) @binding(FIRST_GRADIENTS + {i}u) var gradients_{i}: texture_3d<f32>;"
         );
     }
-    let value = |i: u32| {
-        let function = pools[&i].function();
-        format!("return {function}(atlas_{i}, point);")
-    };
+    let value = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].function(filter));
+    let smooth = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].smooth_function());
     let gradient = |i: u32| {
         let size = format!("vec3f(textureDimensions(gradients_{i}))");
         format!("return textureSampleLevel(gradients_{i}, atlas_sampler, node / {size}, 0.0).xyz;")
@@ -290,9 +290,11 @@ pub(crate) fn atlases(layers: &[(u32, Sampler)], is_cubic: bool) -> String {
     };
     let _ = write!(
         text,
-        "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n\n\
+        "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn smooth_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\n\
+         fn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n\n\
          fn share_of_label(point: vec3f, label: f32) -> f32 {{\n    {}\n}}\n",
         of_pool(layers, value),
+        of_pool(layers, smooth),
         of_pool(layers, gradient),
         of_pool(layers, share),
     );

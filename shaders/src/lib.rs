@@ -11,7 +11,7 @@
 //! | --- | --- | --- |
 //! | `bindings` | the numbers of all bindings | text of the table in [`bindings`] |
 //! | `context` | what is special about the variant, and about the layer that shared code is about | text: constants of one layer; with several layers, also variables that are set for each in turn |
-//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value; `sample_float` or `sample_cubic_float` of 32-bit floats |
+//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `smooth_atlas` for gradients, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value; `sample_float` or `sample_cubic_float` of 32-bit floats; `sample_nearest` or `sample_nearest_float` besides, where fields have steps |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` | `axes_own` with a single layer in its own world, else `axes` |
 //! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
 //! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
@@ -92,6 +92,17 @@ pub enum Light {
     BlinnPhong,
     /// Tone shading: from warm where a place faces the light to cool where it is turned away.
     Tone,
+}
+
+/// How the field is made of voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Filter {
+    /// The value of the voxel that a place is in. Gradients are those of the trilinear field.
+    Nearest,
+    /// Linear between the eight voxels around a place.
+    Trilinear,
+    /// The cubic B-spline of the 64 voxels around a place.
+    Tricubic,
 }
 
 /// How the field's gradient is found.
@@ -181,8 +192,8 @@ pub struct Variant {
     pub is_labels: bool,
     /// Whether slots hold 32-bit floats instead of codes.
     pub is_float: bool,
-    /// Whether the field is the tricubic spline of its voxels. If not, it is trilinear.
-    pub is_cubic: bool,
+    /// How the field is made of voxels.
+    pub filter: Filter,
     /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
     pub medium: Medium,
     /// Whether only a slab between layers of meshes is drawn.
@@ -309,9 +320,9 @@ impl Variant {
         Parts::new()
             .text(
                 "context",
-                context(self.has_invalid, self.is_labels, self.is_float, self.is_cubic) + &self.medium.constants(),
+                context(self.has_invalid, self.is_labels, self.is_float, self.filter) + &self.medium.constants(),
             )
-            .text("atlas", joint::atlases(&[(0, self.sampler())], self.is_cubic))
+            .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter))
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
             .file("gradient", self.medium.gradient.file())
@@ -321,20 +332,23 @@ impl Variant {
 }
 
 /// The part `context` of a layer that is alone: constants.
-fn context(has_invalid: bool, is_labels: bool, is_float: bool, is_cubic: bool) -> String {
+fn context(has_invalid: bool, is_labels: bool, is_float: bool, filter: Filter) -> String {
     let firsts: String =
         ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
     format!(
         "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
          const IS_LABELS: bool = {is_labels};\nconst IS_UNBOUNDED: bool = {is_float};\nconst MARGIN: f32 = {:?};\n",
-        margin(is_cubic)
+        margin(filter)
     )
 }
 
 /// The least distance, in texels, that a sample has to keep from the faces of its slot, so that its filter touches
 /// nothing outside of the slot.
-fn margin(is_cubic: bool) -> f32 {
-    if is_cubic { 1.5 } else { 0.5 }
+fn margin(filter: Filter) -> f32 {
+    match filter {
+        Filter::Nearest | Filter::Trilinear => 0.5,
+        Filter::Tricubic => 1.5,
+    }
 }
 
 impl Gradient {
@@ -347,7 +361,7 @@ impl Gradient {
     }
 }
 
-/// How an atlas is sampled.
+/// How an atlas is sampled, apart from the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sampler {
     /// By the hardware's filter.
@@ -372,26 +386,38 @@ impl Sampler {
         }
     }
 
-    /// The name of the file that samples by this filter.
-    fn file(self, is_cubic: bool) -> &'static str {
-        match (self, is_cubic) {
-            (Self::Full, false) => "sample",
-            (Self::Full, true) => "sample_cubic",
-            (Self::Valid, false) => "sample_valid",
-            (Self::Valid, true) => "sample_cubic_valid",
-            (Self::Float, false) => "sample_float",
-            (Self::Float, true) => "sample_cubic_float",
-            (Self::Label, _) => "sample_label",
+    /// The names of the files that sample by a filter.
+    fn files(self, filter: Filter) -> &'static str {
+        match (self, filter) {
+            (Self::Full, Filter::Nearest) => "sample sample_nearest",
+            (Self::Full, Filter::Trilinear) => "sample",
+            (Self::Full, Filter::Tricubic) => "sample_cubic",
+            (Self::Valid, Filter::Nearest) => "sample_valid sample_nearest",
+            (Self::Valid, Filter::Trilinear) => "sample_valid",
+            (Self::Valid, Filter::Tricubic) => "sample_cubic_valid",
+            (Self::Float, Filter::Nearest) => "sample_float sample_nearest_float",
+            (Self::Float, Filter::Trilinear) => "sample_float",
+            (Self::Float, Filter::Tricubic) => "sample_cubic_float",
+            (Self::Label, _) => "sample_nearest sample_label",
         }
     }
 
-    /// The function that the file declares.
-    fn function(self) -> &'static str {
+    /// The function that gives the field's values.
+    fn function(self, filter: Filter) -> &'static str {
+        match (self, filter) {
+            (Self::Float, Filter::Nearest) => "sample_nearest_float",
+            (_, Filter::Nearest) => "sample_nearest",
+            _ => self.smooth_function(),
+        }
+    }
+
+    /// The function that gives the values of the field whose gradients are taken. Labels have none of those.
+    fn smooth_function(self) -> &'static str {
         match self {
             Self::Full => "sample_full",
             Self::Valid => "sample_valid",
             Self::Float => "sample_float",
-            Self::Label => "sample_label",
+            Self::Label => "sample_nearest",
         }
     }
 }
@@ -435,7 +461,7 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
         Shown::Sums => "resolve_join",
         Shown::Over => "resolve_over",
     };
-    Parts::new().text("context", context(false, false, false, false)).file("seen", seen).compose(&[resolve])
+    Parts::new().text("context", context(false, false, false, Filter::Trilinear)).file("seen", seen).compose(&[resolve])
 }
 
 /// How the pictures of eyes share one picture.
@@ -481,7 +507,7 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
 
 /// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
 pub fn peel() -> String {
-    Parts::new().text("context", context(false, false, false, false)).compose(&["peel"])
+    Parts::new().text("context", context(false, false, false, Filter::Trilinear)).compose(&["peel"])
 }
 
 #[cfg(test)]
@@ -527,7 +553,7 @@ mod tests {
             has_invalid: false,
             is_labels: false,
             is_float: false,
-            is_cubic: false,
+            filter: Filter::Trilinear,
             medium,
             has_meshes: false,
             is_placed: false,
@@ -540,12 +566,13 @@ mod tests {
         for gather in Gather::ALL {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
-                for kind in 0..8 {
-                    let (is_cubic, has_invalid) = (kind % 2 == 1, kind / 2 % 2 == 1);
-                    let (is_float, is_labels) = (kind / 2 == 2, kind / 2 == 3);
-                    let (has_meshes, is_placed) = (is_cubic, has_invalid);
+                for kind in 0..12 {
+                    let filter = [Filter::Nearest, Filter::Trilinear, Filter::Tricubic][kind % 3];
+                    let (is_float, is_labels) = (kind / 3 == 2, kind / 3 == 3);
+                    let has_invalid = kind / 3 % 2 == 1;
+                    let (has_meshes, is_placed) = (kind % 2 == 1, has_invalid);
                     let variant =
-                        Variant { gather, has_invalid, is_labels, is_float, is_cubic, medium, has_meshes, is_placed };
+                        Variant { gather, has_invalid, is_labels, is_float, filter, medium, has_meshes, is_placed };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
                     all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
@@ -576,6 +603,7 @@ mod tests {
             pool: i % 4,
             has_invalid: i % 2 == 1,
             is_labels: i % 4 == 2,
+            is_whole: i % 4 == 2,
             is_float: i % 3 == 2,
             adds: i / 2 % 2 == 1,
             has_surfaces,
@@ -589,13 +617,14 @@ mod tests {
     /// messages.
     fn joint(medium: Medium) -> Vec<(String, String)> {
         let mut all = Vec::new();
-        for (count, is_cubic) in [(1, true), (3, false)] {
+        for (count, filter) in [(1, Filter::Tricubic), (3, Filter::Nearest), (3, Filter::Trilinear)] {
+            let is_alone = count == 1;
             let layers = (0..count).map(|i| layer_shader(i, medium.surfaces != Surfaces::None && i != 1)).collect();
-            let variant = JointVariant { medium, is_cubic, has_meshes: is_cubic, layers, expression: None };
-            let stage = if is_cubic { COMPUTE } else { Stage::Fragment };
-            let name = if is_cubic { "raycast compute joint" } else { "raycast joint" };
-            all.push((format!("{name} {count} {medium:?}"), raycast_joint(&variant, stage, !is_cubic)));
-            all.push((format!("sorted joint {count} {medium:?}"), sorted_joint(&variant)));
+            let variant = JointVariant { medium, filter, has_meshes: is_alone, layers, expression: None };
+            let stage = if is_alone { COMPUTE } else { Stage::Fragment };
+            let name = if is_alone { "raycast compute joint" } else { "raycast joint" };
+            all.push((format!("{name} {count} {filter:?} {medium:?}"), raycast_joint(&variant, stage, !is_alone)));
+            all.push((format!("sorted joint {count} {filter:?} {medium:?}"), sorted_joint(&variant)));
         }
         all
     }
@@ -608,7 +637,7 @@ mod tests {
             let medium = expression.as_ref().map_or(fog, |(light, _)| Medium { light: *light, ..Medium::PLAIN });
             let layers = (0..count).map(|i| layer_shader(i, expression.is_none())).collect();
             let expression = expression.map(|(_, expression)| expression);
-            let variant = JointVariant { medium, is_cubic: false, has_meshes: false, layers, expression };
+            let variant = JointVariant { medium, filter: Filter::Trilinear, has_meshes: false, layers, expression };
             (format!("raycast joint, {count} layers"), raycast_joint(&variant, Stage::Fragment, true))
         };
         let expression = |light: Light, count: u32| {
@@ -648,8 +677,11 @@ mod tests {
             companies.push(COMPUTE.part(parts).file("seen", "resolve_composite"));
         }
         let layers: Vec<_> = (0..2).map(|i| layer_shader(i, true)).collect();
-        companies.push(Variant { is_float: true, ..plain(Gather::Composite, lit) }.parts());
-        let joint = JointVariant { medium: lit, is_cubic: false, has_meshes: false, layers, expression: None };
+        for filter in [Filter::Nearest, Filter::Trilinear] {
+            companies.push(Variant { is_float: true, filter, ..plain(Gather::Composite, lit) }.parts());
+        }
+        let joint =
+            JointVariant { medium: lit, filter: Filter::Trilinear, has_meshes: false, layers, expression: None };
         companies.push(joint.casting(COMPUTE, true));
         companies.push(joint.parts().file("find", "find_cell"));
         let read = brickyard_volume::Expression::parse("a", 1).unwrap();

@@ -1,10 +1,7 @@
 // The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
-// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Behind the last place are running
-// integrals: for each code, of three channels and of depth, the low and the high word. Behind those is the mask of jitter, and behind
-// all are entries over values and gradients: colour likewise, and opacity.
-//!import bindings context frame
-@group(0) @binding(TABLE) var<storage, read> table: array<vec2u>;
-
+// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Entries over values and gradients have colour
+// likewise, and opacity.
+//!import context frame table
 struct Medium {
     // Straight.
     color: vec3f,

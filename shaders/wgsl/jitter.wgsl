@@ -1,6 +1,6 @@
 // How far a pixel's lattice is moved. The rule is written down beside its CPU twin, the volume crate's
 // `jitter`.
-//!import classify frame lattice
+//!import context frame lattice table
 const WHITE: u32 = 1u;
 const BLUE: u32 = 2u;
 const BLUE_EDGE: u32 = 32u;

@@ -1,11 +1,4 @@
-// Labels, which are never mixed: a place has the label of the texel that it is in.
-//!import context no_value
-
-// The label at a point of the atlas (in texels); `NO_VALUE` where the texel has none.
-fn sample_label(atlas: texture_3d<f32>, point: vec3f) -> f32 {
-    let label = textureLoad(atlas, vec3i(floor(point)), 0).x;
-    return select(label, NO_VALUE, HAS_INVALID && label <= 0.0);
-}
+// The indicators of labels.
 
 // How much of the surroundings of a point has a label: the field that is 1 in texels with that label and 0 in all others, filtered linearly.
 fn share_in_atlas(atlas: texture_3d<f32>, point: vec3f, label: f32) -> f32 {

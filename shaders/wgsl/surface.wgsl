@@ -53,8 +53,8 @@ fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
 fn difference(field: Field, texel: vec3f, axis: vec3f) -> f32 {
     let low = max(texel - axis, field.low);
     let high = min(texel + axis, field.high);
-    let before = sample_atlas(low);
-    let after = sample_atlas(high);
+    let before = smooth_atlas(low);
+    let after = smooth_atlas(high);
     let change = select(frame.threshold, after, has_value(after)) - select(frame.threshold, before, has_value(before));
     return change * 2.0 / dot(high - low, axis);
 }

@@ -102,6 +102,11 @@ fn every_method_and_lighting_matches_the_oracle_with_splines() {
 }
 
 #[test]
+fn every_method_and_lighting_matches_the_oracle_with_steps() {
+    agree_in_bricks_of_any_size(Filter::Nearest, &[0, 1, 7]);
+}
+
+#[test]
 fn invalid_voxels_in_wide_codes_match_the_oracle() {
     agree_with_holes(wide_codes(), &|p| -1.0 + 4.0 * waves(p));
 }
@@ -116,7 +121,11 @@ fn agree_with_holes(encoding: SlotEncoding, field: &dyn Fn(DVec3) -> f64) {
     let of = |edge| Volume::new(SMALL, edge, uneven(), encoding, value);
     for (f, filter) in Filter::ALL.into_iter().enumerate() {
         // A place has a value if half of the weight is valid: where it is just half, rounding decides, and with it a gradient.
-        let allowed = |way, take: &Take| (way != CPU || take.is_steep) as usize + rounded(take);
+        let allowed = |way, take: &Take| {
+            // In a field of steps it also decides which voxel a place is in, and so whether it has a value.
+            let stepped = if filter == Filter::Nearest { 3 } else { 0 };
+            (way != CPU || take.is_steep) as usize + rounded(take) + stepped
+        };
         let mut takes = takes(filter, &[0, 1, 5], &[0, 1, 5]);
         // The compositors take turns, for they have the same samples; with the other filter it is the other's turn.
         for (i, take) in takes.iter_mut().filter(|take| take.ways.len() > 1).enumerate() {
@@ -130,14 +139,16 @@ fn agree_with_holes(encoding: SlotEncoding, field: &dyn Fn(DVec3) -> f64) {
 fn projections_are_filtered_alike() {
     let volumes = [16, 8, 32, 64].map(|edge| wavy(SMALL, edge));
     let transfer = tinted((0.0, 255.0));
-    for mode in [Mode::Mip, Mode::MinIp, Mode::Average] {
-        let plain =
-            volumes[0].frame_in(mode, overview(&volumes[0], Filter::Tricubic), &transfer, Lattice::uniform(0.7, 0));
-        let frame = FrameSettings { sampling: Sampling { filter: Filter::Tricubic, ..plain.sampling }, ..plain };
+    let filters = [Filter::Nearest, Filter::Tricubic];
+    for (mode, filter) in
+        [Mode::Mip, Mode::MinIp, Mode::Average].into_iter().flat_map(|mode| filters.map(|f| (mode, f)))
+    {
+        let plain = volumes[0].frame_in(mode, overview(&volumes[0], filter), &transfer, Lattice::uniform(0.7, 0));
+        let frame = FrameSettings { sampling: Sampling { filter, ..plain.sampling }, ..plain };
         let expected = Shot::new(&frame, finest(&volumes[0], &frame), &transfer).oracle(&[&volumes[0]]);
         assert_telling(&expected, "a projection");
         for (volume, ways) in volumes.iter().zip([&MOST[..], &[CPU], &[CPU], &[CPU]]) {
-            let what = format!("{mode:?} in {}", volume.pyramid.edge());
+            let what = format!("{mode:?}, {filter:?} in {}", volume.pyramid.edge());
             let shot = Shot::new(&frame, finest(volume, &frame), &transfer);
             shot.agree_with(&expected, &mut Stage::exact(&[volume]), ways, 0, &what);
         }

@@ -102,13 +102,20 @@ fn surfaces_match_the_oracle_with_splines() {
 }
 
 #[test]
+fn surfaces_match_the_oracle_with_steps() {
+    agree(u8_codes(), Filter::Nearest, true);
+}
+
+#[test]
 fn surfaces_of_what_has_holes_match_the_oracle() {
+    agree(wide_codes(), Filter::Nearest, false);
     agree(wide_codes(), Filter::Trilinear, true);
     agree(wide_codes(), Filter::Tricubic, false);
 }
 
 #[test]
 fn surfaces_in_f32_slots_match_the_oracle() {
+    agree(float_slots(), Filter::Nearest, false);
     agree(float_slots(), Filter::Trilinear, true);
     agree(float_slots(), Filter::Tricubic, false);
 }

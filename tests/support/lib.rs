@@ -23,8 +23,10 @@ use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 pub mod missing;
+mod nearest;
 
 pub use missing::leave_out;
+pub use nearest::{Expected, off};
 
 /// How long a command may run before it counts as hanging. The slowest takes about a minute, on two cores that do other
 /// work too.

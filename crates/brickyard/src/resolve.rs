@@ -7,8 +7,8 @@ use brickyard_pager::{SlotContents, View};
 use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode, Needs,
-    Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout,
+    Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
+    Needs, Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout,
     StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
@@ -331,7 +331,8 @@ impl ShownLayer<'_> {
         let Self { place, store, volume, placement, style, transfer, window, codes } = self;
         let SceneLayer { channel, crop, opacity, blend, .. } = style;
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
-        let clip = scene.clip_for(&rays, &geometry, volume.extent())?;
+        let is_nearest = volume.source.is_labels() || scene.sampling.filter == Filter::Nearest;
+        let clip = scene.clip_for(&rays, &geometry, volume.extent(), is_nearest.then_some(&placement))?;
         let crop = crop.map(|corners| corners.map(|corner| geometry.world_from_voxel(corner)));
         let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
         let (encoding, shown) = match &scene.expression {

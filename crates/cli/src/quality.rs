@@ -46,7 +46,7 @@ pub(crate) struct QualityArguments {
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
           value_parser = clap::value_parser!(u8).range(1..=MOST_VIRTUAL_SAMPLES as i64))]
     virtual_samples: Vec<u8>,
-    /// Filters [default: both]
+    /// Filters [default: trilinear,tricubic]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
     filters: Vec<FilterArgument>,
     /// Lightings
@@ -161,7 +161,8 @@ impl QualityArguments {
             size_px: self.size,
             methods: listed(&self.methods, &possible),
             virtual_samples: self.virtual_samples.clone(),
-            filters: listed(&self.filters, &Filter::ALL),
+            // Those of the paper; steps have nothing between samples for methods to find.
+            filters: listed(&self.filters, &[Filter::Trilinear, Filter::Tricubic]),
             lightings: listed::<_, LightingModel>(&self.lightings, &[]),
             samples_per_voxel: self.samples_per_voxel.clone(),
             frames: self.frames,
@@ -226,6 +227,7 @@ fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {
 
 fn filter_name(filter: Filter) -> &'static str {
     match filter {
+        Filter::Nearest => "nearest",
         Filter::Trilinear => "trilinear",
         Filter::Tricubic => "tricubic",
     }

@@ -67,6 +67,8 @@ impl From<MethodArgument> for Method {
 /// [`Filter`] on the command line.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum FilterArgument {
+    /// The value of the voxel that a place is in: voxels as they are
+    Nearest,
     /// Linear between 8 voxels
     Trilinear,
     /// Cubic B-spline of 64 voxels: smooth, and blurs
@@ -76,6 +78,7 @@ pub(crate) enum FilterArgument {
 impl From<FilterArgument> for Filter {
     fn from(filter: FilterArgument) -> Self {
         match filter {
+            FilterArgument::Nearest => Self::Nearest,
             FilterArgument::Trilinear => Self::Trilinear,
             FilterArgument::Tricubic => Self::Tricubic,
         }

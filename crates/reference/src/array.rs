@@ -83,11 +83,11 @@ impl Array {
         DVec3::new(along(0), along(1), along(2))
     }
 
-    /// The label at a point of voxel space (level-0 voxels): that of the voxel which the point is in. `None` where the voxel is invalid. Past a
-    /// face, the last voxels repeat.
-    pub fn label(&self, point: DVec3) -> Option<f64> {
+    /// The value at a point of voxel space (level-0 voxels) of the voxel which the point is in. `None` where the voxel is invalid. Past a face,
+    /// the last voxels repeat.
+    pub fn nearest(&self, point: DVec3) -> Option<f64> {
         let index = std::array::from_fn(|a| (point[a] / self.factor[a] as f64).floor() as i64);
-        Some(self.voxel(index)).filter(|label| label.is_finite())
+        Some(self.voxel(index)).filter(|value| value.is_finite())
     }
 
     /// How much of the surroundings of a point of voxel space has a label: the field that is 1 in voxels of that label and 0 in all others,
@@ -106,6 +106,9 @@ impl Array {
     /// The filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` where they
     /// hold more than half the weight. Past a face, the last voxels repeat.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {
+        if filter == Filter::Nearest {
+            return self.nearest(point);
+        }
         let p: [f64; 3] = std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5);
         let base = p.map(|v| v.floor());
         // From one voxel below the place to two above it.
@@ -121,7 +124,7 @@ impl Array {
         });
         // Of those, the two or four with a weight.
         let taps = match filter {
-            Filter::Trilinear => 1..3,
+            Filter::Nearest | Filter::Trilinear => 1..3,
             Filter::Tricubic => 0..4,
         };
         let (mut sum, mut weight) = (0.0, 0.0);

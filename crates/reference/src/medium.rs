@@ -35,7 +35,7 @@ pub(crate) struct Field<'a> {
 impl Field<'_> {
     pub(crate) fn value(&self, t: f64) -> Option<f64> {
         if self.frame.encoding.is_labels {
-            return self.level.label(self.path.at(t));
+            return self.level.nearest(self.path.at(t));
         }
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
@@ -124,7 +124,7 @@ impl Field<'_> {
 
     /// Differences of the field across two voxels along each axis, at distance `t`, where it has this value. The value
     /// also stands for places without one. Zero where nothing depends on differences. Of labels, differences are those of the label's
-    /// [indicator](crate::Array::indicator), by central differences.
+    /// [indicator](crate::Array::indicator), by central differences; of a field of steps, those of the linear field.
     pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
         if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
@@ -135,7 +135,8 @@ impl Field<'_> {
             if is_labels {
                 return self.level.indicator(self.path.at(t) + offset * voxel, value);
             }
-            self.level.sample(self.path.at(t) + offset * voxel, self.frame.sampling.filter).unwrap_or(value)
+            let filter = self.frame.sampling.filter.of_gradients();
+            self.level.sample(self.path.at(t) + offset * voxel, filter).unwrap_or(value)
         };
         let difference = |a: usize, side: DVec3| around(side + DVec3::AXES[a]) - around(side - DVec3::AXES[a]);
         let smoothed = |a: usize| {

@@ -15,7 +15,7 @@ use crate::pool::Pool;
 use crate::renderer::{GpuRenderer, March, check_size};
 use crate::sorted::{Boxes, Drawn};
 use crate::targets::{Reading, Targets};
-use crate::transfer_table::{self, COMBINED};
+use crate::transfer_table::{self, COMBINED, Places};
 use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{Seen, Shown};
@@ -187,7 +187,7 @@ impl GpuRenderer {
         };
         for (framed, part) in framed.iter().zip(parts) {
             let layer = &mut layers[framed.number];
-            layer.set_table(gpu, shared, march.rays(), &framed.settings.table);
+            layer.set_table(gpu, shared, march.rays(), (&framed.settings.table, Places::of(framed.settings.mode)));
             write(part, layer, framed);
         }
         if let Some(meshes) = meshes {
@@ -197,7 +197,7 @@ impl GpuRenderer {
         if let (Some(Combination { table: wanted, .. }), Some(part)) = (combination, combined_part)
             && combined.as_ref() != Some(wanted)
         {
-            let places = transfer_table::places(wanted, COMBINED);
+            let places = transfer_table::places(wanted, COMBINED, Places::Media);
             gpu.queue.write_buffer(&shared.table, part.at, bytemuck::cast_slice(&places));
             *combined = Some(wanted.clone());
         }

@@ -11,9 +11,9 @@ use crate::layer::{GpuLayer, value_bits};
 use crate::pipelines::Wanted;
 use crate::pool::Pool;
 use crate::transfer_table::{COMBINED, last_place};
-use crate::variant::{Shader, gather_of, medium_of, variant_of};
+use crate::variant::{Shader, filter_of, gather_of, medium_of, variant_of};
 use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Shown, Variant};
-use brickyard_volume::{Blend, Combination, Filter, Method, Mode};
+use brickyard_volume::{Blend, Combination, Method, Mode};
 
 /// How a picture's layers are gathered.
 #[derive(Clone, Debug)]
@@ -184,7 +184,7 @@ fn joint(
             framed.iter().any(|framed| !framed.settings.surfaces.is_empty()),
             framed.iter().any(|framed| framed.settings.grid().is_some()),
         ),
-        is_cubic: settings.sampling.filter == Filter::Tricubic,
+        filter: filter_of(settings.sampling),
         has_meshes: !settings.meshes.is_empty(),
         layers: framed.iter().map(shader).collect(),
         expression,

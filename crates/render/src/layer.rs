@@ -9,7 +9,7 @@ use crate::error::GpuError;
 use crate::frame::{Framed, TableInUse, frame_uniform};
 use crate::gpu::Gpu;
 use crate::pool::Pool;
-use crate::transfer_table::{self, TableCapacity};
+use crate::transfer_table::{self, Places, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::{FirstPlaces, FrameUniform, LayerShader};
 use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTable};
@@ -24,7 +24,7 @@ pub(crate) struct GpuLayer {
     pub(crate) pool: usize,
     pub(crate) parts: Parts,
     /// What its part of the table buffer holds, the unit of its integrals, and its codes with opacity.
-    table: Option<Arc<TransferTable>>,
+    table: Option<(Arc<TransferTable>, Places)>,
     sum_unit: f32,
     pub(crate) opaque: OpaqueCodes,
 }
@@ -64,12 +64,13 @@ impl GpuLayer {
         gpu: &Gpu,
         shared: &SharedBuffers,
         rays: Option<&RayBuffers>,
-        wanted: &Arc<TransferTable>,
+        (wanted, holds): (&Arc<TransferTable>, Places),
     ) {
-        if self.table.as_ref().is_some_and(|table| Arc::ptr_eq(table, wanted) || table == wanted) {
+        let is_wanted = |table: &Arc<TransferTable>| Arc::ptr_eq(table, wanted) || table == wanted;
+        if self.table.as_ref().is_some_and(|(table, held)| *held == holds && is_wanted(table)) {
             return;
         }
-        let words = transfer_table::words(wanted, self.room());
+        let words = transfer_table::words(wanted, self.room(), holds);
         gpu.queue.write_buffer(&shared.table, self.parts.table.at, bytemuck::cast_slice(&words.words));
         self.sum_unit = words.sum_unit;
         if let Some(rays) = rays {
@@ -77,7 +78,7 @@ impl GpuLayer {
             let counts = bytemuck::cast_slice(self.opaque.before());
             gpu.queue.write_buffer(&rays.opaque_before, self.parts.counts.at, counts);
         }
-        self.table = Some(wanted.clone());
+        self.table = Some((wanted.clone(), holds));
     }
 
     fn room(&self) -> TableCapacity {
@@ -101,6 +102,7 @@ impl GpuLayer {
             pool: self.pool as u32,
             has_invalid: self.needs.encoding.has_invalid,
             is_labels: self.needs.encoding.is_labels,
+            is_whole: framed.settings.has_whole_values(),
             is_float: self.needs.encoding.format == SlotFormat::F32,
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),

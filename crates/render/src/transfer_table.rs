@@ -4,9 +4,25 @@
 
 use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
-use brickyard_volume::{Needs, SlotFormat, TransferGrid, TransferTable};
+use brickyard_volume::{Mode, Needs, SlotFormat, TransferGrid, TransferTable};
 
-/// Bytes of a place: colour, then depth.
+/// What the places of a table hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Places {
+    /// Media: a colour of 32 bits, and the depth that an exponential takes.
+    Media,
+    /// A projection's colours, of 63 bits, so that what a pixel shows of a value is not off by rounding; and whether there is any opacity.
+    Colors,
+}
+
+impl Places {
+    /// What a picture of this mode reads.
+    pub(crate) fn of(mode: Mode) -> Self {
+        if mode.is_projection() { Self::Colors } else { Self::Media }
+    }
+}
+
+/// Bytes of a place.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
 /// The format of the codes of an expression's transfer table.
@@ -87,8 +103,8 @@ pub(crate) struct Words {
 }
 
 /// Makes the contents of the buffer from a transfer table.
-pub(crate) fn words(table: &TransferTable, room: TableCapacity) -> Words {
-    let mut words = places(table, room.codes);
+pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -> Words {
+    let mut words = places(table, room.codes, holds);
     let mut sum_unit = 0.0;
     if room.has_integrals {
         let integrals = table.integrals();
@@ -113,15 +129,28 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// Makes the places of a transfer table: for each a packed colour and the bits of its optical depth.
-pub(crate) fn places(table: &TransferTable, codes: SlotFormat) -> Vec<[u32; 2]> {
+/// Makes the places of a transfer table.
+pub(crate) fn places(table: &TransferTable, codes: SlotFormat, holds: Places) -> Vec<[u32; 2]> {
     let last = last_place(codes);
-    let place = |i: u32| {
-        let [r, g, b, alpha] = table.lookup(i as f32 / last as f32);
+    let medium = |[r, g, b, alpha]: [f32; 4]| {
         let depth = (-(1.0 - alpha as f64).log2()).min(OPAQUE) as f32;
         [pack_color([r, g, b]), depth.to_bits()]
     };
+    let per_code = places_per_code(codes);
+    let place = |i: u32| match holds {
+        Places::Media => medium(table.lookup(i as f32 / last as f32)),
+        // A code's own entry as it is.
+        Places::Colors if i.is_multiple_of(per_code) => pack_exactly(table.entries[(i / per_code) as usize]),
+        Places::Colors => pack_exactly(table.lookup(i as f32 / last as f32)),
+    };
     (0..=last).map(place).collect()
+}
+
+/// 21 bits for each part of the colour, from the lowest, and one for whether there is any opacity.
+fn pack_exactly([r, g, b, alpha]: [f32; 4]) -> [u32; 2] {
+    let part = |part: f32| (f64::from(part.clamp(0.0, 1.0)) * 2_097_151.0).round() as u64;
+    let word = part(r) | part(g) << 21 | part(b) << 42 | u64::from(alpha > 0.0) << 63;
+    [word as u32, (word >> 32) as u32]
 }
 
 /// 11, 11 and 10 bits, from the lowest: within an eighth of a display code.
@@ -140,18 +169,24 @@ mod tests {
         for codes in [SlotFormat::U8, SlotFormat::U16] {
             let entries = (0..=codes.max_code()).map(|i| i as f32 / codes.max_code() as f32);
             let table = TransferTable::from_entries(entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), 1.0);
-            let places = places(&table, codes);
+            let colors = places(&table, codes, Places::Colors);
+            let places = places(&table, codes, Places::Media);
             assert_eq!(places.len() as u32 - 1, last_place(codes));
             for has_integrals in [false, true] {
                 let room = TableCapacity { codes, has_integrals, has_grid: false };
-                assert_eq!(words(&table, room).words.len() as u64 * 8, room.bytes());
+                assert_eq!(words(&table, room, Places::Media).words.len() as u64 * 8, room.bytes());
             }
-            for (i, [color, depth]) in places.iter().enumerate() {
+            for (i, ([color, depth], exact)) in places.iter().zip(&colors).enumerate() {
                 let [r, g, b, alpha] = table.lookup(i as f32 / last_place(codes) as f32);
                 let unpacked = [color & 2047, color >> 11 & 2047, color >> 22].map(|c| c as f32);
                 // Half a step of each component's bits.
                 assert!((unpacked[0] / 2047.0 - r).abs() < 0.0003 && (unpacked[1] / 2047.0 - g).abs() < 0.0003);
                 assert!((unpacked[2] / 1023.0 - b).abs() < 0.0005);
+                let exact = u64::from(exact[0]) | u64::from(exact[1]) << 32;
+                for (k, part) in [r, g, b].into_iter().enumerate() {
+                    assert!(((exact >> (21 * k) & 0x1f_ffff) as f64 / 2_097_151.0 - f64::from(part)).abs() < 3e-7);
+                }
+                assert_eq!(exact >> 63 == 1, alpha > 0.0);
                 // The depth is rounded to f32 once; near 1 what is left of the light is the rest of a difference.
                 assert!(((-f32::from_bits(*depth)).exp2() - (1.0 - alpha)).abs() < 1e-6, "{i}: {alpha}");
             }
@@ -171,7 +206,7 @@ mod tests {
             };
             let table = TransferTable::new(&transfer, &encoding);
             let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
-            let words = words(&table, room).words;
+            let words = words(&table, room, Places::Media).words;
             assert_eq!(words.len() as u64 * 8, room.bytes(), "values of all codes fill it");
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
             for (word, entry) in entries.iter().zip(&grid.entries) {

@@ -79,6 +79,15 @@ fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient
     }
 }
 
+/// How the field is made of voxels.
+pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
+    match sampling.filter {
+        Filter::Nearest => brickyard_shaders::Filter::Nearest,
+        Filter::Trilinear => brickyard_shaders::Filter::Trilinear,
+        Filter::Tricubic => brickyard_shaders::Filter::Tricubic,
+    }
+}
+
 /// Returns the shader variant of a march through one layer by itself.
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
@@ -87,9 +96,9 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
         Gather::Composite => medium_of(frame, sampling, !frame.surfaces.is_empty(), frame.grid().is_some()),
         Gather::Project | Gather::Average | Gather::Isosurface => Medium::PLAIN,
     };
-    let is_cubic = frame.sampling.filter == Filter::Tricubic;
     let has_meshes = !frame.meshes.is_empty();
     let SlotEncoding { has_invalid, is_labels, format, .. } = frame.encoding;
     let (is_float, is_placed) = (format == SlotFormat::F32, !frame.placement.is_identity());
-    Variant { gather, has_invalid, is_labels, is_float, is_cubic, medium, has_meshes, is_placed }
+    let filter = filter_of(frame.sampling);
+    Variant { gather, has_invalid, is_labels, is_float, filter, medium, has_meshes, is_placed }
 }

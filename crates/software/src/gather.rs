@@ -330,8 +330,8 @@ impl Look for Read {
             if weight > 0.0 {
                 let place = (at + segment) as usize;
                 let value = march.frame.settings.encoding.value(code as f64 / C::MAX as f64);
-                // Labels are whole numbers, which expressions compare.
-                let value = if march.frame.reading == Reading::Label { value.round() } else { value };
+                // Whole numbers are compared by expressions.
+                let value = if march.frame.settings.has_whole_values() { value.round() } else { value };
                 media.values[place * read + way.layer] = value;
                 media.longest[place] = media.longest[place].max(weight);
                 if let Some(path) = &path {

@@ -341,8 +341,15 @@ impl Accumulate for Average {
     }
 
     fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque::<C>(frame, (sum.y > 0.0).then(|| sum.x / sum.y))
+        opaque::<C>(frame, (sum.y > 0.0).then(|| mean(sum)))
     }
+}
+
+/// The mean of a ray's sum. What rounding leaves of a whole code is that code: the mean of voxels of one value is that value.
+fn mean(sum: Vec4) -> f32 {
+    let mean = sum.x / sum.y;
+    let whole = mean.round();
+    if (mean - whole).abs() <= 4.0 * f32::EPSILON * whole.abs() { whole } else { mean }
 }
 
 impl Sum for Average {

@@ -125,13 +125,9 @@ impl<'a> Path<'a> {
                 points[a][i] = self.stretch.origin[a] + along * self.stretch.step[a];
             }
         }
-        let code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        let March { frame, brick, .. } = self.march;
+        let code = brick.read_points::<C, U, INVALID>(frame.reading, &points, &mut weight);
         Samples { along, code, weight }
-    }
-
-    #[inline(always)]
-    fn filtered<C: Code, U: Unit, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
-        self.march.brick.read_points::<C, U, INVALID>(self.march.frame.reading, points, weight)
     }
 
     /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment that was not taken. The work is not
@@ -489,7 +485,8 @@ impl<'a> Path<'a> {
                 points[a][i] = centre[a] + offsets[i][a];
             }
         }
-        let mut code = self.filtered::<C, U, INVALID>(&points, &mut weight);
+        let March { frame, brick, .. } = self.march;
+        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
         for i in 0..LANES {
             code[i] = if weight[i] > 0.0 { code[i] } else { middle };
         }

@@ -1,4 +1,5 @@
-//! How a padded brick is read at a place: through a filter, or, where it holds labels, as the label of the voxel that the place is in.
+//! How a padded brick is read at a place: through a filter, or, where it holds labels, as the label of the voxel that the place is in, whatever
+//! the filter.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
@@ -19,6 +20,14 @@ impl Reading {
         match settings.encoding.is_labels {
             true => Self::Label,
             false => Self::Filtered(settings.sampling.filter),
+        }
+    }
+
+    /// How bricks are read for gradients; those of labels are taken in another way.
+    pub(crate) fn of_gradients(self) -> Self {
+        match self {
+            Self::Label => Self::Label,
+            Self::Filtered(filter) => Self::Filtered(filter.of_gradients()),
         }
     }
 }
@@ -58,18 +67,19 @@ impl Brick<'_> {
         match reading {
             Reading::Filtered(Filter::Trilinear) => self.sample_points::<C, U, INVALID>(points, weight),
             Reading::Filtered(Filter::Tricubic) => self.cubic_points::<C, INVALID>(points, weight),
-            Reading::Label => self.labels::<C, INVALID>(points, weight),
+            Reading::Label | Reading::Filtered(Filter::Nearest) => self.nearest_points::<C, INVALID>(points, weight),
         }
     }
 
-    /// The codes of the voxels that eight slot coordinates are in. Where code 0 is no value, the weights of those become 0.
+    /// The codes of the voxels that eight slot coordinates are in. The weights of those without a value become 0.
     #[inline(never)]
-    fn labels<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+    fn nearest_points<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
             let [x, y, z] = [0, 1, 2].map(|a| self.nearest(points[a][i]));
-            code[i] = self.code::<C>([x, y, z]);
-            if INVALID && code[i] == 0.0 {
+            let (number, has_value) = C::part(self.number::<C>([x, y, z]), self.map());
+            code[i] = if C::IS_FLOAT { self.map().code(number) } else { number };
+            if INVALID && !has_value {
                 weight[i] = 0.0;
             }
         }
@@ -85,7 +95,7 @@ impl Brick<'_> {
         let mut sum = 0.0;
         for corner in (0..8).map(|i| [i & 1, i >> 1 & 1, i >> 2]) {
             let voxel = std::array::from_fn(|a| (low[a] as usize + corner[a]).min(self.padded() - 1));
-            if self.code::<C>(voxel) == code {
+            if self.number::<C>(voxel) == code {
                 sum += (0..3).map(|a| if corner[a] == 1 { t[a] } else { 1.0 - t[a] }).product::<f32>();
             }
         }
@@ -99,14 +109,16 @@ impl Brick<'_> {
         (v + 0.5).clamp(0.0, (self.padded() - 1) as f32) as usize
     }
 
-    /// The code of a voxel.
+    /// The code of a voxel, or the number in its f32 slot.
     #[inline(always)]
-    fn code<C: Code>(&self, [x, y, z]: [usize; 3]) -> f32 {
+    fn number<C: Code>(&self, [x, y, z]: [usize; 3]) -> f32 {
         let at = ((z * self.padded() + y) * self.padded() + x) * C::BYTES;
-        let codes = self.codes();
-        match C::BYTES {
-            1 => codes[at] as f32,
-            _ => u16::from_le_bytes([codes[at], codes[at + 1]]) as f32,
+        let codes = &self.codes()[at..][..C::BYTES];
+        match *codes {
+            [code] => code as f32,
+            [a, b] => u16::from_le_bytes([a, b]) as f32,
+            [a, b, c, d] => f32::from_le_bytes([a, b, c, d]),
+            _ => unreachable!("voxels of slots have 1, 2 or 4 bytes"),
         }
     }
 }
@@ -114,8 +126,9 @@ impl Brick<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16, FloatMap};
-    use brickyard_volume::{SlotEncoding, VoxelType};
+    use crate::sample::{Code8, Code16, Float32, FloatMap};
+    use brickyard_volume::slot_encoding::INVALID_SLOT;
+    use brickyard_volume::{KeptSlots, SlotEncoding, VoxelType};
 
     /// How slots of codes are mapped: not at all.
     fn codes_alone() -> FloatMap {
@@ -128,16 +141,25 @@ mod tests {
     }
 
     #[test]
-    fn labels_are_those_of_the_nearest_voxels() {
+    fn the_nearest_voxel_is_the_one_that_a_place_is_in() {
         let codes = two_labels();
         let brick = Brick::new::<Code8>(&codes, 4, codes_alone());
-        let x = [-0.4, 0.0, 1.0, 1.49, 1.51, 2.0, 3.4, f32::NAN];
-        let found = brick.labels::<Code8, false>(&[x, [1.2; LANES], [2.8; LANES]], &mut [1.0; LANES]);
+        // A face is the upper voxel's.
+        let x = [-0.4, 0.0, 1.0, 1.49, 1.5, 2.0, 3.4, f32::NAN];
+        let found = brick.nearest_points::<Code8, false>(&[x, [1.2; LANES], [2.8; LANES]], &mut [1.0; LANES]);
         assert_eq!(found, [1.0, 1.0, 1.0, 1.0, 3.0, 3.0, 3.0, 1.0]);
         let wide: Vec<u8> = codes.iter().flat_map(|&c| (if c == 1 { 0u16 } else { 60_000 }).to_le_bytes()).collect();
         let (brick, mut weight) = (Brick::new::<Code16>(&wide, 4, codes_alone()), [2.0; LANES]);
-        let found = brick.labels::<Code16, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
+        let found = brick.nearest_points::<Code16, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
         assert_eq!((found[3], found[4], weight[3], weight[4]), (0.0, 60_000.0, 0.0, 2.0));
+        let numbers: Vec<u8> =
+            codes.iter().flat_map(|&c| (if c == 1 { INVALID_SLOT } else { 1e6 + 0.5 }).to_le_bytes()).collect();
+        let floats = SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true);
+        let floats = floats.for_window(Some([1e6, 1e6 + 1.0]), KeptSlots::default());
+        let (brick, mut weight) = (Brick::new::<Float32>(&numbers, 4, FloatMap::of(&floats)), [2.0; LANES]);
+        let found = brick.nearest_points::<Float32, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
+        assert_eq!((weight[3], weight[4]), (0.0, 2.0));
+        assert!((f64::from(found[4]) / 65535.0 - floats.unorm(1e6 + 0.5)).abs() < 1e-6, "{found:?}");
     }
 
     #[test]

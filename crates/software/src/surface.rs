@@ -206,7 +206,7 @@ impl Line<'_> {
             points[a] = [at; LANES];
             (points[a][2 * a], points[a][2 * a + 1]) = ((at + 1.0).min(far), (at - 1.0).max(0.0));
         }
-        let mut code = brick.read_points::<C, U, INVALID>(frame.reading, &points, &mut weight);
+        let mut code = brick.read_points::<C, U, INVALID>(frame.reading.of_gradients(), &points, &mut weight);
         let spacing = frame.settings.geometry.spacing.to_array();
         let (mut differences, mut gradient, mut direction) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for i in 0..LANES {

@@ -8,7 +8,7 @@ use crate::lighting::Lighting;
 use crate::mesh::{MeshCapacity, ShownMesh};
 use crate::mode::Mode;
 use crate::placement::Placement;
-use crate::sampling::{Method, Needs, Sampling};
+use crate::sampling::{Filter, Method, Needs, Sampling};
 use crate::slot_encoding::SlotEncoding;
 use crate::space::Extent;
 use crate::surface::Surface;
@@ -59,6 +59,12 @@ impl FrameSettings {
     /// How segments of fog become media: labels are read in the middle of a segment, whatever the scene's method is.
     pub fn method(&self) -> Method {
         if self.encoding.is_labels { Method::Udvr } else { self.sampling.method }
+    }
+
+    /// Whether all values that are read are whole numbers: labels, and integers of which no two are mixed.
+    pub fn has_whole_values(&self) -> bool {
+        let is_nearest = self.sampling.filter == Filter::Nearest;
+        self.encoding.is_labels || is_nearest && !self.encoding.voxel_type.is_float()
     }
 
     /// The table of value and gradient magnitude that fog is classified by. `None` if it is classified by value alone, or the

@@ -104,6 +104,9 @@ impl Method {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
+    /// The value of the voxel that a place is in: a field of steps, with voxels as they are. A voxel's box is half-open, so that its lower faces
+    /// are its own. Steps have no gradient; what is lit, or classified by gradient, takes that of the [`Filter::Trilinear`] field.
+    Nearest,
     /// Linear between the eight voxels around a place.
     #[default]
     Trilinear,
@@ -111,13 +114,14 @@ pub enum Filter {
     Tricubic,
 }
 
-every!(Filter: Trilinear Tricubic);
+every!(Filter: Nearest Trilinear Tricubic);
 
 impl Filter {
-    /// Voxels that the filter takes on each side of a place, along each axis.
+    /// Voxels that the filter takes on each side of a place, along each axis. The nearest voxel is one of those of the linear filter, so bricks
+    /// are the same for both, and a change from one to the other uploads nothing.
     pub const fn taps(self) -> u32 {
         match self {
-            Self::Trilinear => 1,
+            Self::Nearest | Self::Trilinear => 1,
             Self::Tricubic => 2,
         }
     }
@@ -126,6 +130,14 @@ impl Filter {
     /// are: half a voxel less than [`Filter::taps`].
     const fn reach(self) -> f64 {
         self.taps() as f64 - 0.5
+    }
+
+    /// The filter of the field whose gradients are taken.
+    pub const fn of_gradients(self) -> Self {
+        match self {
+            Self::Nearest | Self::Trilinear => Self::Trilinear,
+            Self::Tricubic => Self::Tricubic,
+        }
     }
 }
 
@@ -298,6 +310,10 @@ mod tests {
             Needs::new(mode, Sampling { method, filter, ..Sampling::default() }, lighting, false, false).apron
         };
         let (none, linear, cubic) = (Lighting::default(), Filter::Trilinear, Filter::Tricubic);
+        for (mode, method, lighting) in [(Mode::Mip, Method::Udvr, &none), (Mode::Dvr, Method::Pcvs, &lit)] {
+            let [nearest, linear] = [Filter::Nearest, linear].map(|filter| apron(mode, method, filter, lighting));
+            assert_eq!(nearest, linear, "the same bricks");
+        }
         assert_eq!(apron(Mode::Dvr, Method::Udvr, linear, &none), 1);
         assert_eq!(apron(Mode::Mip, Method::Pcvs, linear, &lit), 1);
         assert_eq!(apron(Mode::Isosurface, Method::Udvr, linear, &none), 2);

@@ -208,14 +208,21 @@ impl Scene {
         })
     }
 
-    /// What clip box, clip planes and slice show of a volume by these rays, in the scene's world; `None` is everything.
+    /// What clip box, clip planes and slice show of a volume by these rays, in the scene's world; `None` is everything. `placement` is where in
+    /// the world the volume is, if the nearest of its voxels are read.
     ///
     /// # Errors
     /// If the box is empty, a plane cannot be normalised, or there are too many planes.
-    pub fn clip_for(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> Result<Option<Clip>, ClipError> {
+    pub fn clip_for(
+        &self,
+        rays: &ViewRays,
+        geometry: &Geometry,
+        extent: Extent,
+        placement: Option<&Placement>,
+    ) -> Result<Option<Clip>, ClipError> {
         let mut planes = self.clip_planes.clone();
         if let Some(slice) = &self.slice {
-            planes.extend(slice.sides(rays, geometry, extent));
+            planes.extend(slice.sides(rays, geometry, extent, placement));
         }
         let is_clipped = self.clip.is_some() || !planes.is_empty();
         is_clipped.then(|| Clip::new(self.clip, &planes)).transpose()

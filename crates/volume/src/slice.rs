@@ -4,10 +4,14 @@
 //! greatest or the least value between them. One without thickness is as thin as single precision can still tell from nothing, a
 //! small part of a voxel: there the mean is the value where the ray meets the plane. So slices are paged, sampled and
 //! classified as everything else is, touch only the bricks that they meet, and may be looked at with any camera.
+//!
+//! Where the nearest voxel is read, a thin slab about a face of voxels would be in the voxels on both of its sides. It lies just above the plane
+//! there, so that it is in the voxels whose half-open boxes the plane is in.
 
 use crate::camera::{Camera, Projection, ViewRays};
 use crate::clip::{ClipError, ClipPlane};
 use crate::geometry::Geometry;
+use crate::placement::Placement;
 use crate::space::Extent;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -60,14 +64,27 @@ impl Slice {
         ClipPlane { point: self.point, normal: self.normal }.normalized().map(|_| ())
     }
 
-    /// The two planes that bound the slab, with normals that point into it, for a picture of this volume with these rays.
-    pub fn sides(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> [ClipPlane; 2] {
+    /// The two planes that bound the slab, with normals that point into it, for a picture of this volume with these rays. `placement` is where in
+    /// the world the volume is, if the nearest of its voxels are read.
+    pub fn sides(
+        &self,
+        rays: &ViewRays,
+        geometry: &Geometry,
+        extent: Extent,
+        placement: Option<&Placement>,
+    ) -> [ClipPlane; 2] {
         let normal = self.normal.normalize_or_zero();
         // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to
         // each side, so that it meets every brick that a sample may come from.
-        let thinnest = 4.0 * geometry.rounding_voxels(rays.eye, extent) * (normal * geometry.spacing).length();
+        let thinnest_voxels = 4.0 * geometry.rounding_voxels(rays.eye, extent);
+        let thinnest = thinnest_voxels * (normal * geometry.spacing).length();
         let half = 0.5 * self.thickness.max(thinnest);
-        [normal, -normal].map(|normal| ClipPlane { point: self.point - normal * half, normal })
+        // By as much again, so that all of it is further above the plane than rounding moves a point.
+        let above = match placement.filter(|_| self.thickness <= thinnest) {
+            Some(placement) => normal * normal.dot(placement.world_vector(geometry.spacing * thinnest_voxels)),
+            None => DVec3::ZERO,
+        };
+        [normal, -normal].map(|normal| ClipPlane { point: self.point + above - normal * half, normal })
     }
 
     /// An orthographic camera that looks straight at all of the slice, in a picture of this size, with `up` as far up as the plane
@@ -175,13 +192,37 @@ mod tests {
         let slice = Slice { thickness: 3.0, ..Slice::across(1, 7.0) };
         let rays = slice.camera(BOX, slice.image_up(), (64, 64)).rays(64, 64).unwrap();
         let extent = Extent::new(6, 2, 9);
-        let sides = slice.sides(&rays, &Geometry::default(), extent);
+        let sides = slice.sides(&rays, &Geometry::default(), extent, None);
         let inside = |y: f64| sides.iter().all(|side| side.height(DVec3::new(1.0, y, 1.0)) >= 0.0);
         assert_eq!([5.49, 5.51, 8.49, 8.51].map(inside), [false, true, true, false]);
         // Without thickness it is thin, but not nothing.
-        let thin = Slice::across(1, 7.0).sides(&rays, &Geometry::default(), extent);
+        let thin = Slice::across(1, 7.0).sides(&rays, &Geometry::default(), extent, None);
         let inside = |y: f64| thin.iter().all(|side| side.height(DVec3::new(1.0, y, 1.0)) >= 0.0);
         assert_eq!([6.999, 7.0 - 1e-6, 7.0 + 1e-6, 7.001].map(inside), [false, true, true, false]);
+    }
+
+    #[test]
+    fn of_the_nearest_voxels_a_thin_slab_is_on_the_upper_side() {
+        let extent = Extent::new(6, 2, 9);
+        let of = |slice: Slice, placement: &Placement| {
+            let rays = slice.camera(BOX, slice.image_up(), (64, 64)).rays(64, 64).unwrap();
+            let rounding = Geometry::default().rounding_voxels(rays.eye, extent);
+            let [low, high] = slice
+                .sides(&rays, &Geometry::default(), extent, Some(placement))
+                .map(|side| (side.point - slice.point).dot(slice.normal));
+            (low.min(high) / rounding, low.max(high) / rounding)
+        };
+        let close = |found: (f64, f64), expected: (f64, f64)| {
+            assert!((found.0 - expected.0).abs() < 1e-6 && (found.1 - expected.1).abs() < 1e-6, "{found:?}");
+        };
+        let turned = Placement::from_text("0 0 -1 0  0 1 0 0  1 0 0 0").unwrap();
+        // What is above in voxels is along z in the world, against the normal; turned, against x.
+        close(of(Slice::across(2, 7.0), &Placement::default()), (-6.0, -2.0));
+        close(of(Slice { normal: DVec3::X, ..Slice::across(0, 7.0) }, &Placement::default()), (2.0, 6.0));
+        close(of(Slice { normal: DVec3::X, ..Slice::across(0, 7.0) }, &turned), (-6.0, -2.0));
+        // A slab has the thickness that was asked for, about its plane.
+        let (low, high) = of(Slice { thickness: 2.0, ..Slice::across(2, 7.0) }, &Placement::default());
+        assert!((low + high).abs() < 1e-3);
     }
 
     #[test]

@@ -69,6 +69,7 @@ fn draw_panel(
         LightingModel::Tone => "lit (tone)",
     };
     let field = match filter {
+        Filter::Nearest => "Nearest",
         Filter::Trilinear => "Trilinear",
         Filter::Tricubic => "Tricubic",
     };
