@@ -11,8 +11,6 @@ use glam::DVec3;
 /// From how many pixels a voxel on it is shown as a square.
 const SQUARE_PX: f64 = 2.0;
 
-const NEAREST: Filter = Filter::Trilinear;
-
 /// The voxels of a volume in the scene's world.
 #[derive(Clone, Debug)]
 pub(crate) struct Grid {
@@ -152,7 +150,7 @@ pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_p
         PlaneFilter::Nearest => true,
         PlaneFilter::Linear => false,
     };
-    if is_square { NEAREST } else { Filter::Trilinear }
+    if is_square { Filter::Nearest } else { Filter::Trilinear }
 }
 
 #[cfg(test)]
@@ -240,9 +238,9 @@ mod tests {
         let slice = grid.slice(2, grid.crosshair(&Planes::default()), 0.0);
         let camera = grid.camera(2, &slice, None, (300, 300));
         // 30 voxels of 1 over 300 pixels; across the narrow side voxels are half as large.
-        assert_eq!(filter(&grid, PlaneFilter::Auto, &camera, 300), NEAREST);
+        assert_eq!(filter(&grid, PlaneFilter::Auto, &camera, 300), Filter::Nearest);
         assert_eq!(filter(&grid, PlaneFilter::Auto, &camera, 100), Filter::Trilinear);
-        assert_eq!(filter(&grid, PlaneFilter::Nearest, &camera, 100), NEAREST);
+        assert_eq!(filter(&grid, PlaneFilter::Nearest, &camera, 100), Filter::Nearest);
         assert_eq!(filter(&grid, PlaneFilter::Linear, &camera, 300), Filter::Trilinear);
     }
 }
