@@ -90,6 +90,7 @@ pub mod offline;
 mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
+pub mod pick;
 pub mod picture_file;
 pub mod probe;
 mod resolve;

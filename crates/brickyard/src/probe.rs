@@ -5,6 +5,7 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::BrickError;
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement};
 use glam::DVec3;
+use std::borrow::Borrow;
 
 /// The values of all channels of a volume in one voxel of the finest level.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,15 +42,29 @@ pub fn probe(volume: &VolumeSource, time: u32, world: DVec3) -> Result<Option<Pr
 /// If there is no such voxel or time step.
 pub fn probe_voxel(volume: &VolumeSource, time: u32, voxel: [u32; 3]) -> Result<Probe, BrickError> {
     let source = &*volume.source;
+    let read = |id| {
+        let mut core = vec![0; (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes()];
+        source.read_core(id, &mut core).map(|()| core)
+    };
+    probe_voxel_by(volume, time, voxel, read)
+}
+
+/// Reads a voxel of level 0 in a time step, of cores that `read` gives.
+pub(crate) fn probe_voxel_by<B: Borrow<[u8]>>(
+    volume: &VolumeSource,
+    time: u32,
+    voxel: [u32; 3],
+    mut read: impl FnMut(BrickId) -> Result<B, BrickError>,
+) -> Result<Probe, BrickError> {
+    let source = &*volume.source;
     assert!(volume.extent().contains(voxel) && time < source.times(), "no voxel {voxel:?} in step {time}");
     let (edge, voxel_type) = (source.pyramid().edge(), source.voxel_type());
     let index = BrickIndex::from_array(voxel.map(|v| v / edge));
     let [x, y, z] = voxel.map(|v| (v % edge) as usize);
     let place = x + edge as usize * (y + edge as usize * z);
-    let mut core = vec![0; (edge as usize).pow(3) * voxel_type.bytes()];
     let mut value = |channel| {
-        source.read_core(BrickId { time, channel, level: Level(0), index }, &mut core)?;
-        let value = voxel_type.read(&core, place);
+        let core = read(BrickId { time, channel, level: Level(0), index })?;
+        let value = voxel_type.read(core.borrow(), place);
         Ok(if source.nodata() == Some(value) { f64::NAN } else { value })
     };
     let values = (0..source.channels()).map(&mut value).collect::<Result<_, BrickError>>()?;

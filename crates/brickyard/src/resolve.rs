@@ -8,8 +8,8 @@ use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
-    Needs, Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, SlotEncoding, StereoLayout,
-    StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
+    Needs, Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding,
+    StereoLayout, StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -24,6 +24,10 @@ pub struct ResolvedScene {
     pub hidden: Vec<HiddenLayer>,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
+    /// What a pixel's samples become.
+    pub mode: Mode,
+    /// The slice that is shown; `None` shows the volumes whole.
+    pub slice: Option<Slice>,
     /// The camera in use: the scene's, or one that shows all layers if the scene has none.
     pub camera: Camera,
     /// The box around all layers in the world: its least and greatest corner.
@@ -189,6 +193,8 @@ pub(crate) fn resolve_with(
         layers,
         hidden,
         stereo: eyes.layout,
+        mode: scene.mode,
+        slice: scene.slice,
         camera,
         world_box,
         is_anatomical,

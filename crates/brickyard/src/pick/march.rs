@@ -1,0 +1,245 @@
+//! Where along a ray what is seen is: halfway through the opacity that it collects, at its first surface, or at its extreme value. Each is found
+//! on the whole ray at a coarse level first, and then in ever finer levels about what was found.
+
+use super::cores::Cores;
+use super::way::{Reader, Way};
+use brickyard_pager::BrickError;
+use brickyard_volume::{Combination, Level, MAX_VOLUMES, Mode, Surface, surface};
+
+/// Samples in a voxel of a level, along the axis along which the ray is fastest.
+const SAMPLES: f64 = 2.0;
+
+/// The same at level 0, about what was found.
+const FINEST_SAMPLES: f64 = 8.0;
+
+/// Voxels of the level before on each side of what was found that are searched in the next.
+const AROUND: f64 = 2.0;
+
+/// The share of light that a ray must collect for anything to be seen.
+const LEAST_OPACITY: f64 = 0.02;
+
+/// So many halvings of the light are as good as all of it.
+const OPAQUE_DEPTH: f64 = 64.0;
+
+/// A ray that has passed so many halvings is not followed further.
+const FAINT_DEPTH: f64 = 12.0;
+
+/// A place along the ray, and whose it is, by its number among the ways.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hit {
+    pub(super) t: f64,
+    pub(super) way: usize,
+}
+
+/// A search along a ray: the ways, and by how many levels each is finer than at first.
+struct Search<'w, 'a> {
+    ways: &'w [Way<'a>],
+    combination: Option<&'w Combination>,
+    finer: u8,
+    /// From where to where.
+    range: [f64; 2],
+}
+
+impl<'w, 'a> Search<'w, 'a> {
+    /// The search of the whole ray.
+    fn whole(ways: &'w [Way<'a>], combination: Option<&'w Combination>) -> Self {
+        let from = ways.iter().map(|way| way.stretch[0]).fold(f64::INFINITY, f64::min);
+        let to = ways.iter().map(|way| way.stretch[1]).fold(0.0, f64::max);
+        Self { ways, combination, finer: 0, range: [from, to] }
+    }
+
+    fn level(&self, way: &Way<'_>) -> Level {
+        Level(way.level.0.saturating_sub(self.finer))
+    }
+
+    /// The length of a voxel of the finest level that is read.
+    fn voxel_length(&self) -> f64 {
+        self.ways.iter().map(|way| way.voxel_length(self.level(way))).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether this is the last search: at level 0, and not of the whole ray.
+    fn is_finest(&self) -> bool {
+        self.finer > 0 && self.ways.iter().all(|way| self.level(way) == Level(0))
+    }
+
+    /// The next finer search about a place; `None` if this one was the finest.
+    fn about(&self, t: f64) -> Option<Self> {
+        let around = AROUND * self.ways.iter().map(|way| way.voxel_length(self.level(way))).fold(0.0, f64::max);
+        let whole = Self::whole(self.ways, self.combination).range;
+        let range = [(t - around).max(whole[0]), (t + around).min(whole[1])];
+        (!self.is_finest()).then_some(Self { finer: self.finer + 1, range, ..*self })
+    }
+
+    fn readers(&self) -> Vec<Reader<'w, 'a>> {
+        self.ways.iter().map(|way| Reader::new(way, self.level(way), self.finer == 0)).collect()
+    }
+
+    /// The samples' segments, near to far.
+    fn segments(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let samples = if self.is_finest() { FINEST_SAMPLES } else { SAMPLES };
+        let [from, to] = self.range;
+        let count = ((to - from) / self.voxel_length() * samples).ceil().max(1.0);
+        let at = move |i: f64| from + (to - from) * i / count;
+        (0..count as u64).map(move |i| [at(i as f64), at(i as f64 + 1.0)])
+    }
+}
+
+/// How much light has been halved along a ray.
+struct Collected {
+    /// Where the first segment begins, and how often light has been halved before it.
+    first: (f64, f64),
+    /// Where each segment ends, how often light has been halved before that, and whose segment it is most.
+    ends: Vec<(f64, f64, usize)>,
+}
+
+impl Collected {
+    fn depth(&self) -> f64 {
+        self.ends.last().map_or(self.first.1, |(_, depth, _)| *depth)
+    }
+
+    /// Where a segment begins, and how often light has been halved before it.
+    fn start(&self, segment: usize) -> (f64, f64) {
+        segment.checked_sub(1).map_or(self.first, |before| (self.ends[before].0, self.ends[before].1))
+    }
+
+    /// How often light has been halved before a place.
+    fn depth_at(&self, t: f64) -> f64 {
+        let next = self.ends.partition_point(|(end, ..)| *end < t).min(self.ends.len() - 1);
+        let ((start, before), (end, after, _)) = (self.start(next), self.ends[next]);
+        before + (after - before) * ((t - start) / (end - start)).clamp(0.0, 1.0)
+    }
+
+    /// Where light has been halved so often; `None` if that is not in these segments.
+    fn place(&self, depth: f64) -> Option<Hit> {
+        let next = self.ends.iter().position(|(_, after, _)| *after >= depth)?;
+        let ((start, before), (end, after, way)) = (self.start(next), self.ends[next]);
+        let share = if after > before { (depth - before) / (after - before) } else { 0.0 };
+        (depth >= before).then_some(Hit { t: start + (end - start) * share, way })
+    }
+}
+
+/// Where a ray has collected half of the opacity that it collects, of fog and surfaces; or, in [`Mode::Isosurface`], where it meets the first surface.
+/// `None` if it collects next to nothing.
+pub(super) fn seen_through(
+    ways: &[Way<'_>],
+    combination: Option<&Combination>,
+    cores: &mut Cores,
+) -> Result<Option<Hit>, BrickError> {
+    let mut search = Search::whole(ways, combination);
+    let mut collected = collect(&search, cores, 0.0, FAINT_DEPTH)?;
+    let opacity = 1.0 - (-collected.depth()).exp2();
+    if opacity < LEAST_OPACITY {
+        return Ok(None);
+    }
+    let depth = -(1.0 - 0.5 * opacity).log2();
+    let mut found = collected.place(depth);
+    while let Some(hit) = found
+        && let Some(next) = search.about(hit.t)
+    {
+        let before = collected.depth_at(next.range[0]);
+        let finer = collect(&next, cores, before, depth)?;
+        // Where a finer level is clear just there, the coarser one's place is the best.
+        let Some(better) = finer.place(depth) else { break };
+        (found, collected, search) = (Some(better), finer, next);
+    }
+    Ok(found)
+}
+
+/// Follows a ray that light has come along with `depth` halvings, until there are as many as `enough`.
+fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f64) -> Result<Collected, BrickError> {
+    let mut readers = search.readers();
+    // The value that each way had last.
+    let mut last = vec![None; search.ways.len()];
+    let mut collected = Collected { first: (search.range[0], depth), ends: Vec::new() };
+    for [start, end] in search.segments() {
+        let mut most = (0.0, 0);
+        let (mut values, mut longest) = ([f64::NAN; MAX_VOLUMES], 0.0f64);
+        for (i, (way, reader)) in search.ways.iter().zip(&mut readers).enumerate() {
+            let part = [way.clamped(start), way.clamped(end)];
+            if part[0] >= part[1] {
+                last[i] = None;
+                continue;
+            }
+            let t = 0.5 * (part[0] + part[1]);
+            let value = reader.value(cores, t)?;
+            let mut own = 0.0;
+            if let Some(value) = value {
+                (values[i], longest) = (value, longest.max(part[1] - part[0]));
+                if way.settings.mode == Mode::Dvr && search.combination.is_none() {
+                    own += halvings(
+                        reader.alpha(cores, t, value)?,
+                        (part[1] - part[0]) / way.layer.transfer.unit_distance,
+                    );
+                }
+                own += last[i].map_or(0.0, |before| passed(way, before, value));
+            }
+            last[i] = value;
+            depth += own;
+            most = if own > most.0 { (own, i) } else { most };
+        }
+        if let Some(combination) = search.combination {
+            // The layer that is read first is as much seen as any.
+            most.1 = values.iter().position(|value| !value.is_nan()).unwrap_or(0);
+            let alpha = combination.look(&values).map_or(0.0, |[.., alpha]| f64::from(alpha));
+            depth += halvings(alpha, longest / combination.transfer.unit_distance);
+        }
+        collected.ends.push((end, depth, most.1));
+        if depth >= enough {
+            break;
+        }
+    }
+    Ok(collected)
+}
+
+/// How often an opacity halves light on a way of so many unit distances.
+fn halvings(alpha: f64, length: f64) -> f64 {
+    (-(1.0 - alpha).log2() * length).clamp(0.0, OPAQUE_DEPTH)
+}
+
+/// How often the surfaces between two values of a layer halve light. Where only surfaces are shown, the first one is what is looked for, however
+/// faint it is.
+fn passed(way: &Way<'_>, before: f64, value: f64) -> f64 {
+    let surfaces = &way.settings.surfaces;
+    let [one, other] = [before, value].map(|value| surface::rank(surfaces, value));
+    let shown = |surface: &&Surface| surface.opacity > 0.0;
+    let depth = |surface: &Surface| match way.settings.mode {
+        Mode::Isosurface => OPAQUE_DEPTH,
+        _ => halvings(f64::from(surface.opacity), 1.0),
+    };
+    surfaces[one.min(other)..one.max(other)].iter().filter(shown).map(depth).sum()
+}
+
+/// Where each way's value is greatest, or least in [`Mode::MinIp`], and that value: the nearest such place.
+pub(super) fn extremes(ways: &[Way<'_>], cores: &mut Cores) -> Result<Vec<(Hit, f64)>, BrickError> {
+    let mut found = Vec::new();
+    for (i, way) in ways.iter().enumerate() {
+        let mut search = Search::whole(std::slice::from_ref(way), None);
+        let mut best = extreme(&search, cores)?;
+        while let Some((t, _)) = best
+            && let Some(next) = search.about(t)
+        {
+            best = extreme(&next, cores)?.or(best);
+            search = next;
+        }
+        found.extend(best.map(|(t, value)| (Hit { t, way: i }, value)));
+    }
+    Ok(found)
+}
+
+/// The extreme of a search's only way.
+fn extreme(search: &Search<'_, '_>, cores: &mut Cores) -> Result<Option<(f64, f64)>, BrickError> {
+    let (way, mut reader) = (&search.ways[0], search.readers().remove(0));
+    let is_least = way.settings.mode == Mode::MinIp;
+    let mut best: Option<(f64, f64)> = None;
+    for [start, end] in search.segments() {
+        let t = 0.5 * (start + end);
+        let Some(value) = reader.value(cores, t)? else { continue };
+        // Labels that are hidden hide nothing.
+        let is_shown = !way.settings.encoding.is_labels || way.layer.transfer.alpha(value) > 0.0;
+        let is_better = |(_, best): (f64, f64)| if is_least { value < best } else { value > best };
+        if is_shown && best.is_none_or(is_better) {
+            best = Some((t, value));
+        }
+    }
+    Ok(best)
+}
