@@ -455,6 +455,11 @@ impl Session {
         self.backend().map_or(0, Renderer::bytes)
     }
 
+    /// The volumes, each with the pyramid that suits the last step's mode.
+    pub fn volumes(&self) -> &[VolumeSource] {
+        &self.volumes
+    }
+
     /// Number of slots, which is how many bricks of all layers fit at once; 0 before the first step.
     pub fn slots(&self) -> u64 {
         self.fit.as_ref().map_or(0, Fit::slots)

@@ -5,13 +5,14 @@ use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Status};
 use brickyard::render::{Gpu, Target, wgpu};
-use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene, SceneError};
 use eframe::egui::{self, ColorImage, TextureHandle, TextureId, TextureOptions};
 use eframe::egui_wgpu::RenderState;
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How many frames' times are kept.
@@ -240,6 +241,11 @@ impl Canvas {
     /// The share of the exact picture's work that was done for the one that is shown.
     pub(crate) fn quality(&self) -> f64 {
         self.shown.as_ref().map_or(0.0, |shown| shown.quality.share())
+    }
+
+    /// The scene that is shown, with nothing left open, and its volumes; `None` before the first picture.
+    pub(crate) fn resolved(&self) -> (Option<&Arc<ResolvedScene>>, &[VolumeSource]) {
+        (self.shown.as_ref().map(|shown| &shown.frame.scene), self.session.volumes())
     }
 
     /// A line that says where the picture is drawn.

@@ -1,101 +1,142 @@
-//! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in, of all volumes that the scene
-//! shows. Costs the reading of a brick for each channel, only when the pointer comes to another place.
+//! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in. A thread of its own looks, so
+//! that a slow disk does not hold up the window; it answers about the newest place alone. Costs up to 64 MiB of decoded bricks for each picture.
 
-use brickyard::probe::{Probe, probe};
-use brickyard::session::VolumeSource;
-use brickyard::volume::{Scene, Slice, ViewRays};
-use glam::DVec3;
+use brickyard::pick::{Pick, Picker};
+use brickyard::session::{ResolvedScene, VolumeSource};
+use eframe::egui;
 use std::fmt::Write;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// What is under the pointer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picked {
-    /// The point of the world that is seen there.
-    pub(crate) point: DVec3,
+    /// The point of the world that is seen there, and its values.
+    pub(crate) pick: Pick,
+    /// The label that is there, if the layer that is seen there has labels.
+    pub(crate) label: Option<i64>,
     /// Its voxel and values, in words.
     pub(crate) words: String,
 }
 
-/// The values under the pointer, as of the last time it moved.
+/// A place of a picture.
+#[derive(Clone)]
+struct Place {
+    scene: Arc<ResolvedScene>,
+    place_px: [f64; 2],
+}
+
+impl PartialEq for Place {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.scene, &other.scene) && self.place_px == other.place_px
+    }
+}
+
+/// What is asked of the thread: a place of a scene's picture, and the volumes of the scene.
+type Question = (Place, Vec<VolumeSource>, egui::Context);
+
+/// Looks what is under the pointer.
 #[derive(Default)]
 pub(crate) struct Picking {
-    last: Option<(DVec3, u32, String)>,
+    /// The way to the thread and back; `None` before the first question.
+    thread: Option<(Sender<Question>, Receiver<Option<Picked>>)>,
+    asked: Option<Place>,
+    /// Number of questions that are not answered yet.
+    open: usize,
+    found: Option<Picked>,
 }
 
 impl Picking {
-    /// What is at a place of the picture, in pixels; `None` if there is nothing to be seen.
+    /// What is at a place of a scene's picture, in pixels, as far as that is known by now; the window is drawn again when more is. Without a place
+    /// there is nothing.
     pub(crate) fn at(
         &mut self,
-        scene: &Scene,
+        egui: &egui::Context,
+        scene: Option<&Arc<ResolvedScene>>,
         volumes: &[VolumeSource],
-        rays: &ViewRays,
-        place_px: [f64; 2],
+        place_px: Option<[f64; 2]>,
     ) -> Option<Picked> {
-        let point = on_slice(rays, scene.slice.as_ref()?, place_px)?;
-        let is_known = |last: &(DVec3, u32, String)| (last.0, last.1) == (point, scene.time);
-        if !self.last.as_ref().is_some_and(is_known) {
-            self.last = Some((point, scene.time, words(scene, volumes, point)));
+        let (Some(scene), Some(place_px)) = (scene, place_px) else {
+            (self.asked, self.found) = (None, None);
+            return None;
+        };
+        let place = Place { scene: scene.clone(), place_px };
+        let (ask, answers) = self.thread.get_or_insert_with(start);
+        if self.asked.as_ref() != Some(&place) && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
+            self.asked = Some(place);
+            self.open += 1;
         }
-        let (_, _, words) = self.last.as_ref()?;
-        (!words.is_empty()).then(|| Picked { point, words: words.clone() })
+        while let Ok(found) = answers.try_recv() {
+            self.open = self.open.saturating_sub(1);
+            self.found = found;
+        }
+        self.found.clone()
+    }
+
+    /// Whether an answer is still to come.
+    pub(crate) fn is_looking(&self) -> bool {
+        self.asked.is_some() && self.open > 0
     }
 }
 
-/// Where the ray through a place of the picture meets a slice; `None` if it goes along it.
-fn on_slice(rays: &ViewRays, slice: &Slice, [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
-    let ray = rays.ray(x_px, y_px);
-    let along = (slice.point - ray.origin).dot(slice.normal) / ray.direction.dot(slice.normal);
-    Some(ray.origin + ray.direction * along).filter(|point| point.is_finite())
+/// Starts the thread. It ends when nobody can ask it any more.
+fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
+    let (ask, questions) = channel::<Question>();
+    let (answer, answers) = channel();
+    std::thread::spawn(move || {
+        let mut picker = Picker::default();
+        while let Ok(mut question) = questions.recv() {
+            // The newest alone is worth an answer; the others are answered by nothing new.
+            let mut passed = 0;
+            while let Ok(newer) = questions.try_recv() {
+                question = newer;
+                passed += 1;
+            }
+            let (place, volumes, egui) = question;
+            let found = look(&mut picker, &place, &volumes);
+            for _ in 0..=passed {
+                if answer.send(found.clone()).is_err() {
+                    return;
+                }
+            }
+            egui.request_repaint();
+        }
+    });
+    (ask, answers)
 }
 
-/// The values of the volumes that are shown at a point of the scene's world, each volume once.
-fn words(scene: &Scene, volumes: &[VolumeSource], point: DVec3) -> String {
-    let mut words = String::new();
-    let mut seen = Vec::new();
-    for layer in (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible) {
-        let store = scene.store(layer);
-        let Some(volume) = volumes.get(store).filter(|_| !seen.contains(&store)) else { continue };
-        seen.push(store);
-        // The layer may be moved from where its store says that it is.
-        let own = scene.layers[layer].world_from_volume.volume_from_world(point);
-        let time = scene.time.min(volume.source.times() - 1);
-        match probe(volume, time, own) {
-            Ok(Some(found)) => describe(&mut words, volume, &found, point),
-            Ok(None) => {}
-            Err(error) => words += &format!("{error}  "),
+/// What is at a place. A brick that cannot be read is said by the picture; here there is nothing then.
+fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<Picked> {
+    let pick = picker.pick(&place.scene, volumes, place.place_px);
+    let pick = pick.inspect_err(|error| tracing::debug!("nothing is picked: {error}")).ok()??;
+    let first = pick.values.first();
+    let label = first.and_then(|values| {
+        let channel = place.scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;
+        let value = *values.probe.values.get(channel)?;
+        let is_label = volumes.get(values.volume)?.source.is_labels();
+        (is_label && !value.is_nan()).then_some(value as i64)
+    });
+    let words = words(&pick, volumes);
+    Some(Picked { pick, label, words })
+}
+
+/// A pick in words: the place in the world, and of each volume the voxel and the values there.
+fn words(pick: &Pick, volumes: &[VolumeSource]) -> String {
+    // Writing to a string cannot fail.
+    let [x, y, z] = pick.point.to_array();
+    let mut words = format!("at {x:.4}, {y:.4}, {z:.4}");
+    for values in &pick.values {
+        let Some(volume) = volumes.get(values.volume) else { continue };
+        let [i, j, k] = values.probe.voxel;
+        let _ = write!(words, "  voxel {i}, {j}, {k}:");
+        for (channel, value) in values.probe.values.iter().enumerate() {
+            let name = volume.displays().get(channel).and_then(|display| display.name.as_deref());
+            let _ = match (name, value.is_nan()) {
+                (Some(name), false) => write!(words, " {name} {value}"),
+                (None, false) => write!(words, " {value}"),
+                (_, true) => write!(words, " no data"),
+            };
         }
     }
     words
-}
-
-fn describe(words: &mut String, volume: &VolumeSource, found: &Probe, point: DVec3) {
-    let [x, y, z] = found.voxel;
-    let displays = volume.store().map_or(&[][..], |store| store.channel_displays());
-    // Writing to a string cannot fail.
-    let _ = write!(words, "voxel {x}, {y}, {z} at {:.4}, {:.4}, {:.4}:", point.x, point.y, point.z);
-    for (channel, value) in found.values.iter().enumerate() {
-        let name = displays.get(channel).and_then(|display| display.name.as_deref());
-        let _ = match (name, value.is_nan()) {
-            (Some(name), false) => write!(words, " {name} {value}"),
-            (None, false) => write!(words, " {value}"),
-            (_, true) => write!(words, " no data"),
-        };
-    }
-    words.push_str("  ");
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_point_of_a_slice_is_under_the_pointer() {
-        let slice = Slice::across(2, 3.0);
-        let size = (300, 200);
-        let camera = slice.camera((DVec3::ZERO, DVec3::new(9.0, 6.0, 5.0)), slice.image_up(), size);
-        let point = on_slice(&camera.rays(300, 200).unwrap(), &slice, [70.0, 50.0]).unwrap();
-        assert!((point.z - 3.0).abs() < 1e-9, "{point}");
-        let [x, y] = camera.rays(300, 200).unwrap().pixel(point).unwrap();
-        assert!((x - 70.0).abs() < 1e-6 && (y - 50.0).abs() < 1e-6);
-    }
 }

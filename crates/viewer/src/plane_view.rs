@@ -52,7 +52,8 @@ impl PlaneView {
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &camera, seen);
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
-        self.picked = place_px.and_then(|place| self.picking.at(&scene, seen.volumes, &lens.rays, place));
+        let (resolved, volumes) = canvas.resolved();
+        self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
         drag(&lens, (axis, &camera, point), &response, commands);
         if response.hovered() {
             self.scroll(ui, &lens, grid, (axis, &camera, point), commands);

@@ -96,7 +96,7 @@ impl VolumeView {
         let Some(camera) = seen.state.scene.camera else { return drawn };
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         self.decorate(&lens, canvas, seen, response.hover_pos());
-        self.pick(&lens, seen, &response);
+        self.pick(&lens, canvas, &response);
         self.drag(&lens, seen, &response, commands);
         self.click(seen, &response, commands);
         if response.hovered() {
@@ -121,7 +121,7 @@ impl VolumeView {
         }
         overlay::distances(lens, &window.distances, world.unit);
         if let Some(from) = self.measured_from {
-            let to = self.picked.as_ref().map_or(from, |picked| picked.point);
+            let to = self.picked.as_ref().map_or(from, |picked| picked.pick.point);
             overlay::distances(lens, &[[from, to]], world.unit);
         }
         if let Some(clip) = scene.clip.filter(|_| window.overlays.clip_handles) {
@@ -134,12 +134,13 @@ impl VolumeView {
     }
 
     /// Looks what is under the pointer, unless it drags something.
-    fn pick(&mut self, lens: &Lens, seen: &Seen<'_>, response: &Response) {
+    fn pick(&mut self, lens: &Lens, canvas: &Canvas, response: &Response) {
         if self.hold.is_some() {
             return;
         }
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
-        self.picked = place_px.and_then(|place| self.picking.at(&seen.state.scene, seen.volumes, &lens.rays, place));
+        let (scene, volumes) = canvas.resolved();
+        self.picked = self.picking.at(&response.ctx, scene, volumes, place_px);
     }
 
     /// What a drag that begins here has hold of.
@@ -158,7 +159,7 @@ impl VolumeView {
             (Some(face), ..) => Hold::Face(face),
             (None, true, _) => Hold::Roll,
             (None, false, Tool::Fly) => Hold::Look,
-            (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.point)),
+            (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.pick.point)),
         }
     }
 
@@ -196,7 +197,7 @@ impl VolumeView {
         if tool != Tool::Distance {
             self.measured_from = None;
         }
-        let point = self.picked.as_ref().map(|picked| picked.point);
+        let point = self.picked.as_ref().map(|picked| picked.pick.point);
         if response.double_clicked() && tool == Tool::Turn {
             commands.push(point.map_or(Command::Fit, Command::Center));
         }
