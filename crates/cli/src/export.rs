@@ -7,6 +7,7 @@ use super::{store_errors, values};
 use brickyard::store::{self, ExportRequest};
 use brickyard::volume::{Level, VoxelBox};
 use clap::Args;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 /// `brickyard export STORE OUT --level N`
@@ -51,7 +52,10 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         overwrite: arguments.overwrite,
     };
     let progress = Progress::new(arguments.progress, "export");
-    let exported = store::export(&store, &arguments.output, &request, |done, total| progress.set(done, total));
+    let exported = store::export(&store, &arguments.output, &request, |done, total| {
+        progress.set(done, total);
+        ControlFlow::Continue(())
+    });
     progress.finish();
     let extent = exported.map_err(store_errors::export_failure)?;
     eprintln!(

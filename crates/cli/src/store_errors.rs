@@ -63,7 +63,7 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
 /// The failure for a pack that did not finish.
 pub(crate) fn pack_failure(error: PackError) -> Failure {
     let kind = match &error {
-        PackError::Incomplete { .. } => ExitKind::Incomplete,
+        PackError::Incomplete { .. } | PackError::Cancelled { .. } => ExitKind::Incomplete,
         PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }
@@ -86,7 +86,7 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
         ExportError::Read(_) => ExitKind::BadInput,
-        ExportError::Io { .. } => ExitKind::Failed,
+        ExportError::Io { .. } | ExportError::Cancelled { .. } => ExitKind::Failed,
         _ => ExitKind::Usage,
     };
     Failure::new(kind, error)

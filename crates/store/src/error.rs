@@ -274,6 +274,12 @@ pub enum ExportError {
         /// What the store has.
         expected: String,
     },
+    /// The export was told to stop, by what takes its progress.
+    #[error("{path}: cancelled; nothing was written there", path = path.display())]
+    Cancelled {
+        /// The output's path.
+        path: PathBuf,
+    },
     /// A brick could not be read.
     #[error(transparent)]
     Read(#[from] ReadError),

@@ -10,6 +10,7 @@ use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -30,16 +31,16 @@ pub struct ExportRequest {
 }
 
 /// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. Calls `progress` with
-/// the bytes written so far and the bytes in all. Returns the extent written.
+/// the bytes written so far and the bytes in all, after each row of bricks: it may break the export off. Returns the extent written.
 ///
 /// # Errors
 /// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
-/// cannot be read, or the file cannot be written. After an error, nothing new is left behind.
+/// cannot be read, the file cannot be written, or `progress` breaks off. After an error, nothing new is left behind.
 pub fn export(
     store: &Store,
     output: &Path,
     request: &ExportRequest,
-    progress: impl Fn(u64, u64) + Sync,
+    progress: impl Fn(u64, u64) -> ControlFlow<()> + Sync,
 ) -> Result<Extent, ExportError> {
     let region = checked_region(store, request)?;
     let extent = region.extent();
@@ -98,7 +99,7 @@ fn write_voxels(
     file: &File,
     start: u64,
     output: &Path,
-    progress: &(impl Fn(u64, u64) + Sync),
+    progress: &(impl Fn(u64, u64) -> ControlFlow<()> + Sync),
 ) -> Result<(), ExportError> {
     let edge = store.pyramid().edge();
     let voxel_bytes = store.voxel_type().bytes() as u64;
@@ -121,8 +122,10 @@ fn write_voxels(
             file.write_all_at(slice, start + at).map_err(|error| ExportError::Io { path: output.into(), error })?;
         }
         let bytes = buffer.len() as u64;
-        progress(done.fetch_add(bytes, Ordering::Relaxed) + bytes, total);
-        Ok(())
+        match progress(done.fetch_add(bytes, Ordering::Relaxed) + bytes, total) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(ExportError::Cancelled { path: output.into() }),
+        }
     })
 }
 
@@ -172,6 +175,34 @@ mod tests {
         (dir, store)
     }
 
+    fn go_on(_: u64, _: u64) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    #[test]
+    fn a_cancelled_export_leaves_what_was_there() {
+        let (_dir, store) = store(&TestStore::default());
+        let out = tempfile::tempdir().unwrap();
+        let output = out.path().join("a.raw");
+        for old in [None, Some("mine")] {
+            if let Some(old) = old {
+                std::fs::write(&output, old).unwrap();
+            }
+            let request = ExportRequest { overwrite: true, ..ExportRequest::default() };
+            // At the first row, and when all is there but its name.
+            for is_last in [false, true] {
+                let watch = |done, total| match is_last && done < total {
+                    true => ControlFlow::Continue(()),
+                    false => ControlFlow::Break(()),
+                };
+                let error = export(&store, &output, &request, watch).unwrap_err();
+                assert!(matches!(error, ExportError::Cancelled { .. }), "{error}");
+                assert_eq!(std::fs::read_to_string(&output).ok().as_deref(), old);
+                assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), usize::from(old.is_some()));
+            }
+        }
+    }
+
     #[test]
     fn raw_is_the_voxels_alone() {
         let spec = TestStore { times: 2, channels: 2, ..TestStore::default() };
@@ -181,7 +212,11 @@ mod tests {
         for level in 0..store.pyramid().levels().len() {
             let request =
                 ExportRequest { level: Level(level as u8), time: 1, channel: 1, overwrite: true, region: None };
-            export(&store, &output, &request, |done, total| whole.store(done == total, Ordering::Relaxed)).unwrap();
+            let watch = |done, total| {
+                whole.store(done == total, Ordering::Relaxed);
+                ControlFlow::Continue(())
+            };
+            export(&store, &output, &request, watch).unwrap();
             let expected = spec.levels(|v| bumps(1, 1, v)).swap_remove(level);
             let expected: Vec<u8> = expected.into_iter().flat_map(|v| spec.bytes_of(v)).collect();
             assert!(std::fs::read(&output).unwrap() == expected, "level {level}");
@@ -196,7 +231,7 @@ mod tests {
             let (dir, store) = store(&spec);
             let output = dir.path().join("out.npy");
             let region = VoxelBox::new([3, 8, 2], [36, 17, 19]);
-            export(&store, &output, &ExportRequest { region: Some(region), ..Default::default() }, |_, _| {}).unwrap();
+            export(&store, &output, &ExportRequest { region: Some(region), ..Default::default() }, go_on).unwrap();
             let bytes = std::fs::read(&output).unwrap();
             let header = u16::from_le_bytes([bytes[8], bytes[9]]) as usize + 10;
             assert_eq!((header % 64, bytes[header - 1]), (0, b'\n'));
@@ -212,7 +247,7 @@ mod tests {
         let (dir, store) = store(&TestStore::default());
         let out = tempfile::tempdir().unwrap();
         let attempt = |name: &str, request: ExportRequest| {
-            export(&store, &out.path().join(name), &request, |_, _| {}).unwrap_err().to_string()
+            export(&store, &out.path().join(name), &request, go_on).unwrap_err().to_string()
         };
         let request = ExportRequest::default();
         assert!(attempt("a.tif", request).contains(".raw, .npy"));

@@ -33,7 +33,9 @@ pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
 pub use export::{ExportRequest, export};
 pub use layout::{Layout, ShardId};
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
-pub use pack::{Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan};
+pub use pack::{
+    Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan, settings_fingerprint,
+};
 pub use scratch::Scratch;
 pub use shard::Fingerprint;
 pub use shard_file::IoMode;

@@ -9,10 +9,10 @@ use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
 pub use crate::version::FORMAT_VERSION;
-use brickyard_volume::LabelColor;
 use brickyard_volume::channel;
 use brickyard_volume::{
-    Apron, Extent, Geometry, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid, VoxelType,
+    Apron, ChannelLook, Extent, Geometry, LabelColor, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid,
+    VoxelType,
 };
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -140,6 +140,12 @@ impl ChannelStatistics {
         }
     }
 
+    /// Takes a name, colour and window from the source, as far as it gives them.
+    pub fn take_look(&mut self, look: &ChannelLook) {
+        (self.name, self.color) = (look.name.clone(), look.color);
+        self.window = look.window.unwrap_or(self.window);
+    }
+
     /// Whether some voxel of the channel is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.nan + self.pos_inf + self.neg_inf > 0
@@ -157,6 +163,20 @@ pub struct ChannelDisplay {
     pub window: (f64, f64),
     /// Whether the channel is shown with the others.
     pub is_visible: bool,
+}
+
+impl ChannelDisplay {
+    /// The displays of the channels with these statistics, where nobody has said anything else.
+    pub fn of_channels(statistics: &[ChannelStatistics]) -> Vec<Self> {
+        let channels = statistics.len();
+        let display = |(i, channel): (usize, &ChannelStatistics)| Self {
+            name: channel.name.clone().or_else(|| (channels > 1).then(|| format!("channel {i}"))),
+            color: channel.color.unwrap_or_else(|| channel::default_color(i, channels)),
+            window: channel.window.into(),
+            is_visible: true,
+        };
+        statistics.iter().enumerate().map(display).collect()
+    }
 }
 
 /// The root group's `brickyard` attribute: settings and statistics of the whole store.
@@ -313,19 +333,17 @@ fn datasets(layout: &Layout, geometry: &Geometry) -> Value {
 
 /// Display hints: names, contrast windows and colours.
 fn omero(info: &StoreInfo) -> Value {
-    let channels = info.channels.len();
-    let channel = |(i, c): (usize, &ChannelStatistics)| {
+    let channel = |(c, display): (&ChannelStatistics, ChannelDisplay)| {
         let window = json!({ "min": c.range[0], "max": c.range[1], "start": c.window[0], "end": c.window[1] });
-        let color = channel::hex(c.color.unwrap_or_else(|| channel::default_color(i, channels)));
-        let mut channel = json!({ "color": color, "window": window, "active": true });
-        match &c.name {
-            Some(name) => channel["label"] = json!(name),
-            None if channels > 1 => channel["label"] = json!(format!("channel {i}")),
-            None => {}
+        let color = channel::hex(display.color);
+        let mut channel = json!({ "color": color, "window": window, "active": display.is_visible });
+        if let Some(name) = display.name {
+            channel["label"] = json!(name);
         }
         channel
     };
-    json!({ "channels": info.channels.iter().enumerate().map(channel).collect::<Value>() })
+    let displays = ChannelDisplay::of_channels(&info.channels);
+    json!({ "channels": info.channels.iter().zip(displays).map(channel).collect::<Value>() })
 }
 
 /// The `zarr.json` document of a level's array.
@@ -531,23 +549,19 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
 /// How the channels are shown: as OME's metadata of the store say, which other tools may have edited; as it was packed where they say nothing
 /// that can be used.
 pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
-    let channels = info.channels.len();
-    let display = |(i, packed): (usize, &ChannelStatistics)| {
+    let display = |(i, packed): (usize, ChannelDisplay)| {
         let said = &root["attributes"]["ome"]["omero"]["channels"][i];
         let end = |name: &str| said["window"][name].as_f64().filter(|value| value.is_finite());
         let window = end("start").zip(end("end")).filter(|(start, end)| start <= end);
         let label = said["label"].as_str().map(str::trim).filter(|label| !label.is_empty());
         ChannelDisplay {
-            name: label.map(str::to_owned).or_else(|| packed.name.clone()),
-            color: said["color"]
-                .as_str()
-                .and_then(channel::from_hex)
-                .unwrap_or_else(|| packed.color.unwrap_or_else(|| channel::default_color(i, channels))),
-            window: window.unwrap_or(packed.window.into()),
-            is_visible: said["active"].as_bool().unwrap_or(true),
+            name: label.map(str::to_owned).or_else(|| info.channels[i].name.clone()),
+            color: said["color"].as_str().and_then(channel::from_hex).unwrap_or(packed.color),
+            window: window.unwrap_or(packed.window),
+            is_visible: said["active"].as_bool().unwrap_or(packed.is_visible),
         }
     };
-    info.channels.iter().enumerate().map(display).collect()
+    ChannelDisplay::of_channels(&info.channels).into_iter().enumerate().map(display).collect()
 }
 
 /// The colours of labels that OME's metadata of the store give, sorted by label; the last of a label's counts. What cannot be used is left out.

@@ -18,7 +18,7 @@
 
 mod aprons;
 pub(crate) mod brick;
-mod cascade;
+pub(crate) mod cascade;
 mod disk;
 mod journal;
 mod lock;
@@ -143,6 +143,11 @@ pub trait Progress: Sync {
     /// Called in the second pass, where aprons are stored: so far `done` of `total` bytes of aprons, uncompressed, are
     /// packed.
     fn aprons(&self, _done: u64, _total: u64) {}
+    /// Whether the pack is to stop. Asked before each brick and each plane that is read, so it must be quick. A pack that stops ends with
+    /// [`PackError::Cancelled`].
+    fn is_cancelled(&self) -> bool {
+        false
+    }
 }
 
 /// Ignores all progress.
@@ -268,6 +273,16 @@ pub enum PackError {
         #[source]
         error: std::io::Error,
     },
+    /// The pack was told to stop, by [`Progress::is_cancelled`]. What was packed stays; nothing half-made has a final name.
+    #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on", store = store.display())]
+    Cancelled {
+        /// The unfinished store.
+        store: PathBuf,
+        /// Number of finished shards.
+        done: u64,
+        /// Number of shards in all.
+        total: u64,
+    },
     /// The source failed midway. What was packed stays.
     #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with `resume`", store = store.display())]
     Source {
@@ -352,8 +367,8 @@ fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
 /// Packs a source into a store.
 ///
 /// # Errors
-/// If the options or the output do not allow it, if the source fails, or if the disk fails or is full. What was packed
-/// before the source or the disk failed can be resumed.
+/// If the options or the output do not allow it, if the source fails, if the disk fails or is full, or if `progress` cancels the pack. What
+/// was packed until then can be resumed.
 pub fn pack(
     source: &dyn Source,
     store: &Path,
@@ -453,6 +468,12 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     settings
 }
 
+/// A short name for a source and the settings that decide a store's bytes: [`StoreInfo::settings_fingerprint`] of the store that packing with
+/// them makes.
+pub fn settings_fingerprint(source: &dyn Source, options: &PackOptions) -> String {
+    fingerprint(&settings(source, options))
+}
+
 /// A short name for the settings.
 fn fingerprint(settings: &Value) -> String {
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
@@ -462,6 +483,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
     let (store, done) = (store.to_path_buf(), reached.shards);
     match stop {
         Stop::Threads(problem) => PackError::Threads(problem),
+        Stop::Cancelled => PackError::Cancelled { store, done, total },
         Stop::Source(error) => PackError::Source { error, store, done, total },
         Stop::ReadBack(error) => PackError::ReadBack { error, store },
         Stop::Panic(words) => PackError::Panic { words, store, done, total },
@@ -487,10 +509,7 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
 
 /// Statistics of channels that look as their source says.
 fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
-    for (channel, look) in channels.iter_mut().zip(looks) {
-        (channel.name, channel.color) = (look.name.clone(), look.color);
-        channel.window = look.window.unwrap_or(channel.window);
-    }
+    channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
     channels
 }
 

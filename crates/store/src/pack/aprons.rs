@@ -133,13 +133,16 @@ impl<'a> StagePass<'a> {
     }
 
     fn shard(&mut self, id: ShardId, journal: &mut Journal, made: &mut Made) -> Result<Fingerprint, Stop> {
-        let ApronPass { store, disk, .. } = *self.pass;
+        let ApronPass { store, disk, progress, .. } = *self.pass;
         let layout = self.layout.clone();
         let mut writer = ShardWriter::new(disk, store, &layout);
         let brick = |index| BrickId { time: id.time, channel: id.channel, level: id.level, index };
         let bricks = self.bricks(id);
         let mut fingerprint = Fingerprint::default();
         for z in bricks.min.z..bricks.max.z {
+            if progress.is_cancelled() {
+                return Err(Stop::Cancelled);
+            }
             let mut layer = bricks;
             (layer.min.z, layer.max.z) = (z, z + 1);
             let ids: Vec<BrickId> = bricks_of(layer, 1).map(brick).collect();

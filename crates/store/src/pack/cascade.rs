@@ -51,6 +51,8 @@ pub(crate) enum Stop {
     /// What the pass wrote cannot be read back.
     ReadBack(ReadError),
     Threads(String),
+    /// Whoever watches the pack cancelled it.
+    Cancelled,
     /// A thread has panicked, with this message.
     Panic(String),
 }
@@ -150,6 +152,15 @@ impl<T> Shared<'_, T> {
         lock(&self.stop).get_or_insert(reason);
         self.sequence.abort();
     }
+
+    /// Whether the pack was cancelled; stops everyone if it was.
+    fn is_cancelled(&self) -> bool {
+        let is_cancelled = self.pass.progress.is_cancelled();
+        if is_cancelled {
+            self.fail(Stop::Cancelled);
+        }
+        is_cancelled
+    }
 }
 
 impl Pass<'_> {
@@ -164,8 +175,7 @@ impl Pass<'_> {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             stage.layout.shards(stage.level).filter_map(finished).collect()
         };
-        let nodata = self.source.info().nodata.map(T::from_f64_rounded);
-        let (kept, blanked) = if T::TYPE.is_float() { (None, nodata) } else { (nodata, None) };
+        let (kept, blanked) = no_data(self.source.info().nodata);
         let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge, kept), scratch: Scratch::default() });
         let shared = Shared {
             pass: self,
@@ -377,7 +387,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         let first = self.filled(0);
         let mut plane = vec![0; if first < end { extent.x as usize * extent.y as usize * size_of::<T>() } else { 0 }];
         for z in first..end {
-            if self.shared.sequence.is_aborted() {
+            if self.shared.sequence.is_aborted() || self.shared.is_cancelled() {
                 break;
             }
             let region = VoxelBox::new([0, 0, z], [extent.x, extent.y, z + 1]);
@@ -481,6 +491,9 @@ impl<'a, T: Measure> Volume<'a, T> {
             }
         };
         (0..run.count).all(|i| {
+            if self.shared.is_cancelled() {
+                return false;
+            }
             let (index, number) = (run.brick(i), first_number + run.number + i as u64);
             if gathered {
                 return self.brick(worker, s, index, i as usize, None, number);
@@ -583,12 +596,18 @@ impl Run {
     }
 }
 
-fn shape(region: VoxelBox) -> [usize; 3] {
+/// How a value for no data is treated: integers keep it, and floats that are it become NaN.
+pub(crate) fn no_data<T: Measure>(nodata: Option<f64>) -> (Option<T>, Option<T>) {
+    let nodata = nodata.map(T::from_f64_rounded);
+    if T::TYPE.is_float() { (None, nodata) } else { (nodata, None) }
+}
+
+pub(crate) fn shape(region: VoxelBox) -> [usize; 3] {
     region.extent().to_array().map(|n| n as usize)
 }
 
 /// What a brick's core becomes on the next level.
-fn coarse_box(core: VoxelBox, factor: [usize; 3]) -> VoxelBox {
+pub(crate) fn coarse_box(core: VoxelBox, factor: [usize; 3]) -> VoxelBox {
     let (min, max) = (core.min.to_array(), core.max.to_array());
     VoxelBox::new(
         std::array::from_fn(|a| min[a] / factor[a] as u32),

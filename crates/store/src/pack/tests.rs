@@ -1,5 +1,6 @@
 //! Whole packs of small volumes, against plain loops and against each other.
 
+mod cancel;
 mod limits;
 mod output;
 mod panics;
