@@ -11,6 +11,7 @@ pub mod downsample;
 pub mod error;
 pub mod export;
 pub mod layout;
+mod level_bricks;
 pub mod metadata;
 mod nodata;
 pub mod pack;
@@ -32,6 +33,7 @@ pub use downsample::{Downsample, Reductions};
 pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
 pub use export::{ExportRequest, export};
 pub use layout::{Layout, ShardId};
+pub use level_bricks::LevelBricks;
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};
 pub use pack::{
     Exists, Holder, PackError, PackOptions, PackPlan, PackReport, Progress, pack, plan, settings_fingerprint,
