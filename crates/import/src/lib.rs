@@ -3,6 +3,7 @@
 //! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
 //! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
 //! space; TIFF and DICOM decode the planes they are asked for. [`SynthSource`] makes volumes that no file holds.
+//! [`Strided`] is every n-th voxel of another source.
 //!
 //! `read_mesh` reads the triangle meshes that are shown with a volume.
 
@@ -36,6 +37,7 @@ mod raw;
 mod series;
 mod source;
 mod stamp;
+mod strided;
 mod synth;
 #[cfg(test)]
 mod testing;
@@ -56,5 +58,6 @@ pub use open::open;
 pub use options::{FileOrder, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
+pub use strided::Strided;
 pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource};
 pub use write_raw::write_raw;

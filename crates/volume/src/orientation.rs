@@ -46,7 +46,16 @@ impl Orientation {
     /// # Errors
     /// If the map cannot be used then.
     pub fn stretched(&self, by: DVec3) -> Result<Self, PlacementError> {
-        Placement::new(self.0.map() * DAffine3::from_scale(by)).map(Self)
+        self.strided(by, DVec3::ZERO)
+    }
+
+    /// The orientation of every n-th voxel of this volume, from the voxel at `first` on; `by` is n along each axis.
+    ///
+    /// # Errors
+    /// If the map cannot be used then.
+    pub fn strided(&self, by: DVec3, first: DVec3) -> Result<Self, PlacementError> {
+        let whole_from_strided = DAffine3 { matrix3: DMat3::from_diagonal(by), translation: first };
+        Placement::new(self.0.map() * whole_from_strided).map(Self)
     }
 
     /// This orientation with the centre of voxel (0, 0, 0) elsewhere.
