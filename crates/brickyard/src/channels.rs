@@ -1,8 +1,7 @@
-//! The layers that show the channels of volumes unless a scene says otherwise: each in the window and colour that its store gives it.
+//! The layers that show the channels of volumes unless a scene says otherwise: each in the window and colour that its volume gives it.
 //! They are made from metadata alone.
 
 use crate::volume_source::VolumeSource;
-use brickyard_store::Kind;
 use brickyard_volume::{Blend, MAX_VOLUMES, Mode, SceneLayer};
 
 /// The layers that show every visible channel of every volume, in volumes' and channels' order. Of a single volume they are the first
@@ -31,15 +30,14 @@ pub fn channel_layers(index: usize, volume: &VolumeSource, channels: &[u32], mod
     channels.iter().map(layer).collect()
 }
 
-/// The channels that are shown unless somebody chooses others: the first of labels, else those that their store calls active, or all if
-/// it calls none so.
+/// The channels that are shown unless somebody chooses others: the first of labels, else those that are marked as visible, or all if
+/// none is.
 fn visible_channels(volume: &VolumeSource) -> Vec<u32> {
     let all = 0..volume.source.channels();
-    let Some(store) = volume.store() else { return all.collect() };
-    if store.info().kind == Kind::Labels {
+    if volume.source.is_labels() {
         return vec![0];
     }
-    let displays = store.channel_displays();
+    let displays = volume.displays();
     // A black channel, such as the opacity of a photograph, shows nothing, and would only take light.
     let is_shown = |&channel: &u32| {
         let display = &displays[channel as usize];
@@ -51,9 +49,6 @@ fn visible_channels(volume: &VolumeSource) -> Vec<u32> {
 
 /// The colour that a channel has in place of a gray ramp's; `None` leaves it white.
 fn color(volume: &VolumeSource, channel: u32) -> Option<[f64; 3]> {
-    let color = match volume.store() {
-        Some(store) => store.channel_displays()[channel as usize].color,
-        None => brickyard_volume::channel::default_color(channel as usize, volume.source.channels() as usize),
-    };
+    let color = volume.displays()[channel as usize].color;
     (color != [255; 3]).then(|| color.map(|part| f64::from(part) / 255.0))
 }

@@ -2,7 +2,8 @@
 
 use crate::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
-use brickyard_store::{Downsample, IoMode, OpenError, Store};
+use brickyard_store::{ChannelDisplay, ChannelStatistics, Downsample, IoMode, OpenError, Store};
+use brickyard_volume::channel::default_color;
 use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{
@@ -12,14 +13,15 @@ use brickyard_volume::{
 use std::path::Path;
 use std::sync::Arc;
 
-/// A volume as sessions take it: where its bricks come from, and the values that its default transfer functions span.
+/// A volume as sessions take it: where its bricks come from, and how its channels are shown unless a scene says otherwise.
 #[derive(Clone)]
 pub struct VolumeSource {
     /// Where the bricks come from.
     pub source: Arc<dyn BrickSource>,
-    /// For each channel the range of values that its default transfer function spans. Channels past the end of the list
-    /// have the source's whole range.
-    pub default_windows: Vec<(f64, f64)>,
+    /// How each channel is shown unless a scene says otherwise: one for each channel.
+    displays: Vec<ChannelDisplay>,
+    /// Statistics of each channel, where they are known and there is no store that has them.
+    statistics: Vec<ChannelStatistics>,
     /// How the volume lies in a patient, if that is known: then it stands there, in millimetres, in the world of scenes.
     orientation: Option<Orientation>,
     /// From the volume's own world to that of scenes.
@@ -31,7 +33,25 @@ pub struct VolumeSource {
 impl VolumeSource {
     /// Makes a volume of a program's own bricks. Default transfer functions span the source's range of values.
     pub fn new(source: Arc<dyn BrickSource>) -> Self {
-        Self { source, default_windows: Vec::new(), orientation: None, placement: Placement::default(), store: None }
+        let channels = source.channels();
+        let display = |channel: u32| ChannelDisplay {
+            name: None,
+            color: default_color(channel as usize, channels as usize),
+            window: source.channel_range(channel),
+            is_visible: true,
+        };
+        let displays = (0..channels).map(display).collect();
+        let (statistics, placement) = (Vec::new(), Placement::default());
+        Self { source, displays, statistics, orientation: None, placement, store: None }
+    }
+
+    /// This volume, whose channels are shown as their statistics say.
+    ///
+    /// # Panics
+    /// If there is not one for each channel.
+    pub fn described_by(self, statistics: Vec<ChannelStatistics>) -> Self {
+        assert_eq!(statistics.len(), self.source.channels() as usize, "one for each channel");
+        Self { displays: ChannelDisplay::of_channels(&statistics), statistics, ..self }
     }
 
     /// This volume, as it lies in a patient.
@@ -53,10 +73,10 @@ impl VolumeSource {
 
     /// Makes a volume of an open store, with the default windows of the store's channels.
     pub fn of_store(store: &Arc<Store>) -> Self {
-        let default_windows = (0..store.channels()).map(|channel| store.default_window(channel)).collect();
         Self {
             source: store.clone(),
-            default_windows,
+            displays: store.channel_displays().to_vec(),
+            statistics: Vec::new(),
             orientation: store.info().orientation,
             placement: *store.placement(),
             store: Some(store.clone()),
@@ -106,6 +126,17 @@ impl VolumeSource {
         self.store.as_ref()
     }
 
+    /// How each channel is shown unless a scene says otherwise: one for each channel.
+    pub fn displays(&self) -> &[ChannelDisplay] {
+        &self.displays
+    }
+
+    /// The statistics of a channel; `None` if they are not known.
+    pub fn statistics(&self, channel: u32) -> Option<&ChannelStatistics> {
+        let all = self.store.as_ref().map_or(&self.statistics, |store| &store.info().channels);
+        all.get(channel as usize)
+    }
+
     /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
     pub fn subject(&self, channel: u32) -> Subject {
         let is_labels = self.source.is_labels();
@@ -144,7 +175,7 @@ impl VolumeSource {
     }
 
     pub(crate) fn default_window(&self, channel: u32) -> (f64, f64) {
-        self.default_windows.get(channel as usize).copied().unwrap_or_else(|| self.source.channel_range(channel))
+        self.displays.get(channel as usize).map_or_else(|| self.source.channel_range(channel), |display| display.window)
     }
 
     /// How many levels, time steps and channels the volume has, for [`Scene::check`](brickyard_volume::Scene::check).
