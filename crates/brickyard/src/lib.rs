@@ -67,10 +67,13 @@
 //!
 //! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it, [`flight`] measures it along
 //! scripted paths, `survey` compares ways to sample. [`volume`] has the words: scenes, layers, cameras, transfer functions.
-//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`].
+//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`];
+//! [`openable`] says of a path whether it is a store or such a file, [`preview`] shows the file before it is packed, [`background`] packs beside that, and an [`opening`] does one after
+//! the other for a window.
 //! The parts are re-exported under their own names. `examples` has whole programs.
 
 pub mod backend;
+pub mod background;
 pub mod channels;
 mod device;
 mod device_losses;
@@ -87,11 +90,14 @@ mod gpu_backend;
 pub mod lettering;
 pub mod memory;
 pub mod offline;
+pub mod openable;
+pub mod opening;
 mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
 pub mod pick;
 pub mod picture_file;
+pub mod preview;
 pub mod probe;
 mod resolve;
 pub mod scenario;
@@ -100,6 +106,7 @@ pub mod session;
 mod session_error;
 mod slot_change;
 pub mod stats;
+pub mod store_place;
 #[cfg(feature = "survey")]
 pub mod survey;
 mod table_cache;

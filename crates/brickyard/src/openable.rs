@@ -1,0 +1,93 @@
+//! What a path is that somebody wants to see: a brick store, which opens at once, or files that can be packed, which are shown as a preview meanwhile.
+
+use crate::volume_source::VolumeSource;
+use brickyard_import::{self as import, ImportError, OpenOptions, Source};
+use brickyard_store::layout::JOURNAL_NAME;
+use brickyard_store::{Downsample, Kind, OpenError, PackOptions};
+use brickyard_volume::VoxelType;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// What can be shown.
+pub enum Openable {
+    /// A finished store, open.
+    Store(Box<VolumeSource>),
+    /// Files of a format that is read: see [`Preview`](crate::preview::Preview) and [`background::pack`](crate::background::pack).
+    Source(Arc<dyn Source>),
+}
+
+/// Why there is nothing to show.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenableError {
+    /// It is a store, or was to become one, and does not open.
+    #[error(transparent)]
+    Store(#[from] OpenError),
+    /// It is no store, and cannot be read as anything else either. The error says what is read, or which option is missing.
+    #[error(transparent)]
+    Source(#[from] ImportError),
+}
+
+/// Whether a path is a store, or an unfinished pack of one, by the files in it.
+pub fn is_store(path: &Path) -> bool {
+    path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists()
+}
+
+/// Opens a store, or else files: one, a folder of planes or slices, or several that are time steps or planes. `options` are for files alone. A compressed file that
+/// cannot be sought in is inflated first, which takes as long as that does; all others take milliseconds.
+///
+/// # Errors
+/// If the store does not open, or the files are of no format that is read.
+pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, OpenableError> {
+    match paths {
+        [path] if is_store(path) => Ok(Openable::Store(Box::new(VolumeSource::open(path)?))),
+        files => Ok(Openable::Source(Arc::from(import::open(files, options)?))),
+    }
+}
+
+/// The options to pack what is already shown: one processor is left to what shows it. Labels are never averaged.
+pub fn pack_options(voxel_type: VoxelType, kind: Kind) -> PackOptions {
+    let downsample = match kind {
+        Kind::Image => Downsample::Mean,
+        Kind::Labels => Downsample::Mode,
+    };
+    let defaults = PackOptions::new(voxel_type);
+    let threads = defaults.threads.saturating_sub(1).max(1);
+    PackOptions { kind, downsample: downsample.into(), threads, ..defaults }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_store::pack;
+    use brickyard_volume::Extent;
+
+    fn problem(path: &Path) -> String {
+        open(&[path.to_owned()], &OpenOptions::default()).err().expect("nothing to show").to_string()
+    }
+
+    #[test]
+    fn stores_and_files_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let raw = folder.path().join("a.raw");
+        std::fs::write(&raw, [7; 24]).unwrap();
+        let options = OpenOptions {
+            shape: Some(Extent::new(2, 3, 4)),
+            voxel_type: Some(VoxelType::U8),
+            ..OpenOptions::default()
+        };
+        let Openable::Source(source) = open(std::slice::from_ref(&raw), &options).unwrap() else { panic!("a store") };
+        let store = folder.path().join("a.zarr");
+        pack(&*source, &store, &pack_options(VoxelType::U8, Kind::Image), &()).unwrap();
+        let Openable::Store(volume) = open(std::slice::from_ref(&store), &options).unwrap() else { panic!("a file") };
+        assert_eq!(volume.source.value_range(), (7.0, 7.0));
+        assert!(problem(&raw).contains("pass `shape`"), "{}", problem(&raw));
+        let text = folder.path().join("notes.txt");
+        std::fs::write(&text, "not a volume").unwrap();
+        assert!(problem(&text).contains("not a format that is read"), "{}", problem(&text));
+        assert!(problem(folder.path()).contains("without TIFF or DICOM files"), "{}", problem(folder.path()));
+        assert!(problem(&folder.path().join("gone")).contains("No such file"));
+        // A pack that was killed has a journal and no root document.
+        std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();
+        assert!(matches!(open(&[store], &options), Err(OpenableError::Store(_))));
+    }
+}
