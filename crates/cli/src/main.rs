@@ -8,6 +8,7 @@ mod doctor;
 mod export;
 mod failure;
 mod info;
+mod input_args;
 mod output;
 mod pack;
 mod pack_settings;

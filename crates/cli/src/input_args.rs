@@ -1,0 +1,110 @@
+//! What the user knows better than foreign files, or what these do not say: flags shared by the commands that read them.
+
+use super::values;
+use brickyard::import::{AxisOrder, Endian, FileOrder, NoData, OpenOptions};
+use brickyard::volume::{Extent, VoxelType};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// How to read foreign files.
+#[derive(Args)]
+pub(crate) struct InputArguments {
+    /// Voxels along each axis, for raw input
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::extent)]
+    shape: Option<Extent>,
+    /// Voxel type, for raw input: u8, i8, u16, i16, u32, i32, f32
+    #[arg(long)]
+    dtype: Option<VoxelType>,
+    /// Byte order, for raw input
+    #[arg(long, value_enum, default_value_t = EndianArgument::Little)]
+    endian: EndianArgument,
+    /// Bytes to skip at the start, for raw input
+    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    offset: u64,
+    /// Axis letters of the input's array, slowest first, e.g. tczyx
+    #[arg(long)]
+    axes: Option<AxisOrder>,
+    /// Time steps in the file, for raw input with a t axis
+    #[arg(long)]
+    times: Option<u32>,
+    /// Channels in the file, for raw input with a c axis
+    #[arg(long)]
+    channels: Option<u32>,
+    /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
+    /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
+    #[arg(long, value_enum)]
+    order: Option<OrderArgument>,
+    /// World distance between voxel centres; overrides the file's
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::spacing)]
+    spacing: Option<DVec3>,
+    /// World position of the first voxel's centre; overrides the file's
+    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    origin: Option<DVec3>,
+    /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
+    #[arg(long)]
+    unit: Option<String>,
+    /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
+    /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
+    #[arg(long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
+    nodata: Option<NoData>,
+    /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
+    #[arg(long)]
+    allow_lossy: bool,
+    /// Folder for scratch files of inputs that cannot be sought in
+    #[arg(long, value_name = "FOLDER")]
+    scratch: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum EndianArgument {
+    Little,
+    Big,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum OrderArgument {
+    Given,
+    Natural,
+}
+
+impl InputArguments {
+    /// The options for opening files.
+    pub(crate) fn options(self) -> OpenOptions {
+        OpenOptions {
+            shape: self.shape,
+            voxel_type: self.dtype,
+            endian: match self.endian {
+                EndianArgument::Little => Endian::Little,
+                EndianArgument::Big => Endian::Big,
+            },
+            offset: self.offset,
+            axes: self.axes,
+            times: self.times,
+            channels: self.channels,
+            order: self.order.map(|order| match order {
+                OrderArgument::Given => FileOrder::Given,
+                OrderArgument::Natural => FileOrder::Natural,
+            }),
+            spacing: self.spacing,
+            origin: self.origin,
+            unit: self.unit.as_deref().map(unit_name),
+            nodata: self.nodata.unwrap_or_default(),
+            allow_lossy: self.allow_lossy,
+            scratch_dir: self.scratch,
+        }
+    }
+}
+
+/// The UDUNITS name of a unit's symbol; other names pass unchanged.
+fn unit_name(symbol: &str) -> String {
+    match symbol {
+        "nm" => "nanometer",
+        "um" | "µm" => "micrometer",
+        "mm" => "millimeter",
+        "cm" => "centimeter",
+        "m" => "meter",
+        other => other,
+    }
+    .to_string()
+}
