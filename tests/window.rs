@@ -2,65 +2,18 @@
 //! it saves, and a hand changes what it should.
 
 use brickyard::volume::{Camera, Extent, Geometry, LightingModel, Mode, Picture, Scene};
-use brickyard_tests::{FunctionSource, Sandbox, TestStore, command, leave_out, read_png, run};
-use std::io::{BufRead, BufReader};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, command, read_png, run};
+use serde_json::Value;
+use std::process::Child;
 use std::time::{Duration, Instant};
-
-/// A display without a screen that anybody sees.
-struct Display {
-    server: Child,
-    name: String,
-}
-
-impl Display {
-    /// `None`, and said so, where there is no such server.
-    fn start() -> Option<Self> {
-        let asked = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn();
-        let Ok(mut server) = asked else {
-            leave_out("display", "there is no Xvfb, so no window was opened");
-            return None;
-        };
-        let mut number = String::new();
-        let output = server.stdout.take().expect("piped");
-        BufReader::new(output).read_line(&mut number).expect("the display's number");
-        Some(Self { server, name: format!(":{}", number.trim()) })
-    }
-
-    /// `brickyard view` on this display, in a folder.
-    fn view(&self, folder: &Path, arguments: &[&str]) -> Command {
-        let mut view = command();
-        view.arg("view").args(arguments).current_dir(folder).env("DISPLAY", &self.name).env_remove("WAYLAND_DISPLAY");
-        view
-    }
-
-    /// Sends input, as xdotool has it in words.
-    fn input(&self, words: &str) {
-        let sent = Command::new("xdotool").args(words.split(' ')).env("DISPLAY", &self.name).output();
-        let sent = sent.expect("xdotool is there");
-        assert!(sent.status.success(), "xdotool {words}: {}", String::from_utf8_lossy(&sent.stderr));
-    }
-}
-
-impl Drop for Display {
-    fn drop(&mut self) {
-        // It may be gone.
-        let _ = self.server.kill();
-        let _ = self.server.wait();
-    }
-}
 
 fn store() -> TestStore {
     let waves = |[x, y, z]: [u32; 3]| {
         let [u, v, w] = [x, y, z].map(f64::from);
         (127.0 + 60.0 * (0.21 * u + 0.17 * v).sin() + 60.0 * (0.19 * v - 0.18 * w).cos()) as u8
     };
-    TestStore::pack(&FunctionSource::new(Extent::new(40, 33, 36), Geometry::default(), move |_, _, v| waves(v)), 16)
+    let extent = Extent::new(40, 33, 36);
+    TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 3, 1, move |_, _, v| waves(v)), 16)
 }
 
 fn most(found: &Picture, expected: &Picture) -> u8 {
@@ -118,18 +71,57 @@ fn the_window_shows_what_render_writes_of_its_scene() {
     }
 }
 
-/// Waits until a file has been written anew, and reads the scene in it.
-fn saved(sandbox: &Sandbox, name: &str) -> Scene {
-    let begun = Instant::now();
-    let path = sandbox.path(name);
-    loop {
-        // A file that is being written is no scene yet.
-        if let Some(scene) = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok()) {
-            std::fs::remove_file(&path).expect("removed");
-            return scene;
+/// An open window, and the folder that it was opened in.
+struct Opened<'a> {
+    display: &'a Display,
+    sandbox: &'a Sandbox,
+    window: Child,
+}
+
+impl<'a> Opened<'a> {
+    fn new(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str]) -> Self {
+        let arguments = [arguments, &["--backend", "cpu", "--size", "900x600"]].concat();
+        let window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
+        display.focus();
+        Self { display, sandbox, window }
+    }
+
+    /// The window's document, which it saves. Waits until it has.
+    fn document(&self) -> Value {
+        let (begun, path) = (Instant::now(), self.sandbox.path("brickyard.json"));
+        self.display.input("key ctrl+s");
+        loop {
+            // A file that is being written is no document yet.
+            if let Some(document) = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok()) {
+                std::fs::remove_file(&path).expect("removed");
+                return document;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(60), "{} was not saved", path.display());
+            std::thread::sleep(Duration::from_millis(20));
         }
-        assert!(begun.elapsed() < Duration::from_secs(60), "{} was not saved", path.display());
-        std::thread::sleep(Duration::from_millis(20));
+    }
+
+    fn scene(&self) -> Scene {
+        serde_json::from_value(self.document()).expect("a scene")
+    }
+
+    /// Sends input until the document is as it should be: on a slow machine a whole drag may fall into one frame, and the wheel's way is smoothed over
+    /// several.
+    fn until(&self, input: &str, is_it: &dyn Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        loop {
+            self.display.input(input);
+            let document = self.document();
+            if is_it(&document) {
+                return document;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(60), "{input} changes nothing: {document}");
+        }
+    }
+
+    fn quit(mut self) {
+        self.display.input("key ctrl+q");
+        assert!(self.window.wait().expect("it ends").success());
     }
 }
 
@@ -137,40 +129,77 @@ fn saved(sandbox: &Sandbox, name: &str) -> Scene {
 fn pointer_and_keys_change_the_scene() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    let arguments = [&path, "--backend", "cpu", "--size", "900x600"];
-    let mut window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
-    display.input("search --sync --onlyvisible --name brickyard windowfocus --sync");
-    let save = || {
-        display.input("key ctrl+s");
-        saved(&sandbox, "brickyard.json")
-    };
-    let first = save();
+    let opened = Opened::new(&display, &sandbox, &[&path]);
+    let first = opened.scene();
+    let scene = |document: &Value| serde_json::from_value::<Scene>(document.clone()).expect("a scene");
     let distance = |scene: &Scene| {
         let Camera { eye, target, .. } = scene.camera.expect("a camera");
         (eye - target).length()
     };
-    // On a slow machine a whole drag may fall into one frame, and the wheel's way is smoothed over several.
-    let until = |input: &str, is_it: &dyn Fn(&Scene) -> bool| {
-        let begun = Instant::now();
-        loop {
-            display.input(input);
-            let scene = save();
-            if is_it(&scene) {
-                return scene;
-            }
-            assert!(begun.elapsed() < Duration::from_secs(60), "{input} changes nothing");
-        }
-    };
     let drag = "mousemove 600 300 sleep 0.2 mousedown 1 sleep 0.2 mousemove 640 300 sleep 0.2 mousemove 700 310 sleep 0.2 mouseup 1";
-    let turned = until(drag, &|scene| scene.camera != first.camera);
+    let turned = scene(&opened.until(drag, &|document| scene(document).camera != first.camera));
     assert!((distance(&turned) / distance(&first) - 1.0).abs() < 1e-9);
-    until("mousemove 600 300 click 4", &|scene| distance(scene) < 0.99 * distance(&first));
+    opened.until("mousemove 600 300 click 4", &|document| distance(&scene(document)) < 0.99 * distance(&first));
     display.input("key alt+2");
-    assert_eq!(save().mode, Mode::Mip);
+    assert_eq!(opened.scene().mode, Mode::Mip);
     display.input("key ctrl+z");
-    assert_eq!(save().mode, Mode::Dvr, "undone");
-    display.input("key ctrl+q");
-    assert!(window.wait().expect("it ends").success());
+    assert_eq!(opened.scene().mode, Mode::Dvr, "undone");
+    display.input("key c");
+    assert!(opened.document()["clip"].is_array());
+    display.input("key bracketright key bracketright");
+    assert_eq!(opened.scene().time, 2);
+    opened.quit();
+}
+
+#[test]
+fn slices_meet_where_the_pointer_is() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path]);
+    display.input("key p");
+    assert_eq!(opened.document()["window"]["layout"], "planes");
+    // The slice across z is the upper left quarter of what the panel leaves.
+    let crosshair = |document: &Value| document["window"]["planes"]["crosshair"].as_array().cloned();
+    let there = opened.until("mousemove 400 150 sleep 0.2 mousedown 1 sleep 0.2 mouseup 1", &|document| {
+        crosshair(document).is_some()
+    });
+    let z = |document: &Value| crosshair(document).expect("a point")[2].as_f64().expect("a number");
+    let before = z(&there);
+    let rolled = opened.until("mousemove 400 150 click 4", &|document| z(document) != before);
+    assert!((z(&rolled) - before - 1.0).abs() < 1e-9 || z(&rolled) > before, "slice by slice: {before} {}", z(&rolled));
+    opened.quit();
+}
+
+#[test]
+fn a_window_begins_as_it_was_left() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path]);
+    display.input("key alt+2 key o key t");
+    let left = opened.document();
+    opened.quit();
+    let again = Opened::new(&display, &sandbox, &[&path]);
+    assert_eq!(again.document(), left);
+    again.quit();
+    let fresh = Opened::new(&display, &sandbox, &[&path, "--fresh"]);
+    assert_eq!(fresh.document()["mode"], "dvr");
+    fresh.quit();
+}
+
+#[test]
+fn a_window_outlives_its_store_and_what_it_cannot_write() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    sandbox.write(
+        "tour.txt",
+        "settled save-scene /dev/full/no.json\nsettled save-picture no-such-folder/a.png\n0 set window.help true\n",
+    );
+    let opened = Opened::new(&display, &sandbox, &[&path, "--script", "tour.txt"]);
+    std::fs::remove_dir_all(test.path()).expect("removed");
+    display.input("key alt+2 key Left key Left key p");
+    let document = opened.document();
+    assert_eq!((&document["mode"], &document["window"]["layout"]), (&"mip".into(), &"planes".into()));
+    opened.quit();
 }
 
 #[test]

@@ -22,9 +22,11 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-pub mod missing;
+pub mod display;
+mod missing;
 mod nearest;
 
+pub use display::Display;
 pub use missing::leave_out;
 pub use nearest::{Expected, off};
 

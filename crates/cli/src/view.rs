@@ -13,6 +13,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Id};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// `brickyard view STORE...`
 #[derive(Args)]
@@ -48,11 +49,25 @@ pub(crate) struct ViewArguments {
     /// Write what the window shows once the script is over and the picture is final, and close it
     #[arg(long, value_name = "out.png")]
     screenshot: Option<PathBuf>,
+    /// Write what the window's frames took, as JSON, when it is closed
+    #[arg(long, value_name = "stats.json")]
+    stats: Option<PathBuf>,
 }
 
 /// The flags that say nothing of what is shown.
-const OTHER_FLAGS: [&str; 10] =
-    ["ViewArguments", "stores", "size", "backend", "gpu_memory", "host_memory", "threads", "verbose", "quiet", "fresh"];
+const OTHER_FLAGS: [&str; 11] = [
+    "ViewArguments",
+    "stores",
+    "size",
+    "backend",
+    "gpu_memory",
+    "host_memory",
+    "threads",
+    "verbose",
+    "quiet",
+    "fresh",
+    "stats",
+];
 
 /// Whether any flag says what is shown. Such a window does not begin as the last one was left.
 fn has_scene(matches: &ArgMatches) -> bool {
@@ -65,6 +80,7 @@ fn has_scene(matches: &ArgMatches) -> bool {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), Failure> {
+    let opened = Instant::now();
     let script = match &arguments.script {
         None => Script::default(),
         Some(path) => {
@@ -91,6 +107,8 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
         size,
         script,
         screenshot: arguments.screenshot,
+        opened,
+        stats: arguments.stats,
     };
     brickyard_viewer::run(volumes, options).map_err(Failure::failed)
 }

@@ -32,6 +32,8 @@ pub(crate) struct Canvas {
     shown: Option<Shown>,
     /// What the last frames took, oldest first.
     times: VecDeque<FrameTimes>,
+    /// What they took since that was last asked.
+    spent: FrameTimes,
     captures: VecDeque<Capture>,
 }
 
@@ -122,6 +124,7 @@ impl Canvas {
             is_adaptive: true,
             shown: None,
             times: VecDeque::new(),
+            spent: FrameTimes::default(),
             captures: VecDeque::new(),
         })
     }
@@ -192,7 +195,15 @@ impl Canvas {
         if self.times.len() == FRAMES {
             self.times.pop_front();
         }
-        self.times.push_back(FrameTimes { step, draw: begun.elapsed() });
+        let times = FrameTimes { step, draw: begun.elapsed() };
+        self.times.push_back(times);
+        self.spent = FrameTimes { step: self.spent.step + times.step, draw: self.spent.draw + times.draw };
+        if !frame.status.covered
+            && self.shown.as_ref().is_some_and(|shown| shown.frame.status.covered && is_same(shown))
+        {
+            // It never happens; tests of the window look for it.
+            tracing::error!("a picture has a hole");
+        }
         let is_final = is_whole && frame.status.settled && quality == Quality::EXACT;
         self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, is_final });
         Ok(())
@@ -269,6 +280,11 @@ impl Canvas {
     /// What the last frames took, oldest first.
     pub(crate) fn times(&self) -> &VecDeque<FrameTimes> {
         &self.times
+    }
+
+    /// What frames took since this was last asked.
+    pub(crate) fn take_spent(&mut self) -> FrameTimes {
+        std::mem::take(&mut self.spent)
     }
 
     /// The draw list of each layer, for which pictures are drawn now.

@@ -12,6 +12,7 @@ mod keeping;
 mod keys;
 mod navigation;
 mod overlay;
+mod pacing;
 mod panels;
 mod picking;
 mod plane_view;
@@ -25,6 +26,7 @@ mod window;
 
 use crate::command::Command;
 use crate::keeping::Keeper;
+use crate::pacing::Pacing;
 pub use crate::script::Script;
 use crate::state::State;
 use crate::views::Views;
@@ -37,6 +39,7 @@ use eframe::egui::ViewportBuilder;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// What a window shows at first, and what becomes of it.
 #[derive(Clone, Debug)]
@@ -56,6 +59,10 @@ pub struct WindowOptions {
     pub script: Script,
     /// A file for what the window shows once the script is over and the picture is final; the window closes then. `None` leaves it open.
     pub screenshot: Option<PathBuf>,
+    /// When the volumes began to be opened, from which the time to the first picture counts.
+    pub opened: Instant,
+    /// A file for what the frames took, written as JSON when the window is closed.
+    pub stats: Option<PathBuf>,
 }
 
 /// The window could not be opened, or could not go on.
@@ -86,17 +93,17 @@ pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(),
         ..eframe::NativeOptions::default()
     };
     let (state, keeper, problem) = first_state(&volumes, &options).map_err(WindowError)?;
-    let WindowOptions { session, script, .. } = options;
-    let opened = eframe::run_native(
+    let WindowOptions { session, script, opened, stats, .. } = options;
+    let ended = eframe::run_native(
         "brickyard",
         native,
         Box::new(move |creation| {
             let render_state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
             let views = Views::new(volumes, session, render_state)?;
-            Ok(Box::new(Window::new(state, views, script, (keeper, problem))))
+            Ok(Box::new(Window::new(state, views, script, (keeper, problem), (Pacing::new(opened), stats))))
         }),
     );
-    opened.map_err(|error| WindowError(refusal(&error)))
+    ended.map_err(|error| WindowError(refusal(&error)))
 }
 
 /// The state that a window begins with, what keeps it, and what the user is to be told of it.

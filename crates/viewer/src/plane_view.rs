@@ -44,7 +44,12 @@ impl PlaneView {
         let point = grid.crosshair(planes);
         let slice = grid.slice(axis, point, planes.thickness);
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
-        let scene = slice_scene(&seen.state.scene, slice, camera, filter(grid, planes.filter, &camera, size_px.1));
+        let scene = slice_scene(
+            &seen.state.scene,
+            slice,
+            camera,
+            (filter(grid, planes.filter, &camera, size_px.1), planes.gray),
+        );
         let drawn = canvas.show(ui.ctx(), &scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);

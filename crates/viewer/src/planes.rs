@@ -4,7 +4,7 @@
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
-    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
+    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice, TransferChoice,
 };
 use glam::DVec3;
 
@@ -119,9 +119,15 @@ fn dominant(vector: DVec3) -> usize {
     if size.z >= size.x && size.z >= size.y { 2 } else { usize::from(size.y > size.x) }
 }
 
-/// The scene of a slice of another scene: its layers without light, clips and surfaces, read as the planes say.
-pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, filter: Filter) -> Scene {
-    let layers = scene.layers.iter().map(|layer| SceneLayer { isosurfaces: Vec::new(), crop: None, ..layer.clone() });
+/// The scene of a slice of another scene: its layers without light, clips and surfaces, read by a filter. `is_gray` leaves the colours of transfer functions
+/// out, but not those of labels, which a gray ramp does not touch.
+pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, is_gray): (Filter, bool)) -> Scene {
+    let layers = scene.layers.iter().map(|layer| SceneLayer {
+        isosurfaces: Vec::new(),
+        crop: None,
+        transfer: layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice)),
+        ..layer.clone()
+    });
     let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();
     Scene {
         camera: Some(camera),
@@ -136,6 +142,11 @@ pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, filter: F
         layers: layers.collect(),
         ..scene.clone()
     }
+}
+
+/// Whether a transfer function is one of labels.
+fn is_of_labels(choice: &TransferChoice) -> bool {
+    matches!(choice, TransferChoice::Function(function) if function.labels.is_some())
 }
 
 /// How the voxels of a slice become pixels, in a picture of `height_px` pixels.

@@ -56,17 +56,26 @@ pub(crate) enum Layout {
 }
 
 /// Three slices that are linked by the point in which they meet.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Planes {
     /// The point of the world in which the slices meet; `None` is the middle.
     pub(crate) crosshair: Option<DVec3>,
     /// The cameras of the slices across the voxels' x, y and z axis. Each is moved along its view to its slice. `None` sees all of it.
     pub(crate) cameras: [Option<Camera>; 3],
+    /// Whether layers without a colour of their own are gray over their windows, as scans are read, whatever the transfer function; labels keep their
+    /// colours.
+    pub(crate) gray: bool,
     /// How voxels become pixels.
     pub(crate) filter: PlaneFilter,
     /// World distance from one side of each slice to the other; 0 is as thin as can be.
     pub(crate) thickness: f64,
+}
+
+impl Default for Planes {
+    fn default() -> Self {
+        Self { crosshair: None, cameras: [None; 3], gray: true, filter: PlaneFilter::Auto, thickness: 0.0 }
+    }
 }
 
 /// How the voxels of slices become pixels.
@@ -257,8 +266,14 @@ pub(crate) mod tests {
     fn planes() -> impl Strategy<Value = Planes> {
         let camera = || prop::option::of(camera());
         let filter = prop::sample::select(vec![PlaneFilter::Auto, PlaneFilter::Nearest, PlaneFilter::Linear]);
-        (prop::option::of(point()), [camera(), camera(), camera()], filter, 0.0..9.0)
-            .prop_map(|(crosshair, cameras, filter, thickness)| Planes { crosshair, cameras, filter, thickness })
+        let of_views = (prop::option::of(point()), [camera(), camera(), camera()]);
+        (of_views, any::<bool>(), filter, 0.0..9.0).prop_map(|((crosshair, cameras), gray, filter, thickness)| Planes {
+            crosshair,
+            cameras,
+            gray,
+            filter,
+            thickness,
+        })
     }
 
     /// Any settings of a window.

@@ -1,7 +1,7 @@
 //! The pictures of a window: that of the scene, and the slices that stand beside it in some layouts. Each is drawn by a session of its own; together they
 //! stay within the window's limits of memory.
 
-use crate::canvas::Canvas;
+use crate::canvas::{Canvas, FrameTimes};
 use crate::state::{Layout, WindowState};
 use brickyard::session::{SessionError, SessionOptions, VolumeSource};
 use eframe::egui_wgpu::RenderState;
@@ -88,6 +88,12 @@ impl Views {
     /// All pictures: the scene's own first.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Canvas> {
         std::iter::once(&self.main).chain(&self.planes)
+    }
+
+    /// What the pictures took since this was last asked.
+    pub(crate) fn take_spent(&mut self) -> FrameTimes {
+        let all = self.all_mut().map(Canvas::take_spent);
+        all.fold(FrameTimes::default(), |sum, of| FrameTimes { step: sum.step + of.step, draw: sum.draw + of.draw })
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut Canvas> {

@@ -7,7 +7,6 @@ use crate::overlay::{self, Lens, World, bricks, color_bar};
 use crate::picking::{Picked, Picking};
 use crate::state::{State, Tool};
 use brickyard::session::{SessionError, VolumeSource};
-use brickyard::volume::scene::VolumePlace;
 use eframe::egui::{self, Color32, Key, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -37,8 +36,6 @@ pub(crate) struct Seen<'a> {
     pub(crate) state: &'a State,
     /// The volumes that the scene's layers show.
     pub(crate) volumes: &'a [VolumeSource],
-    /// Where they are.
-    pub(crate) places: &'a [VolumePlace],
     /// The world that they are in; `None` if no layer says where it is.
     pub(crate) world: Option<World<'a>>,
 }
@@ -193,6 +190,10 @@ impl VolumeView {
     }
 
     fn click(&mut self, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+        if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
+            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
+            return;
+        }
         let tool = seen.state.window.tool;
         if tool != Tool::Distance {
             self.measured_from = None;
@@ -210,6 +211,14 @@ impl VolumeView {
             }
         }
     }
+}
+
+/// Shows the label that was picked alone; once more shows all.
+fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
+    let (layer, label) = (picked.pick.layer, picked.label?);
+    let is_alone = seen.state.scene.layers.get(layer)?.show_labels == Some(vec![label]);
+    let shown = if is_alone { json!(null) } else { json!([label]) };
+    Some(Command::set(&format!("layers.{layer}.show_labels"), shown))
 }
 
 /// What is left of a part of the window: in whole pixels, and the same in points.

@@ -8,6 +8,7 @@ use crate::history::History;
 use crate::keeping::{self, Keeper};
 use crate::navigation::moved;
 use crate::overlay::World;
+use crate::pacing::Pacing;
 use crate::panels;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
@@ -19,10 +20,12 @@ use crate::volume_view::{Seen, VolumeView};
 use crate::{clicks::Clicks, keys};
 use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
+use brickyard::text_file::write_text;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
 use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
@@ -51,11 +54,20 @@ pub(crate) struct Window {
     started: Option<Instant>,
     screenshots: Screenshots,
     clicks: Clicks,
+    pacing: Pacing,
+    /// A file for what the frames took; `None` writes none.
+    stats: Option<PathBuf>,
 }
 
 impl Window {
     /// A window that shows a state. `message` is what the user is to be told at first.
-    pub(crate) fn new(state: State, views: Views, script: Script, (keeper, message): (Keeper, Option<String>)) -> Self {
+    pub(crate) fn new(
+        state: State,
+        views: Views,
+        script: Script,
+        (keeper, message): (Keeper, Option<String>),
+        (pacing, stats): (Pacing, Option<PathBuf>),
+    ) -> Self {
         Self {
             state,
             history: History::default(),
@@ -69,6 +81,8 @@ impl Window {
             started: None,
             screenshots: Screenshots::new(),
             clicks: Clicks::default(),
+            pacing,
+            stats,
         }
     }
 
@@ -175,7 +189,7 @@ impl Window {
         let corners = self.state.scene.world_box(&places).ok();
         let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
         let volumes = self.views.volumes().to_vec();
-        let seen = Seen { state: &self.state, volumes: &volumes, places: &places, world };
+        let seen = Seen { state: &self.state, volumes: &volumes, world };
         let grid = Grid::of(&self.state.scene, &volumes).filter(|_| self.state.window.layout == Layout::Planes);
         let Some(grid) = grid else {
             return self.volume_view.show(ui, &mut self.views.main, &seen, commands);
@@ -191,6 +205,11 @@ impl Window {
         }
         let mut part = ui.new_child(UiBuilder::new().max_rect(upper_right).id_salt("volume"));
         shown.and(self.volume_view.show(&mut part, &mut self.views.main, &seen, commands))
+    }
+
+    /// The label under the pointer.
+    fn picked_label(&self) -> Option<i64> {
+        self.volume_view.picked.as_ref().and_then(|picked| picked.label)
     }
 
     /// What is under the pointer, in words.
@@ -231,7 +250,7 @@ impl Window {
             egui::ScrollArea::vertical().show(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
-                panels::layers::show(ui, &mut state.scene, self.views.volumes(), None, &mut saved);
+                panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
             });
         });
         for function in saved {
@@ -271,6 +290,7 @@ impl eframe::App for Window {
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        let begun = Instant::now();
         let egui = ui.ctx().clone();
         self.write_pictures();
         self.play(&egui);
@@ -310,11 +330,18 @@ impl eframe::App for Window {
         } else if let Some(after) = keep_after {
             egui.request_repaint_after(after);
         }
+        let spent = self.views.take_spent();
+        self.pacing.note(begun.elapsed(), spent, self.views.main.quality());
     }
 
     fn on_exit(&mut self) {
         if let Err(problem) = self.keeper.write() {
             tracing::warn!("the window's state cannot be kept: {problem}");
+        }
+        if let Some(path) = &self.stats {
+            let text = serde_json::to_string_pretty(&self.pacing.stats()).map_err(|error| error.to_string());
+            let written = text.and_then(|text| write_text(path, &(text + "\n")).map_err(|error| error.to_string()));
+            written.unwrap_or_else(|problem| tracing::error!("{problem}"));
         }
     }
 }

@@ -21,7 +21,7 @@ pub(crate) fn show(lens: &Lens, scene: &Scene, volumes: &[VolumeSource]) {
     });
     let Some(function) = function else { return };
     let (low, high) = function.span();
-    let fits = lens.area.height() > SIZE[1] + 60.0 && lens.area.width() > 200.0;
+    let fits = lens.area.height() > SIZE[1] + 60.0 && lens.area.width() > 420.0;
     if !(fits && low < high) {
         return;
     }

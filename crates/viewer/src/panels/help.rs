@@ -4,13 +4,14 @@ use crate::keys;
 use eframe::egui::{Grid, ScrollArea, Ui};
 
 /// What the pointer does over the scene's picture.
-const POINTER: [(&str, &str); 7] = [
+const POINTER: [(&str, &str); 8] = [
     ("drag", "turn around what is under the pointer"),
     ("shift + drag, or middle button", "move"),
     ("ctrl + drag", "roll"),
     ("right button, up and down", "nearer, farther"),
     ("wheel or pinch", "nearer, farther, at the pointer"),
     ("double click", "look at what is there, or at everything"),
+    ("alt + click on a label", "show it alone, or all again"),
     ("drag a handle of the clip box", "move a face of it"),
 ];
 

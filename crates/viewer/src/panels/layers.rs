@@ -78,7 +78,7 @@ fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, 
         let eye = ui.add_enabled_ui(must_stay.is_none(), |ui| eye(ui, is_visible, &name)).inner;
         eye.on_hover_text("whether the layer is shown").on_disabled_hover_text(must_stay.unwrap_or_default());
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            let menu = ui.menu_button("\u{2630}", |ui| change = menu(ui, scene, layer));
+            let menu = ui.menu_button("\u{2026}", |ui| change = menu(ui, scene, layer));
             menu.response.accessible_name(format!("more of {name}")).on_hover_text("copy, move, remove");
             let is_solo = scene.layers[layer].visible && shown(scene) == 1 && scene.layers.len() > 1;
             let solo = ui.add(Button::selectable(is_solo, "S")).accessible_name(format!("{name} alone"));
@@ -116,7 +116,7 @@ fn shown(scene: &Scene) -> usize {
 
 /// The triangle that opens a layer.
 fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
-    let (_, response) = ui.allocate_exact_size(vec2(14.0, ui.spacing().interact_size.y), Sense::click());
+    let (_, response) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::click());
     if response.clicked() {
         *is_open = !*is_open;
     }

@@ -59,6 +59,7 @@ fn view(ui: &mut Ui, state: &mut State) {
     ui.radio_value(&mut window.layout, Layout::Single, "the volume alone");
     ui.radio_value(&mut window.layout, Layout::Planes, "three slices beside it");
     ui.add_enabled_ui(window.layout == Layout::Planes, |ui| {
+        ui.checkbox(&mut window.planes.gray, "slices in gray");
         ui.label("voxels of slices");
         ui.radio_value(&mut window.planes.filter, PlaneFilter::Auto, "squares where they are large");
         ui.radio_value(&mut window.planes.filter, PlaneFilter::Nearest, "squares");

@@ -1,0 +1,116 @@
+//! How evenly a window's frames come: what each took on the window's thread, drawing apart from all else, for files that say it in numbers. Costs a few
+//! numbers for each frame, of the last hundred thousand at most.
+
+use crate::canvas::FrameTimes;
+use brickyard::stats::Percentiles;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// The most frames that are kept.
+const MOST: usize = 100_000;
+
+/// A frame in which a picture was drawn.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    at: Instant,
+    /// What it took on the window's thread besides drawing, and drawing, in milliseconds.
+    blocked_ms: f64,
+    draw_ms: f64,
+    /// The share of the exact picture's work.
+    quality: f64,
+}
+
+/// What the frames of a window took.
+pub(crate) struct Pacing {
+    opened: Instant,
+    first: Option<Instant>,
+    drawn: VecDeque<Drawn>,
+    blocked_most_ms: f64,
+    frames: u64,
+}
+
+/// What the frames of a window took, as it is written.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct PacingStats {
+    /// From opening the volumes to the first picture, milliseconds; `None` if there was none.
+    first_picture_ms: Option<f64>,
+    /// Number of the window's frames, and of those in which a picture was drawn.
+    frames: u64,
+    drawn: usize,
+    /// Pictures a second, while pictures were drawn: pauses longer than a quarter of a second do not count.
+    pictures_per_second: f64,
+    /// What frames in which a picture was drawn took on the window's thread besides drawing, milliseconds.
+    blocked_ms: Percentiles,
+    /// The most that any frame took on the window's thread besides drawing, milliseconds.
+    blocked_most_ms: f64,
+    /// What drawing took, milliseconds.
+    draw_ms: Percentiles,
+    /// The share of the exact picture's work that 50, 5 and 1 percent of pictures had at most.
+    quality: [f64; 3],
+}
+
+impl Pacing {
+    /// Counts the frames of a window whose volumes were opened at this time.
+    pub(crate) fn new(opened: Instant) -> Self {
+        Self { opened, first: None, drawn: VecDeque::new(), blocked_most_ms: 0.0, frames: 0 }
+    }
+
+    /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, of the least of these qualities.
+    pub(crate) fn note(&mut self, took: Duration, spent: FrameTimes, quality: f64) {
+        let ms = |time: Duration| time.as_secs_f64() * 1e3;
+        let blocked_ms = ms(took.saturating_sub(spent.draw));
+        self.frames += 1;
+        self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
+        if spent.draw.is_zero() {
+            return;
+        }
+        let at = Instant::now();
+        self.first.get_or_insert(at);
+        if self.drawn.len() == MOST {
+            self.drawn.pop_front();
+        }
+        self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.draw), quality });
+    }
+
+    /// What the frames took so far.
+    pub(crate) fn stats(&self) -> PacingStats {
+        let of = |value: fn(&Drawn) -> f64| self.drawn.iter().map(value).collect::<Vec<_>>();
+        let gaps = self.drawn.iter().zip(self.drawn.iter().skip(1)).map(|(a, b)| (b.at - a.at).as_secs_f64());
+        let (mut count, mut seconds) = (0, 0.0);
+        for gap in gaps.filter(|gap| *gap < 0.25) {
+            (count, seconds) = (count + 1, seconds + gap);
+        }
+        let lacking = Percentiles::of(&of(|drawn| -drawn.quality));
+        PacingStats {
+            first_picture_ms: self.first.map(|first| (first - self.opened).as_secs_f64() * 1e3),
+            frames: self.frames,
+            drawn: self.drawn.len(),
+            pictures_per_second: if count > 0 { f64::from(count) / seconds } else { 0.0 },
+            blocked_ms: Percentiles::of(&of(|drawn| drawn.blocked_ms)),
+            blocked_most_ms: self.blocked_most_ms,
+            draw_ms: Percentiles::of(&of(|drawn| drawn.draw_ms)),
+            quality: [-lacking.p50, -lacking.p95, -lacking.p99],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drawing_is_counted_apart() {
+        let mut pacing = Pacing::new(Instant::now());
+        let ms = Duration::from_millis;
+        assert_eq!(pacing.stats().first_picture_ms, None);
+        for quality in [0.5, 0.25, 1.0] {
+            pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(10) }, quality);
+        }
+        pacing.note(ms(40), FrameTimes::default(), 1.0);
+        let stats = pacing.stats();
+        assert_eq!((stats.frames, stats.drawn, stats.quality), (4, 3, [0.5, 0.25, 0.25]));
+        assert!((stats.blocked_ms.p99 - 2.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
+        assert!((stats.draw_ms.p50 - 10.0).abs() < 1e-9 && stats.first_picture_ms.is_some());
+    }
+}
