@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::values;
 use brickyard::channels::{channel_layers, default_layers};
 use brickyard::session::VolumeSource;
-use brickyard::store::Store;
+use brickyard::store::ChannelStatistics;
 use brickyard::volume::channel::from_hex;
 use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer, near_name};
 use clap::Args;
@@ -200,7 +200,7 @@ impl ChannelArguments {
     /// If no layer shows a channel that is named, percentiles are one value, or labels are shown that there are not.
     pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], volume: &VolumeSource| {
-            layer.window = Some(found_window(*bounds, volume.store().map(|store| &**store), layer.channel)?);
+            layer.window = Some(found_window(*bounds, volume.statistics(layer.channel), layer.channel)?);
             Ok(())
         };
         each(&self.window, "--window", Suits::Measurements, scene, volumes, window)?;
@@ -297,8 +297,7 @@ fn each<T>(
 }
 
 /// The values that a window's ends stand for.
-fn found_window(bounds: [Bound; 2], store: Option<&Store>, channel: u32) -> Result<[f64; 2], Failure> {
-    let statistics = store.and_then(|store| store.info().channels.get(channel as usize));
+fn found_window(bounds: [Bound; 2], statistics: Option<&ChannelStatistics>, channel: u32) -> Result<[f64; 2], Failure> {
     let value = |bound| match (bound, statistics) {
         (Bound::Value(value), _) => Some(value),
         (Bound::Percent(percent), Some(statistics)) => Some(statistics.percentile(percent)),
@@ -343,10 +342,7 @@ fn find(text: &str, volume: &VolumeSource) -> Option<u32> {
 
 /// The names of a volume's channels.
 fn names(volume: &VolumeSource) -> Vec<Option<&str>> {
-    match volume.store() {
-        Some(store) => store.channel_displays().iter().map(|display| display.name.as_deref()).collect(),
-        None => vec![None; volume.source.channels() as usize],
-    }
+    volume.displays().iter().map(|display| display.name.as_deref()).collect()
 }
 
 /// The channels that there are, in words.

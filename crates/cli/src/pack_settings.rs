@@ -53,10 +53,20 @@ pub(crate) struct PackSettings {
     progress: ProgressStyleArgument,
 }
 
+/// What voxels mean.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum KindArgument {
+pub(crate) enum KindArgument {
     Image,
     Labels,
+}
+
+impl From<KindArgument> for Kind {
+    fn from(kind: KindArgument) -> Self {
+        match kind {
+            KindArgument::Image => Self::Image,
+            KindArgument::Labels => Self::Labels,
+        }
+    }
 }
 
 impl PackSettings {
@@ -71,10 +81,7 @@ impl PackSettings {
     }
 
     fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
-        let kind = match self.kind {
-            KindArgument::Image => Kind::Image,
-            KindArgument::Labels => Kind::Labels,
-        };
+        let kind = self.kind.into();
         let by_kind = match kind {
             Kind::Image => Downsample::Mean,
             Kind::Labels => Downsample::Mode,

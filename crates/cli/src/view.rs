@@ -1,26 +1,41 @@
-//! `brickyard view`: a window on stores.
+//! `brickyard view`: a window on stores, and on files that are packed while it shows them.
 
 use super::failure::Failure;
+use super::input_args::InputArguments;
+use super::pack_settings::KindArgument;
+use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::store_errors;
 use super::values;
+use brickyard::openable::OpenableError;
+use brickyard::opening::{OpeningError, OpeningOptions};
+use brickyard::preview::PreviewError;
 use brickyard::session::SessionOptions;
 use brickyard::text_file::read_text;
-use brickyard_viewer::{Script, WindowOptions};
+use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Id};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// `brickyard view STORE...`
+/// `brickyard view PATH...`
 #[derive(Args)]
 pub(crate) struct ViewArguments {
-    /// The store; or several, up to 32, each where its own world is or where --volume N:matrix=... puts it
-    #[arg(required = true)]
+    /// A store, a file, or a folder of TIFF planes or DICOM slices; or several, up to 32, each where its own world is or where
+    /// --volume N:matrix=... puts it. Files are shown as a preview, and packed meanwhile
+    #[arg(required = true, value_name = "PATH")]
     stores: Vec<PathBuf>,
+    #[command(flatten)]
+    input: InputArguments,
+    /// What the voxels of files mean; labels are never averaged
+    #[arg(long, value_enum, default_value_t = KindArgument::Image)]
+    kind: KindArgument,
+    /// The store to pack a file into [default: one of its own in the user's cache, which is found there the next time]
+    #[arg(long, value_name = "STORE")]
+    store: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArguments,
     #[command(flatten)]
@@ -55,9 +70,12 @@ pub(crate) struct ViewArguments {
 }
 
 /// The flags that say nothing of what is shown.
-const OTHER_FLAGS: [&str; 11] = [
+const OTHER_FLAGS: [&str; 28] = [
     "ViewArguments",
+    "InputArguments",
     "stores",
+    "store",
+    "kind",
     "size",
     "backend",
     "gpu_memory",
@@ -67,6 +85,21 @@ const OTHER_FLAGS: [&str; 11] = [
     "quiet",
     "fresh",
     "stats",
+    // What files do not say of themselves.
+    "shape",
+    "dtype",
+    "endian",
+    "offset",
+    "axes",
+    "times",
+    "channels",
+    "order",
+    "spacing",
+    "origin",
+    "unit",
+    "nodata",
+    "allow_lossy",
+    "scratch",
 ];
 
 /// Whether any flag says what is shown. Such a window does not begin as the last one was left.
@@ -80,7 +113,7 @@ fn has_scene(matches: &ArgMatches) -> bool {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), Failure> {
-    let opened = Instant::now();
+    let begun = Instant::now();
     let script = match &arguments.script {
         None => Script::default(),
         Some(path) => {
@@ -88,7 +121,8 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
             text.parse().map_err(|problem| Failure::bad_input(format!("{}: {problem}", path.display())))?
         }
     };
-    let volumes = store_errors::open_volumes(&arguments.stores)?;
+    let openings = opened(arguments.stores, arguments.input, arguments.kind, arguments.store)?;
+    let volumes = openings.volumes();
     let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
     let session = SessionOptions {
         backend: arguments.backend.into(),
@@ -107,8 +141,43 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
         size,
         script,
         screenshot: arguments.screenshot,
-        opened,
+        opened: begun,
         stats: arguments.stats,
     };
-    brickyard_viewer::run(volumes, options).map_err(Failure::failed)
+    brickyard_viewer::run(openings, options).map_err(Failure::failed)
+}
+
+/// Opens stores, and the previews of files.
+fn opened(
+    paths: Vec<PathBuf>,
+    input: InputArguments,
+    kind: KindArgument,
+    store: Option<PathBuf>,
+) -> Result<Openings, Failure> {
+    if store.is_some() && paths.len() > 1 {
+        return Err(Failure::usage("--store names the store of one file: open the others by themselves"));
+    }
+    let options = OpeningOptions { files: input.options(), kind: kind.into(), store, ..OpeningOptions::default() };
+    let mut openings = Openings::start(paths, options);
+    let progress = Progress::new(ProgressStyleArgument::Auto, "preview");
+    let waited = openings.wait(|done, total| {
+        if total > 0 {
+            progress.set(done, total);
+        }
+    });
+    progress.finish();
+    waited.map_err(|error| opening_failure(&error))?;
+    Ok(openings)
+}
+
+/// The failure for what cannot be opened.
+fn opening_failure(error: &OpeningError) -> Failure {
+    match error {
+        OpeningError::Openable(OpenableError::Store(error)) => store_errors::open_failure(error),
+        OpeningError::Openable(OpenableError::Source(error)) | OpeningError::Preview(PreviewError::Source(error)) => {
+            store_errors::import_failure(error)
+        }
+        OpeningError::NoPlace => Failure::usage(error),
+        _ => Failure::failed(error),
+    }
 }

@@ -7,16 +7,19 @@ mod clip_handles;
 mod command;
 mod edits;
 mod fields;
+mod file_browser;
 mod history;
 mod keeping;
 mod keys;
 mod navigation;
+mod opening;
 mod overlay;
 mod pacing;
 mod panels;
 mod picking;
 mod plane_view;
 mod planes;
+mod recent;
 mod screenshots;
 mod script;
 mod state;
@@ -26,7 +29,9 @@ mod window;
 
 use crate::command::Command;
 use crate::keeping::Keeper;
+pub use crate::opening::Openings;
 use crate::pacing::Pacing;
+use crate::recent::Recent;
 pub use crate::script::Script;
 use crate::state::State;
 use crate::views::Views;
@@ -70,11 +75,11 @@ pub struct WindowOptions {
 #[error("{0}")]
 pub struct WindowError(String);
 
-/// Opens a window on volumes, and returns when it is closed.
+/// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`].
 ///
 /// # Errors
 /// If there is no display, nothing that can draw on it, or the device lacks what the engine needs. The message says what to do.
-pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(), WindowError> {
+pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
         options.script.then(Command::Quit);
@@ -83,8 +88,8 @@ pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(),
         device_descriptor: Arc::new(Gpu::required),
         ..WgpuSetupCreateNew::without_display_handle()
     };
-    let names = volumes.iter().filter_map(|volume| Some(volume.store()?.path().file_stem()?.to_string_lossy()));
-    let title = names.map(|name| format!("{name} - ")).next().unwrap_or_default() + "brickyard";
+    let (volumes, paths) = (openings.volumes(), openings.paths());
+    let title = title(&paths);
     let native = eframe::NativeOptions {
         viewport: ViewportBuilder::default().with_inner_size(options.size).with_title(title).with_app_id("brickyard"),
         wgpu_options: WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() },
@@ -92,7 +97,7 @@ pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(),
         dithering: false,
         ..eframe::NativeOptions::default()
     };
-    let (state, keeper, problem) = first_state(&volumes, &options).map_err(WindowError)?;
+    let (state, keeper, problem) = first_state(&volumes, paths, &options).map_err(WindowError)?;
     let WindowOptions { session, script, opened, stats, .. } = options;
     let ended = eframe::run_native(
         "brickyard",
@@ -100,16 +105,28 @@ pub fn run(volumes: Vec<VolumeSource>, mut options: WindowOptions) -> Result<(),
         Box::new(move |creation| {
             let render_state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
             let views = Views::new(volumes, session, render_state)?;
-            Ok(Box::new(Window::new(state, views, script, (keeper, problem), (Pacing::new(opened), stats))))
+            let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
+            let kept = (keeper, problem);
+            let paced = (Pacing::new(opened), stats);
+            Ok(Box::new(Window::new(state, views, (openings, recent), script, kept, paced)))
         }),
     );
     ended.map_err(|error| WindowError(refusal(&error)))
 }
 
+/// The title of a window on what these paths name.
+pub(crate) fn title(paths: &[PathBuf]) -> String {
+    let name = paths.first().and_then(|path| path.file_stem());
+    name.map_or_else(String::new, |name| format!("{} - ", name.to_string_lossy())) + "brickyard"
+}
+
 /// The state that a window begins with, what keeps it, and what the user is to be told of it.
-fn first_state(volumes: &[VolumeSource], options: &WindowOptions) -> Result<(State, Keeper, Option<String>), String> {
-    let paths: Vec<_> = volumes.iter().filter_map(|volume| Some(volume.store()?.path().to_path_buf())).collect();
-    let is_kept = options.script.is_over() && paths.len() == volumes.len();
+fn first_state(
+    volumes: &[VolumeSource],
+    paths: Vec<PathBuf>,
+    options: &WindowOptions,
+) -> Result<(State, Keeper, Option<String>), String> {
+    let is_kept = options.script.is_over();
     let file = keeping::file_of(&paths).filter(|_| is_kept);
     let restored = match file.as_deref().filter(|_| options.restores) {
         Some(path) => restored(path, volumes),

@@ -41,8 +41,6 @@ pub(crate) struct Picking {
     /// The way to the thread and back; `None` before the first question.
     thread: Option<(Sender<Question>, Receiver<Option<Picked>>)>,
     asked: Option<Place>,
-    /// Number of questions that are not answered yet.
-    open: usize,
     found: Option<Picked>,
 }
 
@@ -64,18 +62,11 @@ impl Picking {
         let (ask, answers) = self.thread.get_or_insert_with(start);
         if self.asked.as_ref() != Some(&place) && ask.send((place.clone(), volumes.to_vec(), egui.clone())).is_ok() {
             self.asked = Some(place);
-            self.open += 1;
         }
-        while let Ok(found) = answers.try_recv() {
-            self.open = self.open.saturating_sub(1);
+        if let Some(found) = answers.try_iter().last() {
             self.found = found;
         }
         self.found.clone()
-    }
-
-    /// Whether an answer is still to come.
-    pub(crate) fn is_looking(&self) -> bool {
-        self.asked.is_some() && self.open > 0
     }
 }
 
@@ -86,18 +77,13 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
     std::thread::spawn(move || {
         let mut picker = Picker::default();
         while let Ok(mut question) = questions.recv() {
-            // The newest alone is worth an answer; the others are answered by nothing new.
-            let mut passed = 0;
-            while let Ok(newer) = questions.try_recv() {
+            // The newest alone is worth an answer.
+            if let Some(newer) = questions.try_iter().last() {
                 question = newer;
-                passed += 1;
             }
             let (place, volumes, egui) = question;
-            let found = look(&mut picker, &place, &volumes);
-            for _ in 0..=passed {
-                if answer.send(found.clone()).is_err() {
-                    return;
-                }
+            if answer.send(look(&mut picker, &place, &volumes)).is_err() {
+                return;
             }
             egui.request_repaint();
         }

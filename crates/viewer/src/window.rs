@@ -4,32 +4,39 @@
 use crate::canvas::Captured;
 use crate::command::Command;
 use crate::edits::{changes, edited};
+use crate::file_browser::FileBrowser;
 use crate::history::History;
 use crate::keeping::{self, Keeper};
 use crate::navigation::moved;
+use crate::opening::Openings;
 use crate::overlay::World;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
+use crate::recent::Recent;
 use crate::screenshots::Screenshots;
 use crate::script::Script;
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
 use crate::{clicks::Clicks, keys};
+use brickyard::channels::default_layers;
 use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
-use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
+use brickyard::volume::{Mode, Scene};
 use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
 const STREAMING_STEP: Duration = Duration::from_millis(8);
+
+/// How often the window looks how far a file is that is read or packed.
+const OPENING_STEP: Duration = Duration::from_millis(100);
 
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
@@ -46,6 +53,13 @@ pub(crate) struct Window {
     plane_views: [PlaneView; 3],
     script: Script,
     keeper: Keeper,
+    /// The volumes that are shown, and what is being done for them.
+    openings: Openings,
+    /// Volumes that are to be shown in their place, once there is something to show of each.
+    next: Option<Openings>,
+    recent: Recent,
+    /// The list of files to open; `None` if it is not shown.
+    browser: Option<FileBrowser>,
     /// What the user is to be told.
     message: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
@@ -64,11 +78,20 @@ impl Window {
     pub(crate) fn new(
         state: State,
         views: Views,
+        (openings, mut recent): (Openings, Recent),
         script: Script,
         (keeper, message): (Keeper, Option<String>),
         (pacing, stats): (Pacing, Option<PathBuf>),
     ) -> Self {
+        // A window that plays a script leaves nothing behind.
+        let paths = if script.is_over() { openings.paths() } else { Vec::new() };
+        let noted = paths.iter().try_for_each(|path| recent.add(path));
+        let message = message.or(noted.err());
         Self {
+            openings,
+            next: None,
+            recent,
+            browser: None,
             state,
             history: History::default(),
             views,
@@ -116,6 +139,12 @@ impl Window {
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
+            Command::Open(paths) => {
+                // What was said of the files before is not of these.
+                let mut options = self.openings.options().clone();
+                options.store = None;
+                self.next = Some(Openings::start(paths.clone(), options));
+            }
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
                 let camera = camera.ok_or("this window cannot do that")?;
@@ -148,18 +177,23 @@ impl Window {
         Ok(())
     }
 
+    /// Whether the window shows what it will show until something is done to it.
+    fn is_final(&self) -> bool {
+        self.views.are_final() && !self.openings.are_busy() && self.next.is_none()
+    }
+
     /// Plays what is due of the script.
     fn play(&mut self, egui: &egui::Context) {
         let since_start = self.started.get_or_insert_with(Instant::now).elapsed();
         // A screenshot shows the frame after it was asked for: nothing may change that.
         while !self.screenshots.are_awaited()
             && self.clicks.are_done()
-            && let Some(command) = self.script.next(since_start, self.views.are_final())
+            && let Some(command) = self.script.next(since_start, self.is_final())
         {
             self.perform(&command, egui);
             self.history.close();
             // What the command changed is to be drawn before the next one that waits for it.
-            if self.views.are_final() {
+            if self.is_final() {
                 break;
             }
         }
@@ -219,6 +253,67 @@ impl Window {
         pictures.flatten().next().map(|picked| picked.words.as_str())
     }
 
+    /// Shows what has been opened meanwhile.
+    fn follow_openings(&mut self, egui: &egui::Context) -> Result<(), String> {
+        let changes = self.openings.poll();
+        if let Some(message) = changes.messages.into_iter().last() {
+            self.message = Some(message);
+        }
+        if changes.has_volumes {
+            self.views.set_volumes(self.openings.volumes()).map_err(|error| error.to_string())?;
+        }
+        if let Some((path, error)) = changes.stopped {
+            return Err(format!("{}: {error}", path.display()));
+        }
+        let Some(next) = &mut self.next else { return Ok(()) };
+        if let Some((path, error)) = next.poll().stopped {
+            self.next = None;
+            return Err(format!("{}: {error}", path.display()));
+        }
+        match self.next.take_if(|next| next.are_shown()) {
+            Some(next) => self.show_others(next, egui),
+            None => Ok(()),
+        }
+    }
+
+    /// Shows other volumes in the place of those that there are, as a new window on them would.
+    fn show_others(&mut self, openings: Openings, egui: &egui::Context) -> Result<(), String> {
+        let (volumes, paths) = (openings.volumes(), openings.paths());
+        let mut scene = Scene { layers: default_layers(&volumes, Mode::default()), ..Scene::default() };
+        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+        let (width, height) = self.volume_view.size_px;
+        let camera = scene.camera_for(&places, (width.max(1), height.max(1)));
+        scene.camera = Some(camera.map_err(|error| error.to_string())?);
+        self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
+        self.keeper.write()?;
+        self.state.scene = scene;
+        self.state.window.distances.clear();
+        self.state.window.volumes.clone_from(&paths);
+        self.keeper = Keeper::new(keeping::file_of(&paths).filter(|_| self.script.is_over()), &self.state);
+        self.history.clear();
+        self.openings = openings;
+        self.message = None;
+        egui.send_viewport_cmd(ViewportCommand::Title(crate::title(&paths)));
+        paths.iter().try_for_each(|path| self.recent.add(path))
+    }
+
+    /// The list of files to open, if it is shown, and what was dropped on the window.
+    fn choose_files(&mut self, egui: &egui::Context, commands: &mut Vec<Command>) {
+        let dropped = egui.input(|input| input.raw.dropped_files.clone());
+        let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
+        if !dropped.is_empty() {
+            commands.push(Command::Open(dropped));
+        }
+        let Some(browser) = &mut self.browser else { return };
+        let mut is_open = true;
+        let shown = egui::Window::new("Open").open(&mut is_open).default_size(vec2(460.0, 460.0));
+        let chosen = shown.show(egui, |ui| browser.show(ui)).and_then(|shown| shown.inner).flatten();
+        if !is_open || chosen.is_some() {
+            self.browser = None;
+        }
+        commands.extend(chosen.map(|path| Command::Open(vec![path])));
+    }
+
     /// Writes the pictures that have come.
     fn write_pictures(&mut self) {
         if let Err(error) = self.screenshots.write() {
@@ -241,7 +336,21 @@ impl Window {
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
-        egui::Panel::top("menu").show(ui, |ui| panels::menu::show(ui, state, self.history.can(), budgets, commands));
+        let mut has_browser = self.browser.is_some();
+        egui::Panel::top("menu").show(ui, |ui| {
+            let files = panels::menu::Files { recent: self.recent.paths(), has_browser: &mut has_browser };
+            panels::menu::show(ui, state, self.history.can(), (budgets, files), commands);
+        });
+        if has_browser && self.browser.is_none() {
+            let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
+            self.browser = Some(FileBrowser::new(&beside.unwrap_or_default()));
+        }
+        if self.openings.are_busy() || self.next.is_some() {
+            egui::Panel::bottom("opening").show(ui, |ui| {
+                self.openings.show(ui);
+                self.next.iter().for_each(|next| next.show(ui));
+            });
+        }
         egui::Panel::bottom("status").show(ui, |ui| {
             panels::status::show(ui, &self.views, self.message.as_deref(), self.picked());
         });
@@ -293,6 +402,9 @@ impl eframe::App for Window {
         let begun = Instant::now();
         let egui = ui.ctx().clone();
         self.write_pictures();
+        if let Err(problem) = self.follow_openings(&egui) {
+            self.message = Some(problem);
+        }
         self.play(&egui);
         egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
         let mut commands = Vec::new();
@@ -305,6 +417,7 @@ impl eframe::App for Window {
                 Err(problem) => self.message = Some(problem),
             }
         }
+        self.choose_files(&egui, &mut commands);
         let mut drawn = Ok(());
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| drawn = self.pictures(ui, &mut commands));
         self.is_failing = drawn.is_err();
@@ -327,6 +440,8 @@ impl eframe::App for Window {
             || !self.clicks.are_done()
         {
             egui.request_repaint_after(STREAMING_STEP);
+        } else if self.openings.are_busy() || self.next.is_some() {
+            egui.request_repaint_after(OPENING_STEP);
         } else if let Some(after) = keep_after {
             egui.request_repaint_after(after);
         }

@@ -4,17 +4,26 @@ use crate::command::Command;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
+use std::path::PathBuf;
+
+/// What the menu has of files.
+pub(crate) struct Files<'a> {
+    /// What was opened last, newest first.
+    pub(crate) recent: &'a [PathBuf],
+    /// Whether the list of files to open is shown.
+    pub(crate) has_browser: &'a mut bool,
+}
 
 /// Shows the menu. `can_undo` and `can_redo` say what is to be had of edits; `budgets` are the limits of memory now.
 pub(crate) fn show(
     ui: &mut Ui,
     state: &mut State,
     (can_undo, can_redo): (bool, bool),
-    budgets: Budgets,
+    (budgets, of_files): (Budgets, Files),
     commands: &mut Vec<Command>,
 ) {
     MenuBar::new().ui(ui, |ui| {
-        ui.menu_button("File", |ui| files(ui, commands));
+        ui.menu_button("File", |ui| files(ui, of_files, commands));
         ui.menu_button("Edit", |ui| {
             if ui.add_enabled(can_undo, Button::new("Undo")).clicked() {
                 commands.push(Command::Undo);
@@ -41,7 +50,20 @@ pub(crate) fn show(
     });
 }
 
-fn files(ui: &mut Ui, commands: &mut Vec<Command>) {
+fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
+    if ui.button("Open...").clicked() {
+        *files.has_browser = true;
+    }
+    ui.menu_button("Open again", |ui| {
+        for path in files.recent {
+            // One that is gone is shown as such: its disk may come back.
+            let button = Button::new(path.display().to_string());
+            if ui.add_enabled(path.exists(), button).clicked() {
+                commands.push(Command::Open(vec![path.clone()]));
+            }
+        }
+    });
+    ui.separator();
     let entries = [
         (format!("Save picture ({PICTURE_FILE})"), Command::SavePicture(PICTURE_FILE.into(), None)),
         (format!("Save scene ({SCENE_FILE})"), Command::SaveScene(SCENE_FILE.into())),
@@ -109,7 +131,8 @@ mod tests {
     /// What clicks, one after the other, make of a window's state, and the commands that they give.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
-            super::show(ui, state, (true, false), Budgets { gpu: 1024, host: 2048 }, commands);
+            let files = Files { recent: &["/no/such.zarr".into(), "/".into()], has_browser: &mut false };
+            super::show(ui, state, (true, false), (Budgets { gpu: 1024, host: 2048 }, files), commands);
         };
         let mut harness = Harness::new_ui_state(show, (State::default(), Vec::new()));
         for label in labels {
@@ -123,6 +146,8 @@ mod tests {
     fn every_entry_does_what_it_says() {
         assert_eq!(clicked(&["Edit", "Undo"]).1, [Command::Undo]);
         assert_eq!(clicked(&["File", "Quit"]).1, [Command::Quit]);
+        assert_eq!(clicked(&["File", "Open again", "/"]).1, [Command::Open(vec!["/".into()])]);
+        assert_eq!(clicked(&["File", "Open again", "/no/such.zarr"]).1, []);
         let (state, commands) = clicked(&["View", "three slices beside it", "bricks"]);
         assert_eq!((state.window.layout, state.window.overlays.bricks, commands), (Layout::Planes, true, Vec::new()));
         assert_eq!(clicked(&["Window", "light"]).0.window.theme, Theme::Light);

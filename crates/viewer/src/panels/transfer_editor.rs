@@ -73,7 +73,7 @@ impl Default for State {
 
 /// Shows the transfer function of a layer that shows measurements of a volume. Functions that are to be saved are added to `saved`.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, saved: &mut Vec<SavedFunction>) {
-    let channel = volume.store().and_then(|store| store.info().channels.get(layer.channel as usize));
+    let channel = volume.statistics(layer.channel);
     let histogram = channel.map(|channel| &channel.histogram);
     group(ui, "transfer function", HINT, |ui| edit(ui, layer, volume, histogram, saved));
 }

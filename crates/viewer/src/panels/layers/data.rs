@@ -48,7 +48,7 @@ fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: 
 }
 
 fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) {
-    let displays = volume.store().map_or(&[][..], |store| store.channel_displays());
+    let displays = volume.displays();
     let name = |channel: u32| match displays.get(channel as usize).and_then(|display| display.name.as_deref()) {
         Some(name) if !name.is_empty() => format!("{channel}: {name}"),
         _ => channel.to_string(),

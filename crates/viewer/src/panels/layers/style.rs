@@ -64,7 +64,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let [low, high] = shown;
     let is_flat = low >= high;
     let drawn = ui.add_enabled_ui(!is_flat, |ui| {
-        let statistics = statistics(volume, layer.channel);
+        let statistics = volume.statistics(layer.channel);
         let dragged = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown));
         let (least, greatest) = volume.source.channel_range(layer.channel);
         let span = (greatest - least).max(high - low);
@@ -85,10 +85,6 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     drawn
         .response
         .on_disabled_hover_text("all points of the transfer function have one value: there is nothing to move");
-}
-
-fn statistics(volume: &VolumeSource, channel: u32) -> Option<&ChannelStatistics> {
-    volume.store()?.info().channels.get(channel as usize)
 }
 
 /// Windows by a click.

@@ -1,0 +1,168 @@
+//! The volumes of a window, each of which may still be on its way: shown as a preview, and packed meanwhile. The window asks once a frame what is new.
+
+use brickyard::opening::{Activity, News, Opening, OpeningError, OpeningOptions};
+use brickyard::session::VolumeSource;
+use eframe::egui::{ProgressBar, Ui};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How often somebody who waits for a preview looks whether it is there.
+const WAIT: Duration = Duration::from_millis(20);
+
+/// The volumes of a window, and what is being done for them.
+pub struct Openings {
+    options: OpeningOptions,
+    items: Vec<Item>,
+}
+
+struct Item {
+    path: PathBuf,
+    opening: Opening,
+    /// As it is shown now; `None` before there is anything to show.
+    volume: Option<VolumeSource>,
+}
+
+/// What is new of the volumes.
+#[derive(Debug, Default)]
+pub(crate) struct Changes {
+    /// Whether a volume is another one now: a store in place of a preview, or the first that there is to show.
+    pub(crate) has_volumes: bool,
+    /// What the user is to be told.
+    pub(crate) messages: Vec<String>,
+    /// Why one of them has stopped, with its path; the first if there are several.
+    pub(crate) stopped: Option<(PathBuf, OpeningError)>,
+}
+
+impl Openings {
+    /// Begins to open stores, files and folders: each is a volume of its own.
+    pub fn start(paths: Vec<PathBuf>, options: OpeningOptions) -> Self {
+        let item = |path: PathBuf| {
+            let opening = Opening::start(path.clone(), options.clone());
+            Item { path, opening, volume: None }
+        };
+        Self { items: paths.into_iter().map(item).collect(), options }
+    }
+
+    /// Waits until there is something to show of each. Calls `progress` now and then, with the bytes that are read and the bytes in all.
+    ///
+    /// # Errors
+    /// If one of them cannot be opened.
+    pub fn wait(&mut self, progress: impl Fn(u64, u64)) -> Result<(), OpeningError> {
+        while !self.are_shown() {
+            let changes = self.poll();
+            if let Some((_, error)) = changes.stopped {
+                return Err(error);
+            }
+            let (done, total) = self.progress();
+            progress(done, total);
+            std::thread::sleep(WAIT);
+        }
+        Ok(())
+    }
+
+    /// What was opened.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        self.items.iter().map(|item| item.path.clone()).collect()
+    }
+
+    /// The volumes that can be shown by now.
+    pub fn volumes(&self) -> Vec<VolumeSource> {
+        self.items.iter().filter_map(|item| item.volume.clone()).collect()
+    }
+
+    /// How files are opened.
+    pub(crate) fn options(&self) -> &OpeningOptions {
+        &self.options
+    }
+
+    /// Whether there is something to show of each.
+    pub(crate) fn are_shown(&self) -> bool {
+        self.items.iter().all(|item| item.volume.is_some())
+    }
+
+    /// Whether something is still being read or packed.
+    pub(crate) fn are_busy(&self) -> bool {
+        self.items.iter().any(|item| item.opening.activity() != Activity::Nothing)
+    }
+
+    /// Takes note of what is new, without waiting.
+    pub(crate) fn poll(&mut self) -> Changes {
+        let mut changes = Changes::default();
+        for item in &mut self.items {
+            changes.messages.extend(item.opening.take_warnings());
+            match item.opening.poll() {
+                None => {}
+                Some(News::Preview(volume) | News::Store(volume)) => {
+                    item.volume = Some(volume);
+                    changes.has_volumes = true;
+                }
+                Some(News::Stopped(error)) => {
+                    changes.stopped.get_or_insert((item.path.clone(), error));
+                }
+            }
+        }
+        changes
+    }
+
+    fn progress(&self) -> (u64, u64) {
+        let each = self.items.iter().map(|item| item.opening.progress());
+        each.fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
+    }
+
+    /// Shows what is being done, and a button to stop each.
+    pub(crate) fn show(&self, ui: &mut Ui) {
+        for item in &self.items {
+            let (what, can_cancel) = match item.opening.activity() {
+                Activity::Reading => ("reading", item.volume.is_none()),
+                Activity::Packing => ("packing", true),
+                Activity::Nothing => continue,
+            };
+            let name = item.path.file_name().unwrap_or(item.path.as_os_str()).to_string_lossy();
+            let (done, total) = item.opening.progress();
+            ui.horizontal(|ui| {
+                if can_cancel && ui.button("Stop").clicked() {
+                    item.opening.cancel();
+                }
+                let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
+                let text = format!("{what} {name}: {} of {} MiB", done >> 20, total.div_ceil(1 << 20));
+                ui.add(ProgressBar::new(share).text(text));
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::import::OpenOptions;
+    use brickyard::volume::{Extent, VoxelType};
+
+    #[test]
+    fn files_are_shown_before_they_are_packed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.raw");
+        std::fs::write(&path, vec![3; 300 * 20 * 10]).unwrap();
+        let files = OpenOptions {
+            shape: Some(Extent::new(300, 20, 10)),
+            voxel_type: Some(VoxelType::U8),
+            ..OpenOptions::default()
+        };
+        let store = Some(folder.path().join("a.zarr"));
+        let mut openings =
+            Openings::start(vec![path.clone()], OpeningOptions { files, store, ..OpeningOptions::default() });
+        openings.wait(|_, _| ()).unwrap();
+        let width = |openings: &Openings| openings.volumes()[0].source.pyramid().levels()[0].extent.x;
+        assert_eq!(width(&openings), 150);
+        while openings.are_busy() {
+            assert!(openings.poll().stopped.is_none());
+        }
+        assert_eq!((width(&openings), openings.paths()), (300, vec![path]));
+    }
+
+    #[test]
+    fn what_cannot_be_opened_is_named() {
+        let mut openings = Openings::start(vec!["/no/such.tif".into()], OpeningOptions::default());
+        let error = openings.wait(|_, _| ()).unwrap_err().to_string();
+        assert!(error.contains("/no/such.tif: No such file"), "{error}");
+    }
+}
