@@ -174,7 +174,8 @@ fn draw(ui: &Ui, axis: &Axis, histogram: &Histogram, window: [f64; 2]) {
     painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
     let [low, high] = window;
     let is_shown = |from: f64| from < high && low < from + histogram.width;
-    let (shown, other) = (visuals.selection.bg_fill, visuals.weak_text_color().gamma_multiply(0.5));
+    let (shown, other) =
+        (visuals.selection.bg_fill, visuals.extreme_bg_color.lerp_to_gamma(visuals.weak_text_color(), 0.6));
     bars(ui, axis, histogram, |from| if is_shown(from) { shown } else { other });
     // A line at the very edge would be cut in half.
     for x in window.map(|value| axis.x(value).clamp(area.left() + 1.0, area.right() - 1.0)) {
@@ -237,7 +238,7 @@ mod tests {
         let mut harness = harness();
         harness.hover_at(pos2(136.0, 30.0));
         harness.run_steps(60);
-        assert!(harness.query_by_label_contains("128: 640\u{2009}000 voxels near it").is_some());
+        assert!(harness.query_all_by_label_contains("128: 640\u{2009}000 voxels near it").next().is_some());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use brickyard::session::VolumeSource;
 use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer};
 use eframe::egui::collapsing_header::paint_default_icon;
 use eframe::egui::{
-    Align, Button, Id, Label, Layout, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
+    Align, Button, Id, Label, Layout, Rect, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
 /// Which layers are open.
@@ -116,13 +116,14 @@ fn shown(scene: &Scene) -> usize {
 
 /// The triangle that opens a layer.
 fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
-    let (_, response) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::click());
+    let (area, response) = ui.allocate_exact_size(vec2(14.0, ui.spacing().interact_size.y), Sense::click());
     if response.clicked() {
         *is_open = !*is_open;
     }
     let label = format!("open {name}");
     response.widget_info(|| WidgetInfo::selected(Role::DisclosureTriangle, ui.is_enabled(), *is_open, &label));
-    paint_default_icon(ui, if *is_open { 1.0 } else { 0.0 }, &response);
+    let icon = response.with_new_rect(Rect::from_center_size(area.center(), vec2(8.0, 8.0)));
+    paint_default_icon(ui, if *is_open { 1.0 } else { 0.0 }, &icon);
 }
 
 /// An eye, struck out if the layer is hidden.

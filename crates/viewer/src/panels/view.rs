@@ -131,6 +131,8 @@ fn time(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
 fn background(ui: &mut Ui, scene: &mut Scene) {
     group(ui, "background", "the colour behind the volumes", |ui| {
         row(ui, "colour", "the colour behind the volumes", |ui, label| {
+            ui.spacing_mut().item_spacing.x = 3.0;
+            ui.spacing_mut().button_padding.x = 3.0;
             color(ui, &mut scene.background).labelled_by(label);
             for (name, level) in [("black", 0.0), ("gray", 0.5), ("white", 1.0)] {
                 if ui.small_button(name).clicked() {

@@ -29,7 +29,7 @@ pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(
 
 /// Controls under a heading that is folded away until it is clicked.
 pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&mut Ui)) {
-    let folded = CollapsingHeader::new(name).id_salt(name).show(ui, content);
+    let folded = CollapsingHeader::new(name).id_salt(name).show_unindented(ui, content);
     folded.header_response.on_hover_text(hint);
 }
 
@@ -45,10 +45,19 @@ pub(crate) fn digits(value: f64, span: f64) -> String {
     if short == "-0" { "0".into() } else { short.into() }
 }
 
-/// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown.
-fn access<'a>(value: &'a mut f64, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
+/// Width of a number's field in which each of these values has room, in points.
+fn width_of(values: &[f64], span: f64, unit: &str) -> f32 {
+    let lengths = values.iter().filter(|value| value.is_finite()).map(|value| digits(*value, span).len());
+    let longest = lengths.max().unwrap_or(0) + if unit.is_empty() { 0 } else { 1 + unit.chars().count() };
+    NUMBER_WIDTH.max(10.0 + 7.4 * longest as f32)
+}
+
+/// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown, or by the
+/// range for what is typed.
+fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
     move |new| {
-        let is_as_shown = |new: f64| digits(*value, span).parse() == Ok(new);
+        let shown = digits(*value, span).parse::<f64>().unwrap_or(*value);
+        let is_as_shown = |new: f64| new == shown.max(*range.start()).min(*range.end());
         if let Some(new) = new.filter(|new| new.is_finite() && !is_as_shown(*new)) {
             *value = new;
         }
@@ -65,10 +74,10 @@ pub(crate) fn number(
     (width, unit): (f32, &str),
 ) -> Response {
     let suffix = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let number = DragValue::from_get_set(access(value, span))
+    let number = DragValue::from_get_set(access(value, range.clone(), span))
+        .speed((span.min(range.end() - range.start()) / 500.0).max(f64::MIN_POSITIVE))
         .range(range)
         .clamp_existing_to_range(false)
-        .speed((span / 500.0).max(f64::MIN_POSITIVE))
         .max_decimals(15)
         .custom_formatter(|value, _| digits(value, span))
         .clip_text(true)
@@ -109,9 +118,9 @@ fn slid(
 ) -> Response {
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
-        let width = NUMBER_WIDTH + if unit.is_empty() { 0.0 } else { 8.0 + 6.0 * unit.len() as f32 };
+        let width = width_of(&[*range.start(), *range.end(), *value], span, unit);
         ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(24.0);
-        let rail = Slider::from_get_set(range.clone(), access(value, span))
+        let rail = Slider::from_get_set(range.clone(), access(value, range.clone(), span))
             .clamping(SliderClamping::Edits)
             .logarithmic(is_logarithmic)
             .smallest_positive(1e-3)
@@ -121,28 +130,43 @@ fn slid(
     })
 }
 
-/// The three numbers of a point or a direction.
+/// The three numbers of a point or a direction: beside each other if they are short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
-    row(ui, label, hint, |ui, label| {
-        let width = (ui.available_width() - 2.0 * ui.spacing().item_spacing.x) / 3.0;
-        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            let part = &mut value.as_mut()[axis];
-            number(ui, part, f64::NEG_INFINITY..=f64::INFINITY, span, (width, ""))
-                .labelled_by(label)
-                .on_hover_text(name);
+    let any = f64::NEG_INFINITY..=f64::INFINITY;
+    let is_long = value.to_array().iter().any(|part| digits(*part, span).len() > 6);
+    let parts = |ui: &mut Ui, label: Id, axes: &[usize], value: &mut DVec3| {
+        ui.spacing_mut().button_padding.x = 2.0;
+        let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
+        let width = (ui.available_width() - gaps) / axes.len() as f32;
+        for &axis in axes {
+            let part = number(ui, &mut value.as_mut()[axis], any.clone(), span, (width, ""));
+            part.labelled_by(label).on_hover_text(["x", "y", "z"][axis]);
         }
-    });
+    };
+    if is_long {
+        let mut first = None;
+        for (axis, name) in [label, "   y", "   z"].into_iter().enumerate() {
+            row(ui, name, hint, |ui, own| parts(ui, *first.get_or_insert(own), &[axis], value));
+        }
+    } else {
+        row(ui, label, hint, |ui, label| parts(ui, label, &[0, 1, 2], value));
+    }
 }
 
 /// A whole number on a slider in a row of its own.
 pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range: RangeInclusive<u32>) -> Response {
     row(ui, label, hint, |ui, label| {
         ui.spacing_mut().slider_width = (ui.available_width() - NUMBER_WIDTH - ui.spacing().item_spacing.x).max(24.0);
-        let clamping = SliderClamping::Edits;
-        let rail = ui.add(Slider::new(value, range.clone()).clamping(clamping).show_value(false)).labelled_by(label);
-        let number = DragValue::new(value).range(range).clamp_existing_to_range(false).speed(0.2);
-        let number = number.min_size(vec2(NUMBER_WIDTH, ui.spacing().interact_size.y));
-        rail.on_hover_text(hint) | ui.add(number).labelled_by(label)
+        let rail = Slider::new(value, range.clone()).clamping(SliderClamping::Edits).show_value(false);
+        let rail = ui.add(rail).labelled_by(label).on_hover_text(hint);
+        let mut typed = f64::from(*value);
+        let whole = f64::from(*range.start())..=f64::from(*range.end());
+        // So wide a span that no digits are shown behind the point.
+        let number = number(ui, &mut typed, whole, 1e4, (NUMBER_WIDTH, "")).labelled_by(label);
+        if typed != f64::from(*value) {
+            *value = typed.round() as u32;
+        }
+        rail | number
     })
 }
 
@@ -199,7 +223,11 @@ pub(crate) fn menu<T: Copy + PartialEq>(
 /// A colour, which a click edits.
 pub(crate) fn color(ui: &mut Ui, color: &mut [f64; 3]) -> Response {
     let mut bytes = color.map(|part| (part * 255.0).round() as u8);
-    let button = ui.color_edit_button_srgb(&mut bytes);
+    let swatch = |ui: &mut Ui| {
+        ui.spacing_mut().interact_size.x = 28.0;
+        ui.color_edit_button_srgb(&mut bytes)
+    };
+    let button = ui.scope(swatch).inner;
     if button.changed() {
         *color = bytes.map(|part| f64::from(part) / 255.0);
     }
@@ -281,7 +309,7 @@ pub(crate) fn range(
     let (first, last) = (*whole.start(), *whole.end());
     let span = last - first;
     row(ui, label, hint, |ui, label| {
-        let end = NUMBER_WIDTH - 8.0;
+        let end = width_of(&[first, last, *low, *high], span, "") - 8.0;
         number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
         ui.spacing_mut().slider_width = (ui.available_width() - end - ui.spacing().item_spacing.x).max(24.0);
         let (mut to_low, mut to_high) = (*low, *high);
@@ -289,7 +317,7 @@ pub(crate) fn range(
             .clamping(SliderClamping::Edits)
             .min_separation(least)
             .show_value(false);
-        if ui.add(rail).on_hover_text(hint).changed() {
+        if ui.add(rail).labelled_by(label).on_hover_text(hint).changed() {
             (*low, *high) = (to_low, to_high);
         }
         number(ui, high, (*low + least).min(last)..=last, span, (end, "")).labelled_by(label);
@@ -313,7 +341,8 @@ mod tests {
             (1500.4, 65535.0, "1500"),
             (-0.0, 65535.0, "0"),
             (100.0, 65535.0, "100"),
-            (0.000_012_34, 1e-5, "1.234e-5"),
+            (0.000_012_34, 1e-5, "0.00001234"),
+            (0.000_000_012_34, 1e-8, "1.234e-8"),
             (1.5e12, 1e12, "1.500e12"),
             (0.25, 0.0, "0.25"),
         ] {
@@ -325,7 +354,7 @@ mod tests {
     fn a_number_that_is_only_visited_stays_what_it_is() {
         let value = 1.0 / 3.0;
         let show = |ui: &mut Ui, value: &mut f64| {
-            number(ui, value, 0.0..=0.2, 1.0, (50.0, "mm"));
+            number(ui, value, 0.0..=0.2, 1.0, (50.0, "mm")).accessible_name("length");
         };
         let mut harness = Harness::new_ui_state(show, value);
         harness.get_by_role(Role::SpinButton).focus();
@@ -338,10 +367,10 @@ mod tests {
     #[test]
     fn a_number_is_typed() {
         let show = |ui: &mut Ui, value: &mut f64| {
-            number(ui, value, 0.0..=9.0, 1.0, (50.0, ""));
+            number(ui, value, 0.0..=9.0, 1.0, (50.0, "")).accessible_name("length");
         };
         let mut harness = Harness::new_ui_state(show, 1.0);
-        for (typed, expected) in [("2.34567", 2.345_67), ("inf", 2.345_67), ("12", 9.0)] {
+        for (typed, expected) in [("2.34567", 2.345_67), ("x", 2.345_67), ("12", 9.0)] {
             harness.get_by_role(Role::SpinButton).focus();
             harness.run();
             harness.get_by_role(Role::SpinButton).type_text(typed);

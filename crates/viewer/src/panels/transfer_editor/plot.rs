@@ -146,7 +146,8 @@ impl Plot {
     ) {
         let (painter, visuals) = (ui.painter_at(area), ui.visuals());
         painter.rect_filled(area, 2.0, visuals.extreme_bg_color);
-        let faint = visuals.weak_text_color().gamma_multiply(0.35);
+        // Not translucent: bars meet each other.
+        let faint = visuals.extreme_bg_color.lerp_to_gamma(visuals.weak_text_color(), 0.4);
         if let Some(histogram) = histogram {
             histogram::bars(ui, &self.axis, histogram, |_| faint);
         }

@@ -89,7 +89,7 @@ mod tests {
             let map = TransferFunction::preset(name, (-3.0, 8.0), 1.0).expect("a preset");
             let few = TransferFunction { color: simplified(&map.color, 1.5 / 255.0), ..map.clone() };
             few.validate().expect("sorted");
-            assert!(few.color.len() <= 33, "{name}: {}", few.color.len());
+            assert!(few.color.len() <= 36, "{name}: {}", few.color.len());
             for i in 0..=500 {
                 let (low, high) = map.span();
                 let value = low + (high - low) * f64::from(i) / 500.0;

@@ -10,7 +10,9 @@ type Edited = (SceneLayer, Vec<SavedFunction>);
 fn harness<'a>(layer: SceneLayer) -> Harness<'a, Edited> {
     let (volume, histogram) = (fixture::volumes().swap_remove(0), fixture::histogram());
     let show = move |ui: &mut Ui, (layer, saved): &mut Edited| edit(ui, layer, &volume, Some(&histogram), saved);
-    Harness::builder().with_size(vec2(276.0, 360.0)).build_ui_state(show, (layer, Vec::new()))
+    // Fine steps of time, so that two clicks can follow each other at once.
+    let builder = Harness::builder().with_size(vec2(276.0, 360.0)).with_step_dt(0.02).with_max_steps(200);
+    builder.build_ui_state(show, (layer, Vec::new()))
 }
 
 /// A ramp of three points over all values of the fixture.
@@ -55,6 +57,18 @@ fn click(harness: &mut Harness<'_, Edited>, at: Pos2, button: PointerButton) {
     harness.run();
 }
 
+fn double_click(harness: &mut Harness<'_, Edited>, at: Pos2) {
+    // What was clicked before is long ago.
+    harness.run_steps(50);
+    harness.hover_at(at);
+    for pressed in [true, false, true, false] {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        harness.event(Event::PointerButton { pos: at, button, pressed, modifiers });
+        harness.run_steps(1);
+    }
+    harness.run();
+}
+
 #[test]
 fn looking_at_a_function_leaves_it_alone() {
     for layer in [ramp(), SceneLayer::default(), TransferFunction::preset("turbo", (0.0, 9.0), 1.0).unwrap().into()] {
@@ -87,12 +101,12 @@ fn points_are_added_and_removed() {
     assert!(added.len() == 4 && (added[1][0] - 50.0).abs() < 2.0 && (added[1][1] - 0.25).abs() < 0.01, "{added:?}");
     // Elsewhere it takes two.
     let aside = place(&harness, 200.0, 0.1);
+    harness.run_steps(50);
     click(&mut harness, aside, PointerButton::Primary);
     assert_eq!(function(&harness).opacity.len(), 4);
-    click(&mut harness, aside, PointerButton::Primary);
+    double_click(&mut harness, aside);
     let added = function(&harness).opacity;
     assert!(added.len() == 5 && (added[3][1] - 0.1).abs() < 0.02, "{added:?}");
-    harness.run_steps(40);
     click(&mut harness, aside, PointerButton::Secondary);
     assert_eq!(function(&harness).opacity.len(), 4);
     click(&mut harness, on_curve, PointerButton::Primary);
@@ -143,8 +157,7 @@ fn a_colour_point_is_added_where_the_strip_has_that_colour() {
     let mut harness = harness(ramp());
     let strip = harness.get_by_label("colour points").rect();
     let middle = pos2(strip.center().x, strip.top() + 8.0);
-    click(&mut harness, middle, PointerButton::Primary);
-    click(&mut harness, middle, PointerButton::Primary);
+    double_click(&mut harness, middle);
     let color = function(&harness).color;
     assert_eq!(color.len(), 3);
     assert!((color[1][1] - 0.5).abs() < 0.01 && (color[1][3] - 0.5).abs() < 0.01, "{color:?}");
@@ -178,8 +191,7 @@ fn a_wild_hand_leaves_a_valid_function() {
                 harness.key_press(Key::Delete);
                 harness.run();
             } else {
-                click(&mut harness, from, PointerButton::Primary);
-                click(&mut harness, from, PointerButton::Primary);
+                double_click(&mut harness, from);
             }
             function(&harness).validate().expect("a valid function");
         }

@@ -68,8 +68,9 @@ fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
         planes.remove(i);
     }
     let can_add = planes.len() < MAX_CLIP_PLANES;
-    row(ui, "add", "a plane across the middle; the side that its name points to stays", |ui, _| {
+    ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
+        ui.label("add").on_hover_text("a plane across the middle; the side that its name points to stays");
         for (name, normal) in SIDES {
             let add = ui.add_enabled(can_add, eframe::egui::Button::new(name).small());
             if add.on_disabled_hover_text("a scene has at most 6 clip planes").clicked() {

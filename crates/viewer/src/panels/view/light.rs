@@ -25,7 +25,7 @@ const GRADIENTS: [(Gradient, &str, &str); 3] = [
 /// Shows how a scene is lit.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
     group(ui, "light", "how fog and surfaces are lit, with the direction in which values change as the normal", |ui| {
-        let barred = |model| reason(scene, volumes, |scene| scene.lighting.model = model);
+        let barred = |model| reason(scene, volumes, |scene| set_light(scene, model));
         let hint = "how colours are lit";
         if let Some(model) = menu(ui, "model", hint, (scene.lighting.model, &MODELS), barred) {
             set_light(scene, model);
