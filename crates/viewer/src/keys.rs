@@ -133,14 +133,15 @@ fn looks() -> Vec<Shortcut> {
     modes.chain(layers).collect()
 }
 
-/// The commands of the keys that were pressed since the last frame, in their order.
-pub(crate) fn pressed(egui: &egui::Context, state: &State, commands: &mut Vec<Command>) {
+/// Does what the keys say that were pressed since the last frame, in their order: `perform` does a command and returns the state after it.
+pub(crate) fn pressed(egui: &egui::Context, state: &State, mut perform: impl FnMut(Command) -> State) {
     // A field that is typed into has the keys.
     if egui.egui_wants_keyboard_input() {
         return;
     }
     let shortcuts = all();
     let is_flying = state.window.tool == Tool::Fly;
+    let mut hits = Vec::new();
     egui.input_mut(|input| {
         input.events.retain(|event| {
             let Event::Key { key, modifiers, pressed: true, .. } = event else { return true };
@@ -152,27 +153,43 @@ pub(crate) fn pressed(egui: &egui::Context, state: &State, commands: &mut Vec<Co
                 shortcut.keys.logical_key == *key && modifiers.matches_logically(shortcut.keys.modifiers)
             };
             let known = shortcuts.iter().find(is_it);
-            commands.extend(known.and_then(|known| (known.command)(state)));
+            hits.extend(known);
             known.is_none()
         });
     });
+    let mut state = state.clone();
+    for shortcut in hits {
+        if let Some(command) = (shortcut.command)(&state) {
+            state = perform(command);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::edits::edited;
     use eframe::egui::Ui;
     use egui_kittest::Harness;
 
-    /// The commands that keys give in a state.
+    /// The commands that keys give, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
-        let show = move |ui: &mut Ui, commands: &mut Vec<Command>| pressed(ui.ctx(), &state, commands);
-        let mut harness = Harness::new_ui_state(show, Vec::new());
+        let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
+            let before = state.clone();
+            pressed(ui.ctx(), &before, |command| {
+                if let Command::Set(fields) = &command {
+                    *state = edited(state, &[], fields).unwrap();
+                }
+                commands.push(command);
+                state.clone()
+            });
+        };
+        let mut harness = Harness::new_ui_state(show, (state, Vec::new()));
         for (modifiers, key) in keys {
             harness.key_press_modifiers(*modifiers, *key);
         }
         harness.run();
-        harness.state().clone()
+        harness.state().1.clone()
     }
 
     #[test]
@@ -187,8 +204,11 @@ mod tests {
     fn keys_act_on_the_state() {
         let mut state = State::default();
         state.scene.time = 3;
-        let keys = [(Modifiers::NONE, Key::OpenBracket), (Modifiers::NONE, Key::Num1), (Modifiers::NONE, Key::Num2)];
-        assert_eq!(given(state.clone(), &keys), [Command::set("time", 2), Command::set("layers.0.visible", false)]);
+        let keys = [Key::OpenBracket, Key::OpenBracket, Key::Num1, Key::Num2].map(|key| (Modifiers::NONE, key));
+        assert_eq!(
+            given(state.clone(), &keys),
+            [Command::set("time", 2), Command::set("time", 1), Command::set("layers.0.visible", false)]
+        );
         state.window.tool = Tool::Fly;
         assert_eq!(given(state, &[(Modifiers::NONE, Key::A)]), [], "it flies");
     }

@@ -73,10 +73,10 @@ mod tests {
 
     #[test]
     fn commands_come_at_their_times_and_in_order() {
-        let mut script: Script = "# a tour\n0.5 mode mip\nsettled undo\n\n0.2 quit\n".parse().unwrap();
+        let mut script: Script = "# a tour\n0.5 set mode mip\nsettled undo\n\n0.2 quit\n".parse().unwrap();
         let at = Duration::from_secs_f64;
         assert_eq!(script.next(at(0.4), true), None);
-        assert_eq!(script.next(at(0.5), false).map(|command| command.to_string()), Some("mode mip".into()));
+        assert_eq!(script.next(at(0.5), false).map(|command| command.to_string()), Some(r#"set mode "mip""#.into()));
         assert_eq!(script.next(at(9.0), false), None, "nothing overtakes a line that waits");
         assert_eq!(script.next(at(9.0), true), Some(Command::Undo));
         assert!(!script.is_over());

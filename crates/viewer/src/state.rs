@@ -196,6 +196,9 @@ impl State {
     /// # Errors
     /// If a field is unknown, or has a value of another kind.
     pub(crate) fn from_document(document: Value) -> Result<Self, serde_json::Error> {
+        if !document.is_object() {
+            return Err(serde::de::Error::custom("expected an object"));
+        }
         let window = document.get("window").cloned().map_or_else(|| Ok(WindowState::default()), serde_json::from_value);
         Ok(Self { window: window?, scene: serde_json::from_value(document)? })
     }

@@ -115,6 +115,7 @@ impl Window {
 
     /// Does a command. What is wrong with it is said in the window.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
+        tracing::debug!("{command}");
         if let Err(problem) = self.try_perform(command, egui) {
             self.message = Some(format!("{command}: {problem}"));
         }
@@ -408,7 +409,13 @@ impl eframe::App for Window {
         self.play(&egui);
         egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
         let mut commands = Vec::new();
-        keys::pressed(&egui, &self.state, &mut commands);
+        let mut is_busy = false;
+        let state = self.state.clone();
+        keys::pressed(&egui, &state, |command| {
+            self.perform(&command, &egui);
+            is_busy = true;
+            self.state.clone()
+        });
         let mut panel_state = self.state.clone();
         self.panels(ui, &mut panel_state, &mut commands);
         if panel_state != self.state {
@@ -430,7 +437,7 @@ impl eframe::App for Window {
         }
         let keep_after = self.keep();
         // A command shows in the next frame.
-        if !commands.is_empty() {
+        if is_busy || !commands.is_empty() {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);

@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_within() {
         assert_eq!(ticks(-0.5, 10.2, 5.0), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
-        assert_eq!(ticks(0.05, 0.31, 3.0), [0.1, 0.15, 0.2, 0.25, 0.3]);
+        assert_eq!(ticks(0.05, 0.31, 3.0), [0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
         assert_eq!(ticks(3.0, 3.0, 3.0), [0.0; 0]);
         assert_eq!(ticks(f64::NAN, 3.0, 3.0), [0.0; 0]);
     }

@@ -2,26 +2,33 @@
 
 use crate::canvas::Canvas;
 use crate::views::Views;
-use eframe::egui::{Color32, Ui};
+use eframe::egui::{Align, Color32, Label, Layout, RichText, Ui, vec2};
 
-/// Shows how far the pictures are. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing.
+/// The line's height, in points.
+const HEIGHT: f32 = 20.0;
+
+const MESSAGE: Color32 = Color32::from_rgb(230, 120, 60);
+
+/// Shows how far the pictures are. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing. It is one line,
+/// whatever it says: if its height changed, so would the picture's size, and the picture would have to be drawn again.
 pub(crate) fn show(ui: &mut Ui, views: &Views, message: Option<&str>, picked: Option<&str>) {
-    ui.horizontal_wrapped(|ui| {
-        if let Some(message) = message {
-            ui.colored_label(Color32::from_rgb(230, 120, 60), message);
-            ui.separator();
-        }
-        if let Some(picked) = picked {
-            ui.monospace(picked);
-            ui.separator();
-        }
-        ui.label(state(&views.main));
-        ui.separator();
-        ui.label(views.main.backend_line());
+    ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
         let (backend, host) = memory_bytes(views);
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
-        ui.separator();
         ui.label(format!("{:.0} MiB of slots, {:.0} MiB of bricks", mib(backend), mib(host)));
+        ui.separator();
+        ui.label(views.main.backend_line());
+        ui.separator();
+        ui.label(state(&views.main));
+        ui.separator();
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
+            if let Some(message) = message {
+                let text = RichText::new(message.lines().collect::<Vec<_>>().join(" ")).color(MESSAGE);
+                ui.add(Label::new(text).truncate()).on_hover_text(message);
+            } else if let Some(picked) = picked {
+                ui.add(Label::new(RichText::new(picked).monospace()).truncate()).on_hover_text(picked);
+            }
+        });
     });
 }
 
