@@ -10,14 +10,16 @@ use serde_json::Value;
 pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
+/// The command that a key gives in a window of some state; `None` if it does nothing there.
+type Effect = dyn Fn(&State) -> Option<Command>;
+
 /// A key, and what it does.
 pub(crate) struct Shortcut {
     /// The key, with those that are held.
     pub(crate) keys: KeyboardShortcut,
     /// What it does, in words.
     pub(crate) effect: String,
-    /// The command that it gives in a window of this state; `None` if it does nothing there.
-    command: Box<dyn Fn(&State) -> Option<Command>>,
+    command: Box<Effect>,
 }
 
 /// All keys. A key with more keys held comes before the same key with fewer, which would take it.
