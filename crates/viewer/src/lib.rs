@@ -170,5 +170,8 @@ fn refusal(error: &eframe::Error) -> String {
         }
         eframe::Error::AppCreation(_) => "`brickyard doctor` says what this machine can do",
     };
-    format!("cannot open a window: {error}: {hint}")
+    // What comes before names files of the window system's crates, which help nobody.
+    let error = error.to_string();
+    let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error);
+    format!("cannot open a window: {reason}: {hint}")
 }
