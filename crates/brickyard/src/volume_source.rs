@@ -28,6 +28,8 @@ pub struct VolumeSource {
     placement: Placement,
     /// The store that it is, if it is one.
     store: Option<Arc<Store>>,
+    /// What it is called, if not as its store is.
+    name: Option<String>,
 }
 
 impl VolumeSource {
@@ -42,7 +44,7 @@ impl VolumeSource {
         };
         let displays = (0..channels).map(display).collect();
         let (statistics, placement) = (Vec::new(), Placement::default());
-        Self { source, displays, statistics, orientation: None, placement, store: None }
+        Self { source, displays, statistics, orientation: None, placement, store: None, name: None }
     }
 
     /// This volume, whose channels are shown as their statistics say.
@@ -52,6 +54,17 @@ impl VolumeSource {
     pub fn described_by(self, statistics: Vec<ChannelStatistics>) -> Self {
         assert_eq!(statistics.len(), self.source.channels() as usize, "one for each channel");
         Self { displays: ChannelDisplay::of_channels(&statistics), statistics, ..self }
+    }
+
+    /// This volume under a name, for example that of the file that its store was made of.
+    pub fn named(self, name: impl Into<String>) -> Self {
+        Self { name: Some(name.into()), ..self }
+    }
+
+    /// What the volume is called: the name that it was given, else that of its store's folder; empty if it has neither.
+    pub fn name(&self) -> String {
+        let store = || self.store.as_ref().and_then(|store| Some(store.path().file_stem()?.to_string_lossy().into_owned()));
+        self.name.clone().or_else(store).unwrap_or_default()
     }
 
     /// This volume, as it lies in a patient.
@@ -80,6 +93,7 @@ impl VolumeSource {
             orientation: store.info().orientation,
             placement: *store.placement(),
             store: Some(store.clone()),
+            name: None,
         }
     }
 
@@ -105,7 +119,7 @@ impl VolumeSource {
             return Ok(None);
         }
         let store = Store::open_reduced(store.path(), wanted, IoMode::default())?;
-        Ok(Some(Self::of_store(&Arc::new(store))))
+        Ok(Some(Self { name: self.name.clone(), ..Self::of_store(&Arc::new(store)) }))
     }
 
     /// Returns this volume with the pyramid that suits a mode.

@@ -115,11 +115,14 @@ fn words(pick: &Pick, volumes: &[VolumeSource]) -> String {
         let Some(volume) = volumes.get(values.volume) else { continue };
         let [i, j, k] = values.probe.voxel;
         let _ = write!(words, "  voxel {i}, {j}, {k}:");
+        let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
+            // A 32-bit float has digits of its own, fewer than the same number as 64 bits.
+            let text = if is_float { (*value as f32).to_string() } else { value.to_string() };
             let name = volume.displays().get(channel).and_then(|display| display.name.as_deref());
             let _ = match (name, value.is_nan()) {
-                (Some(name), false) => write!(words, " {name} {value}"),
-                (None, false) => write!(words, " {value}"),
+                (Some(name), false) => write!(words, " {name} {text}"),
+                (None, false) => write!(words, " {text}"),
                 (_, true) => write!(words, " no data"),
             };
         }

@@ -4,7 +4,8 @@
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
-    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice, TransferChoice,
+    Blend, Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
+    TransferChoice,
 };
 use glam::DVec3;
 
@@ -126,6 +127,8 @@ pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, 
         isosurfaces: Vec::new(),
         crop: None,
         transfer: layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice)),
+        // Channels in colours of their own are light that adds up. As media in one place they would be averaged.
+        blend: if layer.color.is_some() && layer.blend == Blend::Mix { Blend::Add } else { layer.blend },
         ..layer.clone()
     });
     let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();

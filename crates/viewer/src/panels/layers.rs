@@ -58,13 +58,13 @@ pub(crate) fn show(
     ui.data_mut(|data| data.insert_temp(key, open));
 }
 
-/// The name of a layer: its channel's, else its store's.
+/// The name of a layer: its channel's, else its volume's.
 pub(crate) fn name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
-    let store = volumes.get(scene.store(layer)).and_then(VolumeSource::store);
-    let channel = store.and_then(|store| store.channel_displays().get(scene.layers[layer].channel as usize));
-    let channel = channel.and_then(|display| display.name.clone()).filter(|name| !name.is_empty());
-    let file = store.and_then(|store| store.path().file_stem());
-    channel.or_else(|| Some(file?.to_string_lossy().into_owned())).unwrap_or_else(|| format!("layer {layer}"))
+    let volume = volumes.get(scene.store(layer));
+    let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
+    let channel = channel.and_then(|display| display.name.clone());
+    let names = channel.into_iter().chain(volume.map(VolumeSource::name));
+    names.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
 /// The line of a layer. Returns what is to be done with the layer.
