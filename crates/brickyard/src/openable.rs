@@ -32,6 +32,12 @@ pub fn is_store(path: &Path) -> bool {
     path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists()
 }
 
+/// Whether a path is a mesh, which is shown beside volumes, by its name.
+pub fn is_mesh(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    ["stl", "ply", "obj", "gltf", "glb"].contains(&extension.as_str())
+}
+
 /// Opens a store, or else files: one, a folder of planes or slices, or several that are time steps or planes. `options` are for files alone. A compressed file that
 /// cannot be sought in is inflated first, which takes as long as that does; all others take milliseconds.
 ///

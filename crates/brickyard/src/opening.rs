@@ -27,13 +27,13 @@ pub struct OpeningOptions {
     pub kind: Kind,
     /// Where the store is packed to; `None` is a place of its own in the user's cache.
     pub store: Option<PathBuf>,
-    /// The memory that a preview keeps time steps in, in bytes.
+    /// The memory that a preview takes at most, in bytes, which is in no session's budget.
     pub preview_bytes: u64,
 }
 
 impl Default for OpeningOptions {
     fn default() -> Self {
-        Self { files: OpenOptions::default(), kind: Kind::Image, store: None, preview_bytes: 192 << 20 }
+        Self { files: OpenOptions::default(), kind: Kind::Image, store: None, preview_bytes: 256 << 20 }
     }
 }
 
@@ -100,6 +100,8 @@ pub enum Activity {
 
 /// The opening of one store, file or folder. Dropping it stops what it does, and waits for that.
 pub struct Opening {
+    /// What its volume is called: a store in the cache has a hash in its name.
+    name: String,
     work: Work,
     files: Option<Files>,
 }
@@ -127,12 +129,21 @@ struct Files {
 impl Opening {
     /// Begins to open a store, a file or a folder.
     pub fn start(path: PathBuf, options: OpeningOptions) -> Self {
+        let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
         let work = Background::start(move |meter| found(path, options, meter));
-        Self { work: Work::Reading(work), files: None }
+        Self { name, work: Work::Reading(work), files: None }
     }
 
-    /// What is new, without waiting.
+    /// What is new, without waiting. Volumes are called as the path is.
     pub fn poll(&mut self) -> Option<News> {
+        Some(match self.news()? {
+            News::Preview(volume) => News::Preview(volume.named(&self.name)),
+            News::Store(volume) => News::Store(volume.named(&self.name)),
+            News::Stopped(error) => News::Stopped(error),
+        })
+    }
+
+    fn news(&mut self) -> Option<News> {
         match &mut self.work {
             Work::Nothing => None,
             Work::Reading(reading) => {
@@ -256,7 +267,7 @@ mod tests {
             voxel_type: Some(VoxelType::U8),
             ..OpenOptions::default()
         };
-        (path, OpeningOptions { files, store: Some(folder.join("stores/scan.zarr")), ..OpeningOptions::default() })
+        (path, OpeningOptions { files, store: Some(folder.join("stores/scan-1f2e.zarr")), ..OpeningOptions::default() })
     }
 
     fn next(opening: &mut Opening) -> News {
@@ -277,6 +288,7 @@ mod tests {
         assert_eq!(preview.source.pyramid().levels()[0].extent, Extent::new(150, 40, 30));
         let News::Store(volume) = next(&mut opening) else { panic!("no store") };
         assert_eq!(volume.source.pyramid().levels()[0].extent, Extent::new(300, 40, 30));
+        assert_eq!([preview.name(), volume.name()], [Some("scan".to_owned()), Some("scan".to_owned())]);
         assert!(opening.poll().is_none() && opening.activity() == Activity::Nothing);
         let News::Store(again) = next(&mut Opening::start(path, options)) else { panic!("packed again") };
         let store = again.store().expect("a store").path().to_owned();

@@ -2,11 +2,11 @@
 //!
 //! The first time step of each channel is read when a preview is made, for it says what values there are; every other one when a brick of it is first asked for.
 //! Each is read as a whole by all processors, made into bricks by the kernels that pack a store, and kept, as far as the memory reaches that the preview
-//! was given. Reading 256^3 voxels takes from a tenth of a second (a raw file in the page cache) to as long as 256 planes take to decode.
+//! was given. That memory is the preview's own: it is there once, however many sessions and layers show the preview, and in no session's budget. Reading 256^3 voxels takes from a tenth of a second (a raw file in the page cache) to as long as 256 planes take to decode.
 
 use crate::background::Meter;
 use crate::volume_source::VolumeSource;
-use brickyard_import::{ImportError, Source, Strided};
+use brickyard_import::{ImportError, Source, SourceInfo, Strided};
 use brickyard_pager::{BrickError, BrickSource};
 use brickyard_store::{ChannelStatistics, Downsample, Kind, LevelBricks};
 use brickyard_volume::{
@@ -20,8 +20,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub const PREVIEW_EDGE: u32 = 256;
 /// The fewest voxels along a volume's longest axis that a preview of many channels is made smaller to.
 const LEAST_EDGE: u32 = 64;
-/// What the threads that read take together at most, unless it is more for a single one.
-const READING_BYTES: u64 = 64 << 20;
+/// What part of a preview's memory the threads that read take together at most, unless it is more for a single one.
+const READING_PART: u64 = 4;
 
 /// Why a source has no preview.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +43,8 @@ pub struct Preview {
     source: Strided,
     pyramid: Pyramid,
     kind: Kind,
+    /// The memory that the preview was given, in bytes.
+    memory_bytes: u64,
     statistics: Vec<ChannelStatistics>,
     kept: Mutex<LruCache<(u32, u32), Step>>,
     /// Held while an array is read, so that one is read at a time.
@@ -55,31 +57,41 @@ pub struct Preview {
 type Step = Result<Arc<LevelBricks>, String>;
 
 impl Preview {
-    /// Reads the first time step of every channel. Of many channels so few voxels are taken that these fit in `memory_bytes`, but for volumes
-    /// that have 64 voxels along the longest axis by then.
+    /// Reads the first time step of every channel. The preview takes at most `memory_bytes`: of many channels so few voxels are taken that these fit, but for
+    /// volumes that have 64 voxels along the longest axis by then, and for readers of which a single one takes more: see [`Preview::held_bytes`].
     ///
     /// # Errors
     /// If the source cannot be read, its orientation cannot be used, or `meter` cancels the work.
     pub fn read(source: Arc<dyn Source>, kind: Kind, memory_bytes: u64, meter: &Meter) -> Result<Self, PreviewError> {
+        let of_steps = memory_bytes - memory_bytes / READING_PART;
         let mut edge = PREVIEW_EDGE;
-        let (source, pyramid) = loop {
+        let (source, pyramid, step_bytes, making_bytes) = loop {
             let strided = Strided::new(source.clone(), edge)?;
             let info = strided.info();
             let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), DEFAULT_BRICK_EDGE);
-            let bytes = u64::from(info.channels) * LevelBricks::bytes(&pyramid, info.voxel_type);
-            if bytes <= memory_bytes || edge == LEAST_EDGE {
-                break (strided, pyramid);
+            let step_bytes = LevelBricks::bytes(&pyramid, info.voxel_type);
+            let making_bytes = making_bytes(info, step_bytes);
+            if u64::from(info.channels) * step_bytes + making_bytes <= of_steps || edge == LEAST_EDGE {
+                break (strided, pyramid, step_bytes, making_bytes);
             }
             edge /= 2;
         };
         let info = source.info().clone();
-        let step_bytes = LevelBricks::bytes(&pyramid, info.voxel_type);
-        let capacity = (memory_bytes / step_bytes).clamp(1, u64::from(info.channels) * u64::from(info.times));
+        let capacity = of_steps.saturating_sub(making_bytes) / step_bytes;
+        let capacity = capacity.clamp(1, u64::from(info.channels) * u64::from(info.times));
         let kept = LruCache::new(NonZeroUsize::new(capacity as usize).unwrap_or(NonZeroUsize::MIN));
         let (kept, reading) = (Mutex::new(kept), Mutex::default());
-        let mut preview =
-            Self { source, pyramid, kind, statistics: Vec::new(), kept, reading, meter: Meter::default() };
-        meter.set(0, u64::from(info.channels) * preview.voxels_bytes());
+        let mut preview = Self {
+            source,
+            pyramid,
+            kind,
+            memory_bytes,
+            statistics: Vec::new(),
+            kept,
+            reading,
+            meter: Meter::default(),
+        };
+        meter.set(0, u64::from(info.channels) * voxels_bytes(&info));
         for channel in 0..info.channels {
             let (bricks, mut statistics) = preview.read_step(0, channel, meter)?;
             if let Some(look) = info.channel_looks.get(channel as usize) {
@@ -96,7 +108,7 @@ impl Preview {
     /// # Errors
     /// If the source's orientation does not fit its spacing.
     pub fn volume(self: &Arc<Self>) -> Result<VolumeSource, PlacementError> {
-        let volume = VolumeSource::new(self.clone()).described_by(self.statistics.clone());
+        let volume = VolumeSource::new(self.clone()).described_by(self.statistics.clone()).holding(self.held_bytes());
         match self.source.info().orientation {
             Some(orientation) => volume.oriented(orientation),
             None => Ok(volume),
@@ -117,10 +129,16 @@ impl Preview {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Bytes of the voxels of one channel at one time step.
-    fn voxels_bytes(&self) -> u64 {
+    /// The most memory in bytes that the preview takes from now on, however many sessions show it.
+    pub fn held_bytes(&self) -> u64 {
         let info = self.source.info();
-        info.extent.volume() * info.voxel_type.bytes() as u64
+        let step_bytes = LevelBricks::bytes(&self.pyramid, info.voxel_type);
+        let kept = self.kept().cap().get() as u64;
+        let is_all_kept = info.times == 1 && kept >= u64::from(info.channels);
+        // Nothing is read any more of what is all there.
+        let making = if is_all_kept { 0 } else { making_bytes(info, step_bytes) };
+        let reading = if is_all_kept { 0 } else { self.threads() * self.source.reader_bytes() };
+        kept * step_bytes + making + reading
     }
 
     /// The bricks of one channel at one time step, from memory or from the source.
@@ -152,7 +170,7 @@ impl Preview {
         meter: &Meter,
     ) -> Result<(LevelBricks, ChannelStatistics), PreviewError> {
         let info = self.source.info();
-        let mut voxels = vec![0; self.voxels_bytes() as usize];
+        let mut voxels = vec![0; voxels_bytes(info) as usize];
         let plane_bytes = voxels.len() / info.extent.z as usize;
         let planes = Mutex::new((0..).zip(voxels.chunks_exact_mut(plane_bytes)));
         let failure = Mutex::new(None);
@@ -185,8 +203,18 @@ impl Preview {
     /// The number of threads that read: as many as there are processors and memory for.
     fn threads(&self) -> u64 {
         let processors = std::thread::available_parallelism().map_or(1, usize::from) as u64;
-        (READING_BYTES / self.source.reader_bytes().max(1)).clamp(1, processors)
+        (self.memory_bytes / READING_PART / self.source.reader_bytes().max(1)).clamp(1, processors)
     }
+}
+
+/// Bytes of the voxels of one channel at one time step.
+fn voxels_bytes(info: &SourceInfo) -> u64 {
+    info.extent.volume() * info.voxel_type.bytes() as u64
+}
+
+/// Bytes that making a channel's bricks at one time step takes: the voxels, and those bricks, whose place another step's may still have while one of them is copied.
+fn making_bytes(info: &SourceInfo, step_bytes: u64) -> u64 {
+    step_bytes + voxels_bytes(info)
 }
 
 impl BrickSource for Preview {
@@ -249,13 +277,6 @@ impl BrickSource for Preview {
     fn bytes_read(&self) -> u64 {
         self.meter.progress().0
     }
-
-    fn cache_bytes(&self) -> u64 {
-        let step_bytes = LevelBricks::bytes(&self.pyramid, self.voxel_type());
-        let kept = self.kept().cap().get() as u64 * step_bytes;
-        // One more is in the making, or was dropped while a brick of it is copied.
-        kept + step_bytes + self.voxels_bytes() + self.threads() * self.source.reader_bytes()
-    }
 }
 
 #[cfg(test)]
@@ -264,7 +285,7 @@ mod tests {
     use crate::backend::BackendChoice;
     use crate::channels::default_layers;
     use crate::session::{Session, SessionOptions};
-    use brickyard_import::{Access, SourceInfo};
+    use brickyard_import::Access;
     use brickyard_store::{PackOptions, pack};
     use brickyard_volume::{BrickIndex, ChannelLook, Extent, Level, LevelGrid, Mode, Orientation, Scene};
     use glam::DVec3;
@@ -463,7 +484,8 @@ mod tests {
         let pyramid = Pyramid::new(Extent::new(64, 64, 200), [0.5, 1.0, 12.0], DEFAULT_BRICK_EDGE);
         let step_bytes = LevelBricks::bytes(&pyramid, VoxelType::I16);
         let meter = Meter::default();
-        let preview = Preview::read(source.clone(), Kind::Image, step_bytes, &meter).unwrap();
+        // One step is kept, one is made, and a part is for reading.
+        let preview = Preview::read(source.clone(), Kind::Image, 4 * step_bytes, &meter).unwrap();
         let planes = || source.planes.load(Ordering::Relaxed);
         assert_eq!((planes(), meter.progress()), (200, (64 * 64 * 200 * 2, 64 * 64 * 200 * 2)));
         let look_at = |time| for_voxels(&preview, time, 0, |_, _| ());
@@ -474,7 +496,38 @@ mod tests {
         assert_eq!(planes(), 400);
         look_at(0);
         assert_eq!(planes(), 600);
-        assert!(preview.cache_bytes() < 4 * step_bytes);
+        assert!((2 * step_bytes..4 * step_bytes).contains(&preview.held_bytes()), "{}", preview.held_bytes());
+        // It is there once, whatever shows it.
+        assert_eq!(preview.cache_bytes(), 0);
+        let held_bytes = preview.held_bytes();
+        assert_eq!(Arc::new(preview).volume().unwrap().held_bytes(), held_bytes);
+    }
+
+    #[test]
+    fn what_is_all_there_takes_no_memory_for_reading() {
+        let source = Arc::new(Computed::new(info([64, 64, 200], VoxelType::I16), noise));
+        let step_bytes = LevelBricks::bytes(
+            &Pyramid::new(Extent::new(64, 64, 200), [0.5, 1.0, 4.0], DEFAULT_BRICK_EDGE),
+            VoxelType::I16,
+        );
+        let preview = Preview::read(source, Kind::Image, 1 << 30, &Meter::default()).unwrap();
+        assert_eq!(preview.held_bytes(), step_bytes);
+    }
+
+    #[test]
+    fn sessions_show_a_preview_that_takes_more_than_their_budgets() {
+        let source =
+            Computed::new(SourceInfo { channels: 3, times: 9, ..info([130, 130, 130], VoxelType::I16) }, noise);
+        let preview = Arc::new(Preview::read(Arc::new(source), Kind::Image, 1 << 30, &Meter::default()).unwrap());
+        let host_memory_bytes = 64 << 20;
+        assert!(preview.held_bytes() > 2 * host_memory_bytes);
+        let volume = preview.volume().unwrap();
+        let (backend, mode) = (BackendChoice::Cpu, Mode::Mip);
+        let layers = default_layers(std::slice::from_ref(&volume), mode);
+        assert_eq!(layers.len(), 3);
+        let options = SessionOptions { backend, host_memory_bytes, ..SessionOptions::default() };
+        let scene = Scene { mode, layers, ..Scene::default() };
+        Session::new(vec![volume], options).render(&scene, (32, 24)).unwrap();
     }
 
     #[test]

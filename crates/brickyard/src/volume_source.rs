@@ -28,8 +28,10 @@ pub struct VolumeSource {
     placement: Placement,
     /// The store that it is, if it is one.
     store: Option<Arc<Store>>,
-    /// What it is called, if not as its store is.
+    /// What the volume is called, if that is not its store's name.
     name: Option<String>,
+    /// See [`VolumeSource::held_bytes`].
+    held_bytes: u64,
 }
 
 impl VolumeSource {
@@ -44,7 +46,7 @@ impl VolumeSource {
         };
         let displays = (0..channels).map(display).collect();
         let (statistics, placement) = (Vec::new(), Placement::default());
-        Self { source, displays, statistics, orientation: None, placement, store: None, name: None }
+        Self { source, displays, statistics, orientation: None, placement, store: None, name: None, held_bytes: 0 }
     }
 
     /// This volume, whose channels are shown as their statistics say.
@@ -56,15 +58,14 @@ impl VolumeSource {
         Self { displays: ChannelDisplay::of_channels(&statistics), statistics, ..self }
     }
 
-    /// This volume under a name, for example that of the file that its store was made of.
+    /// This volume, under another name.
     pub fn named(self, name: impl Into<String>) -> Self {
         Self { name: Some(name.into()), ..self }
     }
 
-    /// What the volume is called: the name that it was given, else that of its store's folder; empty if it has neither.
-    pub fn name(&self) -> String {
-        let store = || self.store.as_ref().and_then(|store| Some(store.path().file_stem()?.to_string_lossy().into_owned()));
-        self.name.clone().or_else(store).unwrap_or_default()
+    /// This volume, which takes so much memory itself: see [`VolumeSource::held_bytes`].
+    pub fn holding(self, held_bytes: u64) -> Self {
+        Self { held_bytes, ..self }
     }
 
     /// This volume, as it lies in a patient.
@@ -94,6 +95,7 @@ impl VolumeSource {
             placement: *store.placement(),
             store: Some(store.clone()),
             name: None,
+            held_bytes: 0,
         }
     }
 
@@ -135,9 +137,21 @@ impl VolumeSource {
         self.orientation
     }
 
+    /// What the volume is called: as it was [named](Self::named), else as its store's folder is; `None` if that is not known.
+    pub fn name(&self) -> Option<String> {
+        let of_store = || Some(self.store.as_ref()?.path().file_stem()?.to_string_lossy().into_owned());
+        self.name.clone().or_else(of_store)
+    }
+
     /// The store that the volume is of; `None` for a program's own bricks.
     pub fn store(&self) -> Option<&Arc<Store>> {
         self.store.as_ref()
+    }
+
+    /// The most memory in bytes that the volume itself takes, however many sessions show it: a [`Preview`](crate::preview::Preview) keeps its bricks. It is in no session's
+    /// budget, so a program that has a limit for everything takes it off once.
+    pub fn held_bytes(&self) -> u64 {
+        self.held_bytes
     }
 
     /// How each channel is shown unless a scene says otherwise: one for each channel.

@@ -134,7 +134,8 @@ pub trait BrickSource: Send + Sync {
     fn bytes_read(&self) -> u64 {
         0
     }
-    /// The most memory in bytes that the source itself takes while its bricks are read, however large the volume is.
+    /// The most memory in bytes that the source itself takes while its bricks are read, however large the volume is. It is in the host budget of whatever
+    /// reads them, so what is there once for many readers is no part of it.
     fn cache_bytes(&self) -> u64 {
         0
     }

@@ -65,15 +65,9 @@ impl Openings {
         self.items.iter().map(|item| item.path.clone()).collect()
     }
 
-    /// The volumes that can be shown by now, each under the name of what was opened.
+    /// The volumes that can be shown by now.
     pub fn volumes(&self) -> Vec<VolumeSource> {
-        let named = |item: &Item| {
-            let name = item.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            // Scans have more than one extension, as .nii.gz and .ome.tif.
-            let stem = name.split('.').next().filter(|stem| !stem.is_empty()).unwrap_or(&name).to_string();
-            Some(item.volume.clone()?.named(stem))
-        };
-        self.items.iter().filter_map(named).collect()
+        self.items.iter().filter_map(|item| item.volume.clone()).collect()
     }
 
     /// How files are opened.

@@ -63,7 +63,7 @@ pub(crate) fn name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> Str
     let volume = volumes.get(scene.store(layer));
     let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
     let channel = channel.and_then(|display| display.name.clone());
-    let names = channel.into_iter().chain(volume.map(VolumeSource::name));
+    let names = channel.into_iter().chain(volume.and_then(VolumeSource::name));
     names.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
