@@ -17,6 +17,7 @@ use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Id};
+use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -25,8 +26,9 @@ use std::time::Instant;
 #[derive(Args)]
 pub(crate) struct ViewArguments {
     /// A store, a file, or a folder of TIFF planes or DICOM slices; or several, up to 32, each where its own world is or where
-    /// --volume N:matrix=... puts it. Files are shown as a preview, and packed meanwhile
-    #[arg(required = true, value_name = "PATH")]
+    /// --volume N:matrix=... puts it. Files are shown as a preview, and packed meanwhile [default: what the scene file's window
+    /// showed; without one an empty window]
+    #[arg(value_name = "PATH")]
     stores: Vec<PathBuf>,
     #[command(flatten)]
     input: InputArguments,
@@ -70,7 +72,7 @@ pub(crate) struct ViewArguments {
 }
 
 /// The flags that say nothing of what is shown.
-const OTHER_FLAGS: [&str; 28] = [
+const OTHER_FLAGS: [&str; 30] = [
     "ViewArguments",
     "InputArguments",
     "stores",
@@ -84,6 +86,8 @@ const OTHER_FLAGS: [&str; 28] = [
     "verbose",
     "quiet",
     "fresh",
+    "script",
+    "screenshot",
     "stats",
     // What files do not say of themselves.
     "shape",
@@ -121,7 +125,23 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
             text.parse().map_err(|problem| Failure::bad_input(format!("{}: {problem}", path.display())))?
         }
     };
-    let openings = opened(arguments.stores, arguments.input, arguments.kind, arguments.store)?;
+    let paths = match arguments.scene.file() {
+        Some(file) if arguments.stores.is_empty() => named_volumes(file)?,
+        _ => arguments.stores,
+    };
+    if paths.is_empty() && has_scene(matches) {
+        return Err(Failure::usage("these flags say how volumes are shown: name the volumes, too"));
+    }
+    // Previews are within the limit, and leave most of it.
+    let preview_bytes =
+        OpeningOptions::default().preview_bytes.min(arguments.host_memory / 4 / paths.len().max(1) as u64);
+    let options = OpeningOptions {
+        files: arguments.input.options(),
+        kind: arguments.kind.into(),
+        store: arguments.store,
+        preview_bytes,
+    };
+    let openings = opened(paths, options)?;
     let volumes = openings.volumes();
     let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
     let session = SessionOptions {
@@ -147,21 +167,25 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
     brickyard_viewer::run(openings, options).map_err(Failure::failed)
 }
 
+/// The volumes that a scene file's window showed.
+fn named_volumes(file: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let volumes = brickyard_viewer::volumes_of(file).map_err(Failure::bad_input)?;
+    if volumes.is_empty() {
+        return Err(Failure::usage(format!("{} names no volumes: name those that it is about", file.display())));
+    }
+    Ok(volumes)
+}
+
 /// Opens stores, and the previews of files.
-fn opened(
-    paths: Vec<PathBuf>,
-    input: InputArguments,
-    kind: KindArgument,
-    store: Option<PathBuf>,
-) -> Result<Openings, Failure> {
-    if store.is_some() && paths.len() > 1 {
+fn opened(paths: Vec<PathBuf>, options: OpeningOptions) -> Result<Openings, Failure> {
+    if options.store.is_some() && paths.len() != 1 {
         return Err(Failure::usage("--store names the store of one file: open the others by themselves"));
     }
-    let options = OpeningOptions { files: input.options(), kind: kind.into(), store, ..OpeningOptions::default() };
     let mut openings = Openings::start(paths, options);
     let progress = Progress::new(ProgressStyleArgument::Auto, "preview");
+    let shown = Cell::new(0);
     let waited = openings.wait(|done, total| {
-        if total > 0 {
+        if shown.replace(done) != done {
             progress.set(done, total);
         }
     });

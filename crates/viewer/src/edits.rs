@@ -2,11 +2,12 @@
 //! cannot have is left out, and files that the scene newly names are read.
 
 use crate::fields::{differences, set};
-use crate::panels::mending::set_mode;
+use crate::panels::mending::{add_surfaces, set_mode};
 use crate::state::State;
+use brickyard::channels::default_layers;
 use brickyard::scene_file::read_named_files;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Scene, TransferChoice};
+use brickyard::volume::{Blend, Mode, Scene, TransferChoice};
 use serde_json::Value;
 
 /// A state after fields of its document have been set.
@@ -26,6 +27,29 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
         set_mode(&mut edited.scene, volumes, mode);
     }
     Ok(edited)
+}
+
+/// A scene with layers for volumes that come after the first `before` ones, as they are shown by themselves. The other layers stay as they are.
+///
+/// # Errors
+/// If that cannot be shown.
+pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) -> Result<Scene, String> {
+    let mut scene = scene.clone();
+    let first = scene.layers.len();
+    let shown = default_layers(volumes, scene.mode).into_iter();
+    let added = shown.filter(|layer| layer.source.is_some_and(|source| source >= before));
+    scene.layers.extend(added);
+    if scene.expression.is_some() {
+        // What an expression takes the place of has no look of its own.
+        for layer in &mut scene.layers[first..] {
+            (layer.color, layer.blend) = (None, Blend::Mix);
+        }
+    } else if scene.mode == Mode::Isosurface {
+        add_surfaces(&mut scene, volumes, first);
+    }
+    let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
+    scene.check(&counts).map_err(|error| error.to_string())?;
+    Ok(scene)
 }
 
 /// The fields in which a state that a panel has edited differs from the one before.
@@ -62,8 +86,9 @@ fn keep_files(scene: &mut Scene, before: &Scene) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::panels::fixture;
     use crate::state::Layout;
-    use brickyard::volume::{LightingModel, Mode, SceneLayer};
+    use brickyard::volume::{LightingModel, MAX_VOLUMES, SceneExpression, SceneLayer};
     use serde_json::json;
 
     fn after(state: &State, field: &str, value: Value) -> Result<State, String> {
@@ -89,6 +114,29 @@ mod tests {
         assert!(after(&state, "layers.2.gamma", json!(2)).unwrap_err().contains("2 entries"));
         assert!(after(&state, "layers.1.gama", json!(2)).unwrap_err().contains("gama"));
         assert!(after(&state, "mode", json!("fog")).unwrap_err().contains("fog"));
+    }
+
+    #[test]
+    fn more_volumes_have_layers_and_the_others_stay() {
+        // One of two channels, and one of labels.
+        let volumes = fixture::volumes();
+        let layer = SceneLayer { window: Some([3.0, 7.0]), ..SceneLayer::default() };
+        let scene = Scene { layers: vec![layer.clone(), SceneLayer::default()], ..Scene::default() };
+        // The second layer shows the second volume by its index: that stays.
+        let more = with_more(&scene, &[&volumes[..], &volumes[..]].concat(), 2).unwrap();
+        assert_eq!(more.layers[..2], scene.layers);
+        let added: Vec<_> = more.layers[2..].iter().map(|layer| (layer.source, layer.channel, layer.blend)).collect();
+        assert_eq!(added, [(Some(2), 0, Blend::Mix), (Some(2), 1, Blend::Mix), (Some(3), 0, Blend::Over)]);
+        let measured = [volumes[0].clone(), volumes[0].clone()];
+        let surfaces = Scene { mode: Mode::Isosurface, layers: vec![layer.clone()], ..Scene::default() };
+        let more = with_more(&surfaces, &measured, 1).unwrap().layers;
+        assert!(more[0].isosurfaces.is_empty() && more[1..].iter().all(|layer| layer.isosurfaces.len() == 1));
+        let of_expression = Scene { expression: Some(SceneExpression::from("a * 2".to_string())), ..Scene::default() };
+        assert_eq!(with_more(&of_expression, &measured, 1).unwrap().layers.len(), 3);
+        let full = Scene { layers: vec![layer; MAX_VOLUMES], ..Scene::default() };
+        let full =
+            Scene { layers: full.layers.into_iter().map(|l| SceneLayer { source: Some(0), ..l }).collect(), ..full };
+        assert!(with_more(&full, &measured, 1).is_err());
     }
 
     #[test]

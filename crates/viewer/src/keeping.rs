@@ -92,8 +92,20 @@ pub(crate) fn read(path: &Path) -> Result<Option<State>, String> {
     State::from_document(document).map(Some).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The user's file for the state of a window on these volumes; `None` if the user has no folder for such files.
+/// The volumes that a scene file says a window showed; those of relative paths are in the file's folder.
+///
+/// # Errors
+/// If the file cannot be read, or is no scene. The message begins with its path.
+pub fn volumes_of(path: &Path) -> Result<Vec<PathBuf>, String> {
+    let volumes = read(path)?.map(|state| state.window.volumes).unwrap_or_default();
+    Ok(volumes.into_iter().map(|volume| path.with_file_name(volume)).collect())
+}
+
+/// The user's file for the state of a window on these volumes; `None` if there are none, or the user has no folder for such files.
 pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
+    if volumes.is_empty() {
+        return None;
+    }
     let mut hasher = DefaultHasher::new();
     for volume in volumes {
         volume.canonicalize().unwrap_or_else(|_| volume.clone()).hash(&mut hasher);
@@ -131,6 +143,16 @@ mod tests {
         state.scene.meshes = found.scene.meshes.clone();
         assert_eq!(found, state);
         assert_eq!(keeper.keep(&keeper.kept.clone()), Ok(None));
+    }
+
+    #[test]
+    fn a_scene_file_names_its_volumes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.json");
+        std::fs::write(&path, r#"{"mode": "mip", "window": {"volumes": ["/data/ct.zarr", "pet.zarr"]}}"#).unwrap();
+        assert_eq!(volumes_of(&path), Ok(vec!["/data/ct.zarr".into(), folder.path().join("pet.zarr")]));
+        std::fs::write(&path, r#"{"mode": "mip"}"#).unwrap();
+        assert_eq!(volumes_of(&path), Ok(Vec::new()));
     }
 
     #[test]

@@ -6,12 +6,14 @@ mod clicks;
 mod clip_handles;
 mod command;
 mod edits;
+mod exporting;
 mod fields;
 mod file_browser;
 mod history;
 mod keeping;
 mod keys;
 mod navigation;
+mod nothing;
 mod opening;
 mod overlay;
 mod pacing;
@@ -26,9 +28,11 @@ mod state;
 mod views;
 mod volume_view;
 mod window;
+mod work_row;
 
 use crate::command::Command;
 use crate::keeping::Keeper;
+pub use crate::keeping::volumes_of;
 pub use crate::opening::Openings;
 use crate::pacing::Pacing;
 use crate::recent::Recent;
@@ -75,7 +79,7 @@ pub struct WindowOptions {
 #[error("{0}")]
 pub struct WindowError(String);
 
-/// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`].
+/// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`]. Without volumes it is empty, and files are opened in it.
 ///
 /// # Errors
 /// If there is no display, nothing that can draw on it, or the device lacks what the engine needs. The message says what to do.

@@ -1,8 +1,10 @@
 //! The volumes of a window, each of which may still be on its way: shown as a preview, and packed meanwhile. The window asks once a frame what is new.
 
+use crate::nothing;
+use crate::work_row;
 use brickyard::opening::{Activity, News, Opening, OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
-use eframe::egui::{ProgressBar, Ui};
+use eframe::egui::Ui;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -43,21 +45,33 @@ impl Openings {
         Self { items: paths.into_iter().map(item).collect(), options }
     }
 
+    /// Adds what is being opened besides: its volumes come after those that there are.
+    pub(crate) fn add(&mut self, others: Self) {
+        self.items.extend(others.items);
+    }
+
     /// Waits until there is something to show of each. Calls `progress` now and then, with the bytes that are read and the bytes in all.
     ///
     /// # Errors
     /// If one of them cannot be opened.
     pub fn wait(&mut self, progress: impl Fn(u64, u64)) -> Result<(), OpeningError> {
-        while !self.are_shown() {
+        loop {
             let changes = self.poll();
             if let Some((_, error)) = changes.stopped {
                 return Err(error);
+            }
+            if self.are_shown() {
+                return Ok(());
             }
             let (done, total) = self.progress();
             progress(done, total);
             std::thread::sleep(WAIT);
         }
-        Ok(())
+    }
+
+    /// Whether nothing was opened: the window is empty.
+    pub(crate) fn are_none(&self) -> bool {
+        self.items.is_empty()
     }
 
     /// What was opened.
@@ -65,8 +79,11 @@ impl Openings {
         self.items.iter().map(|item| item.path.clone()).collect()
     }
 
-    /// The volumes that can be shown by now.
+    /// The volumes that can be shown by now. An empty window has one of a single voxel, which it does not show.
     pub fn volumes(&self) -> Vec<VolumeSource> {
+        if self.are_none() {
+            return vec![nothing::volume()];
+        }
         self.items.iter().filter_map(|item| item.volume.clone()).collect()
     }
 
@@ -117,16 +134,9 @@ impl Openings {
                 Activity::Packing => ("packing", true),
                 Activity::Nothing => continue,
             };
-            let name = item.path.file_name().unwrap_or(item.path.as_os_str()).to_string_lossy();
-            let (done, total) = item.opening.progress();
-            ui.horizontal(|ui| {
-                if can_cancel && ui.button("Stop").clicked() {
-                    item.opening.cancel();
-                }
-                let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
-                let text = format!("{what} {name}: {} of {} MiB", done >> 20, total.div_ceil(1 << 20));
-                ui.add(ProgressBar::new(share).text(text));
-            });
+            if work_row::show(ui, (what, &item.path), item.opening.progress(), can_cancel) {
+                item.opening.cancel();
+            }
         }
     }
 }

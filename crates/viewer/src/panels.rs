@@ -3,8 +3,9 @@
 
 mod color_map;
 pub(crate) mod diagnostics;
+pub(crate) mod dialogs;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 pub(crate) mod help;
 pub(crate) mod histogram;
 pub(crate) mod layers;

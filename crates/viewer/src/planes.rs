@@ -25,10 +25,15 @@ pub(crate) struct Grid {
     world_box: (DVec3, DVec3),
 }
 
+/// The first layer that a scene shows; `None` if it shows none.
+pub(crate) fn first_shown(scene: &Scene) -> Option<usize> {
+    scene.layers.iter().position(|layer| layer.visible)
+}
+
 impl Grid {
     /// The voxels of the first layer that a scene shows; `None` if it shows none.
     pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Option<Self> {
-        let layer = (0..scene.layers.len()).find(|&layer| scene.layers[layer].visible)?;
+        let layer = first_shown(scene)?;
         let volume = volumes.get(scene.store(layer))?;
         let place = volume.place();
         let placement = scene.placement(layer, &place).ok()?;

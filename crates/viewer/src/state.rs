@@ -194,9 +194,10 @@ impl State {
     /// Reads a document. Files that its scene names are not read.
     ///
     /// # Errors
-    /// If a field is unknown, or has a value of another kind.
+    /// If it is no object, a field is unknown, or has a value of another kind.
     pub(crate) fn from_document(document: Value) -> Result<Self, serde_json::Error> {
         if !document.is_object() {
+            // serde reads lists as the fields in their order.
             return Err(serde::de::Error::custom("expected an object"));
         }
         let window = document.get("window").cloned().map_or_else(|| Ok(WindowState::default()), serde_json::from_value);

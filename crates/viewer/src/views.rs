@@ -50,11 +50,22 @@ impl Views {
         Ok(())
     }
 
-    /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks.
+    /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks, those of previews included.
     pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
         window.budgets_mib.map_or((self.options.gpu_memory_bytes, self.options.host_memory_bytes), |budgets| {
             (u64::from(budgets.gpu) << 20, u64::from(budgets.host) << 20)
         })
+    }
+
+    /// The memory that volumes take besides the pictures' budgets, in bytes.
+    pub(crate) fn held_bytes(&self) -> u64 {
+        self.volumes.iter().map(VolumeSource::held_bytes).sum()
+    }
+
+    /// Bytes of slots, tables and targets, and of host memory, that all pictures have in use, and previews may have.
+    pub(crate) fn memory_bytes(&self) -> (u64, u64) {
+        let of_pictures = self.all().map(Canvas::memory_bytes);
+        of_pictures.fold((0, self.held_bytes()), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
     /// Suits the pictures to a window's settings: how many there are, how they move, and what memory they may take.
@@ -64,7 +75,9 @@ impl Views {
     pub(crate) fn suit(&mut self, window: &WindowState) -> Result<(), SessionError> {
         let count = if window.layout == Layout::Planes { 3 } else { 0 };
         self.planes.truncate(count);
-        let budgets = self.budgets_bytes(window);
+        let (gpu, host) = self.budgets_bytes(window);
+        // What previews take is there once, whatever pictures show of them.
+        let budgets = (gpu, host.saturating_sub(self.held_bytes()));
         let share = |percent: u64| (budgets.0 / 100 * percent, budgets.1 / 100 * percent);
         let of_plane = share(PLANE_PERCENT);
         // What slices do not take is the scene's.

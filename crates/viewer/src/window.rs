@@ -1,10 +1,12 @@
 //! The window: the state that is shown, and what happens to it. Each frame takes the commands of script, keys, pointer and panels, does them, and
 //! brings the pictures nearer to the state. Nothing is drawn while nothing changes.
 
+mod files;
+
 use crate::canvas::Captured;
 use crate::command::Command;
 use crate::edits::{changes, edited};
-use crate::file_browser::FileBrowser;
+use crate::exporting::Exporting;
 use crate::history::History;
 use crate::keeping::{self, Keeper};
 use crate::navigation::moved;
@@ -12,6 +14,7 @@ use crate::opening::Openings;
 use crate::overlay::World;
 use crate::pacing::Pacing;
 use crate::panels;
+use crate::panels::dialogs::{Dialog, DialogKind};
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::recent::Recent;
@@ -20,16 +23,16 @@ use crate::script::Script;
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
+use crate::window::files::Next;
 use crate::{clicks::Clicks, keys};
-use brickyard::channels::default_layers;
 use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
+use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
-use brickyard::volume::{Mode, Scene};
 use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
@@ -55,11 +58,13 @@ pub(crate) struct Window {
     keeper: Keeper,
     /// The volumes that are shown, and what is being done for them.
     openings: Openings,
-    /// Volumes that are to be shown in their place, once there is something to show of each.
-    next: Option<Openings>,
+    /// Volumes that are to be shown in their place or beside them.
+    next: Option<Next>,
+    /// The export of voxels that is under way.
+    exporting: Option<Exporting>,
     recent: Recent,
-    /// The list of files to open; `None` if it is not shown.
-    browser: Option<FileBrowser>,
+    /// The dialog that is shown.
+    dialog: Option<Dialog>,
     /// What the user is to be told.
     message: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
@@ -87,11 +92,12 @@ impl Window {
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
         let message = message.or(noted.err());
-        Self {
+        let mut window = Self {
             openings,
             next: None,
+            exporting: None,
             recent,
-            browser: None,
+            dialog: None,
             state,
             history: History::default(),
             views,
@@ -106,7 +112,11 @@ impl Window {
             clicks: Clicks::default(),
             pacing,
             stats,
+        };
+        if window.openings.are_none() {
+            window.show_dialog(DialogKind::Open);
         }
+        window
     }
 
     fn places(&self) -> Vec<VolumePlace> {
@@ -140,12 +150,9 @@ impl Window {
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
-            Command::Open(paths) => {
-                // What was said of the files before is not of these.
-                let mut options = self.openings.options().clone();
-                options.store = None;
-                self.next = Some(Openings::start(paths.clone(), options));
-            }
+            Command::Open(paths) => self.open(paths, false)?,
+            Command::Add(paths) => self.open(paths, true)?,
+            Command::Export(path) => self.export(path)?,
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
                 let camera = camera.ok_or("this window cannot do that")?;
@@ -178,9 +185,19 @@ impl Window {
         Ok(())
     }
 
+    /// Whether files are being read or written.
+    fn is_busy(&self) -> bool {
+        self.openings.are_busy() || self.next.is_some() || self.exporting.is_some()
+    }
+
+    /// Whether the pictures are as they will stay until something changes; an empty window has none.
+    fn has_final_pictures(&self) -> bool {
+        self.openings.are_none() || self.views.are_final()
+    }
+
     /// Whether the window shows what it will show until something is done to it.
     fn is_final(&self) -> bool {
-        self.views.are_final() && !self.openings.are_busy() && self.next.is_none()
+        self.has_final_pictures() && !self.is_busy()
     }
 
     /// Plays what is due of the script.
@@ -254,67 +271,6 @@ impl Window {
         pictures.flatten().next().map(|picked| picked.words.as_str())
     }
 
-    /// Shows what has been opened meanwhile.
-    fn follow_openings(&mut self, egui: &egui::Context) -> Result<(), String> {
-        let changes = self.openings.poll();
-        if let Some(message) = changes.messages.into_iter().last() {
-            self.message = Some(message);
-        }
-        if changes.has_volumes {
-            self.views.set_volumes(self.openings.volumes()).map_err(|error| error.to_string())?;
-        }
-        if let Some((path, error)) = changes.stopped {
-            return Err(format!("{}: {error}", path.display()));
-        }
-        let Some(next) = &mut self.next else { return Ok(()) };
-        if let Some((path, error)) = next.poll().stopped {
-            self.next = None;
-            return Err(format!("{}: {error}", path.display()));
-        }
-        match self.next.take_if(|next| next.are_shown()) {
-            Some(next) => self.show_others(next, egui),
-            None => Ok(()),
-        }
-    }
-
-    /// Shows other volumes in the place of those that there are, as a new window on them would.
-    fn show_others(&mut self, openings: Openings, egui: &egui::Context) -> Result<(), String> {
-        let (volumes, paths) = (openings.volumes(), openings.paths());
-        let mut scene = Scene { layers: default_layers(&volumes, Mode::default()), ..Scene::default() };
-        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
-        let (width, height) = self.volume_view.size_px;
-        let camera = scene.camera_for(&places, (width.max(1), height.max(1)));
-        scene.camera = Some(camera.map_err(|error| error.to_string())?);
-        self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
-        self.keeper.write()?;
-        self.state.scene = scene;
-        self.state.window.distances.clear();
-        self.state.window.volumes.clone_from(&paths);
-        self.keeper = Keeper::new(keeping::file_of(&paths).filter(|_| self.script.is_over()), &self.state);
-        self.history.clear();
-        self.openings = openings;
-        self.message = None;
-        egui.send_viewport_cmd(ViewportCommand::Title(crate::title(&paths)));
-        paths.iter().try_for_each(|path| self.recent.add(path))
-    }
-
-    /// The list of files to open, if it is shown, and what was dropped on the window.
-    fn choose_files(&mut self, egui: &egui::Context, commands: &mut Vec<Command>) {
-        let dropped = egui.input(|input| input.raw.dropped_files.clone());
-        let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
-        if !dropped.is_empty() {
-            commands.push(Command::Open(dropped));
-        }
-        let Some(browser) = &mut self.browser else { return };
-        let mut is_open = true;
-        let shown = egui::Window::new("Open").open(&mut is_open).default_size(vec2(460.0, 460.0));
-        let chosen = shown.show(egui, |ui| browser.show(ui)).and_then(|shown| shown.inner).flatten();
-        if !is_open || chosen.is_some() {
-            self.browser = None;
-        }
-        commands.extend(chosen.map(|path| Command::Open(vec![path])));
-    }
-
     /// Writes the pictures that have come.
     fn write_pictures(&mut self) {
         if let Err(error) = self.screenshots.write() {
@@ -337,24 +293,34 @@ impl Window {
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
-        let mut has_browser = self.browser.is_some();
+        let (mut wanted, has_volumes) = (None, !self.openings.are_none());
         egui::Panel::top("menu").show(ui, |ui| {
-            let files = panels::menu::Files { recent: self.recent.paths(), has_browser: &mut has_browser };
+            let files = panels::menu::Files { recent: self.recent.paths(), has_volumes, wanted: &mut wanted };
             panels::menu::show(ui, state, self.history.can(), (budgets, files), commands);
         });
-        if has_browser && self.browser.is_none() {
-            let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
-            self.browser = Some(FileBrowser::new(&beside.unwrap_or_default()));
+        if let Some(kind) = wanted {
+            self.show_dialog(kind);
         }
-        if self.openings.are_busy() || self.next.is_some() {
-            egui::Panel::bottom("opening").show(ui, |ui| {
+        if self.is_busy() {
+            egui::Panel::bottom("work").show(ui, |ui| {
                 self.openings.show(ui);
                 self.next.iter().for_each(|next| next.show(ui));
+                self.exporting.iter().for_each(|exporting| exporting.show(ui));
             });
         }
         egui::Panel::bottom("status").show(ui, |ui| {
-            panels::status::show(ui, &self.views, self.message.as_deref(), self.picked());
+            let views = Some(&self.views).filter(|_| has_volumes);
+            panels::status::show(ui, views, self.message.as_deref(), self.picked());
         });
+        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
+        help.show(ui.ctx(), panels::help::show);
+        if has_volumes {
+            self.side_panels(ui, state, commands);
+        }
+    }
+
+    /// The panels beside the pictures, which are about volumes.
+    fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
         egui::Panel::left("scene").default_size(280.0).show(ui, |ui| {
             egui::ScrollArea::vertical().show(ui, |ui| {
@@ -372,8 +338,6 @@ impl Window {
                 panels::diagnostics::show(ui, &self.views, &self.state.window);
             });
         }
-        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
-        help.show(ui.ctx(), panels::help::show);
     }
 
     /// Keeps the state for the next time. Returns how long until that is to be tried again, if it is.
@@ -403,7 +367,7 @@ impl eframe::App for Window {
         let begun = Instant::now();
         let egui = ui.ctx().clone();
         self.write_pictures();
-        if let Err(problem) = self.follow_openings(&egui) {
+        if let Err(problem) = self.follow_files(&egui) {
             self.message = Some(problem);
         }
         self.play(&egui);
@@ -426,7 +390,10 @@ impl eframe::App for Window {
         }
         self.choose_files(&egui, &mut commands);
         let mut drawn = Ok(());
-        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| drawn = self.pictures(ui, &mut commands));
+        egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| match self.openings.are_none() {
+            true => self.welcome(ui, &mut commands),
+            false => drawn = self.pictures(ui, &mut commands),
+        });
         self.is_failing = drawn.is_err();
         if let Err(error) = drawn {
             self.message = Some(error.to_string());
@@ -441,13 +408,13 @@ impl eframe::App for Window {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);
-        } else if !self.views.are_final()
+        } else if !self.has_final_pictures()
             || !self.script.is_over()
             || self.screenshots.are_awaited()
             || !self.clicks.are_done()
         {
             egui.request_repaint_after(STREAMING_STEP);
-        } else if self.openings.are_busy() || self.next.is_some() {
+        } else if self.is_busy() {
             egui.request_repaint_after(OPENING_STEP);
         } else if let Some(after) = keep_after {
             egui.request_repaint_after(after);

@@ -3,7 +3,6 @@
 use crate::canvas::{Canvas, FrameTimes};
 use crate::overlay::bricks::level_color;
 use crate::overlay::round::digits;
-use crate::panels::status::memory_bytes;
 use crate::state::WindowState;
 use crate::views::Views;
 use brickyard::stats::Percentiles;
@@ -100,7 +99,7 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
 
 /// What memory is in use, of how much.
 fn memory(ui: &mut Ui, views: &Views, window: &WindowState) {
-    let (used, limits) = (memory_bytes(views), views.budgets_bytes(window));
+    let (used, limits) = (views.memory_bytes(), views.budgets_bytes(window));
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     for (name, used, limit) in [("slots", used.0, limits.0), ("bricks", used.1, limits.1)] {
         let text = format!("{name}: {:.0} of {:.0} MiB", mib(used), mib(limit));

@@ -62,9 +62,8 @@ pub(crate) fn show(
 pub(crate) fn name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
     let volume = volumes.get(scene.store(layer));
     let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
-    let channel = channel.and_then(|display| display.name.clone());
-    let names = channel.into_iter().chain(volume.and_then(VolumeSource::name));
-    names.into_iter().find(|name| !name.is_empty()).unwrap_or_else(|| format!("layer {layer}"))
+    let channel = channel.and_then(|display| display.name.clone()).filter(|name| !name.is_empty());
+    channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
 /// The line of a layer. Returns what is to be done with the layer.

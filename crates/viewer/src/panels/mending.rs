@@ -19,13 +19,13 @@ pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) 
     }
     let has_surface = scene.layers.iter().any(|layer| layer.visible && !layer.isosurfaces.is_empty());
     if mode == Mode::Isosurface && !has_surface {
-        add_surfaces(scene, volumes);
+        add_surfaces(scene, volumes, 0);
     }
 }
 
-/// A surface in the middle of the window for every layer that can have one.
-fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource]) {
-    for i in 0..scene.layers.len() {
+/// A surface in the middle of the window for every layer from one on that can have one.
+pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: usize) {
+    for i in first..scene.layers.len() {
         let volume = volumes.get(scene.store(i)).filter(|volume| !volume.source.is_labels());
         let layer = &mut scene.layers[i];
         let Some(volume) = volume.filter(|_| layer.isosurfaces.is_empty()) else { continue };

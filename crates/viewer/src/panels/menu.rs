@@ -2,6 +2,7 @@
 
 use crate::command::Command;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
+use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
 use std::path::PathBuf;
@@ -10,8 +11,10 @@ use std::path::PathBuf;
 pub(crate) struct Files<'a> {
     /// What was opened last, newest first.
     pub(crate) recent: &'a [PathBuf],
-    /// Whether the list of files to open is shown.
-    pub(crate) has_browser: &'a mut bool,
+    /// Whether there is something to add to, and to save.
+    pub(crate) has_volumes: bool,
+    /// A dialog that is asked for.
+    pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
 /// Shows the menu. `can_undo` and `can_redo` say what is to be had of edits; `budgets` are the limits of memory now.
@@ -51,11 +54,16 @@ pub(crate) fn show(
 }
 
 fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
+    let Files { recent, has_volumes, wanted } = files;
     if ui.button("Open...").clicked() {
-        *files.has_browser = true;
+        *wanted = Some(DialogKind::Open);
+    }
+    let hint = "volumes and meshes, beside those that are shown; files that are dropped with Shift held are added, too";
+    if ui.add_enabled(has_volumes, Button::new("Add...")).on_hover_text(hint).clicked() {
+        *wanted = Some(DialogKind::Add);
     }
     ui.menu_button("Open again", |ui| {
-        for path in files.recent {
+        for path in recent {
             // One that is gone is shown as such: its disk may come back.
             let button = Button::new(path.display().to_string());
             if ui.add_enabled(path.exists(), button).clicked() {
@@ -64,15 +72,26 @@ fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
         }
     });
     ui.separator();
-    let entries = [
-        (format!("Save picture ({PICTURE_FILE})"), Command::SavePicture(PICTURE_FILE.into(), None)),
-        (format!("Save scene ({SCENE_FILE})"), Command::SaveScene(SCENE_FILE.into())),
-        ("Quit".into(), Command::Quit),
-    ];
-    for (text, command) in entries {
-        if ui.button(text).clicked() {
-            commands.push(command);
+    ui.add_enabled_ui(has_volumes, |ui| {
+        if ui.button(format!("Save picture ({PICTURE_FILE})")).clicked() {
+            commands.push(Command::SavePicture(PICTURE_FILE.into(), None));
         }
+        if ui.button(format!("Save scene ({SCENE_FILE})")).clicked() {
+            commands.push(Command::SaveScene(SCENE_FILE.into()));
+        }
+        for (text, kind) in [
+            ("Save picture...", DialogKind::SavePicture),
+            ("Save scene as...", DialogKind::SaveScene),
+            ("Export voxels...", DialogKind::Export),
+        ] {
+            if ui.button(text).clicked() {
+                *wanted = Some(kind);
+            }
+        }
+    });
+    ui.separator();
+    if ui.button("Quit").clicked() {
+        commands.push(Command::Quit);
     }
 }
 
@@ -131,7 +150,7 @@ mod tests {
     /// What clicks, one after the other, make of a window's state, and the commands that they give.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
-            let files = Files { recent: &["/no/such.zarr".into(), "/".into()], has_browser: &mut false };
+            let files = Files { recent: &["/no/such.zarr".into(), "/".into()], has_volumes: true, wanted: &mut None };
             super::show(ui, state, (true, false), (Budgets { gpu: 1024, host: 2048 }, files), commands);
         };
         let mut harness = Harness::new_ui_state(show, (State::default(), Vec::new()));

@@ -9,18 +9,13 @@ const HEIGHT: f32 = 20.0;
 
 const MESSAGE: Color32 = Color32::from_rgb(230, 120, 60);
 
-/// Shows how far the pictures are. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is nothing. It is one line,
-/// whatever it says: if its height changed, so would the picture's size, and the picture would have to be drawn again.
-pub(crate) fn show(ui: &mut Ui, views: &Views, message: Option<&str>, picked: Option<&str>) {
+/// Shows how far the pictures are; `None` of an empty window. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is
+/// nothing. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture would have to be drawn again.
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, message: Option<&str>, picked: Option<&str>) {
     ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
-        let (backend, host) = memory_bytes(views);
-        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
-        ui.label(format!("{:.0} MiB of slots, {:.0} MiB of bricks", mib(backend), mib(host)));
-        ui.separator();
-        ui.label(views.main.backend_line());
-        ui.separator();
-        ui.label(state(&views.main));
-        ui.separator();
+        if let Some(views) = views {
+            progress(ui, views);
+        }
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
             if let Some(message) = message {
                 let text = RichText::new(message.lines().collect::<Vec<_>>().join(" ")).color(MESSAGE);
@@ -32,9 +27,16 @@ pub(crate) fn show(ui: &mut Ui, views: &Views, message: Option<&str>, picked: Op
     });
 }
 
-/// Bytes of slots, tables and targets, and of host memory, that all pictures have in use.
-pub(crate) fn memory_bytes(views: &Views) -> (u64, u64) {
-    views.all().map(Canvas::memory_bytes).fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
+/// How far the pictures are, and what memory they take, from right to left.
+fn progress(ui: &mut Ui, views: &Views) {
+    let (backend, host) = views.memory_bytes();
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    ui.label(format!("{:.0} MiB of slots, {:.0} MiB of bricks", mib(backend), mib(host)));
+    ui.separator();
+    ui.label(views.main.backend_line());
+    ui.separator();
+    ui.label(state(&views.main));
+    ui.separator();
 }
 
 /// How far a picture is, in words.

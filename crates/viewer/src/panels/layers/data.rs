@@ -21,10 +21,7 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], lay
 }
 
 fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
-    let name = |(i, volume): (usize, &VolumeSource)| {
-        let path = volume.store().and_then(|store| store.path().file_stem());
-        path.map_or_else(|| format!("volume {i}"), |name| name.to_string_lossy().into_owned())
-    };
+    let name = |(i, volume): (usize, &VolumeSource)| volume.name().unwrap_or_else(|| format!("volume {i}"));
     let names: Vec<String> = volumes.iter().enumerate().map(name).collect();
     let choices: Vec<_> = names.iter().enumerate().map(|(i, name)| (i, &**name, "")).collect();
     let barred = |store| reason(scene, volumes, |scene| show_store(scene, volumes, layer, store));

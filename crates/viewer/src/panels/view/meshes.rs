@@ -9,7 +9,7 @@ use eframe::egui::{RichText, Ui};
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     group(ui, "meshes", "surfaces of triangles from files, in the scene's world", |ui| {
         if scene.meshes.is_empty() {
-            ui.label(RichText::new("There are none: open a scene that names some.").weak());
+            ui.label(RichText::new("There are none: File, Add... shows some.").weak());
         }
         let is_projection = scene.mode.is_projection();
         let mut removed = None;

@@ -1,0 +1,257 @@
+//! Dialogs about files: which to open or to add, and where a picture, a scene or voxels are written to, and how large. A dialog stays until it gives a command or
+//! is closed.
+
+use crate::command::Command;
+use crate::exporting::Part;
+use crate::file_browser::FileBrowser;
+use crate::keys::{PICTURE_FILE, SCENE_FILE};
+use crate::panels::widgets::row;
+use brickyard::session::VolumeSource;
+use brickyard::volume::{Extent, Scene};
+use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
+use std::path::{Path, PathBuf};
+
+/// The file, in the folder that the window was opened from, that voxels are exported to.
+const VOXELS_FILE: &str = "brickyard.npy";
+
+/// The most pixels of a picture along an axis.
+const MOST_PX: u32 = 16384;
+
+/// The name under which files are written.
+const FILE_HINT: &str = "in the folder that the window was opened from, if it names none";
+
+/// What a dialog is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum DialogKind {
+    /// Volumes that are shown in the place of others.
+    Open,
+    /// Volumes and meshes that are shown beside others.
+    Add,
+    /// The picture.
+    SavePicture,
+    /// The window's document.
+    SaveScene,
+    /// Voxels.
+    Export,
+}
+
+/// A dialog that is shown.
+pub(crate) struct Dialog {
+    kind: DialogKind,
+    /// The list of files to open.
+    browser: FileBrowser,
+    /// The file to write.
+    path: String,
+    /// The picture's width and height.
+    size_px: (u32, u32),
+}
+
+impl Dialog {
+    /// A dialog about files of a folder, and a picture that is shown in a size.
+    pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32)) -> Self {
+        let path = match kind {
+            DialogKind::Open | DialogKind::Add => "",
+            DialogKind::SavePicture => PICTURE_FILE,
+            DialogKind::SaveScene => SCENE_FILE,
+            DialogKind::Export => VOXELS_FILE,
+        };
+        Self { kind, browser: FileBrowser::new(folder), path: path.into(), size_px: shown_px }
+    }
+
+    /// Shows the dialog over what a window shows of a scene of volumes. Returns whether it stays, and what it was told to do.
+    pub(crate) fn show(
+        &mut self,
+        egui: &egui::Context,
+        shown_px: (u32, u32),
+        (scene, volumes): (&Scene, &[VolumeSource]),
+    ) -> (bool, Option<Command>) {
+        let title = match self.kind {
+            DialogKind::Open => "Open",
+            DialogKind::Add => "Add",
+            DialogKind::SavePicture => "Save picture",
+            DialogKind::SaveScene => "Save scene",
+            DialogKind::Export => "Export voxels",
+        };
+        let mut is_open = true;
+        // Beside what an empty window says, below the menu.
+        let corner = pos2(egui.content_rect().center().x - 120.0, 60.0);
+        let window = egui::Window::new(title).open(&mut is_open).collapsible(false);
+        let window = window.default_pos(corner).default_width(460.0);
+        let shown = window.show(egui, |ui| match self.kind {
+            DialogKind::Open => self.browser.show(ui).map(|path| Command::Open(vec![path])),
+            DialogKind::Add => self.browser.show(ui).map(|path| Command::Add(vec![path])),
+            DialogKind::SavePicture => self.save_picture(ui, shown_px),
+            DialogKind::SaveScene => self.save(ui, "Save scene").map(Command::SaveScene),
+            DialogKind::Export => self.export(ui, Part::of(scene, volumes)),
+        });
+        let command = shown.and_then(|shown| shown.inner).flatten();
+        let is_left = !is_open || egui.input(|input| input.key_pressed(Key::Escape));
+        (!is_left && command.is_none(), command)
+    }
+
+    fn save_picture(&mut self, ui: &mut Ui, (shown_width, shown_height): (u32, u32)) -> Option<Command> {
+        let (width, height) = &mut self.size_px;
+        row(ui, "size", "in pixels", |ui, label| {
+            for side in [&mut *width, &mut *height] {
+                ui.add(DragValue::new(side).range(1..=MOST_PX).suffix(" px")).labelled_by(label);
+            }
+            for factor in [1, 2, 4] {
+                let hint = "as it is shown, so many times as large";
+                if ui.button(format!("{factor}x")).on_hover_text(hint).clicked() {
+                    *width = (factor * shown_width).clamp(1, MOST_PX);
+                    *height = (factor * shown_height).clamp(1, MOST_PX);
+                }
+            }
+        });
+        let size_px = self.size_px;
+        self.save(ui, "Save picture").map(|path| Command::SavePicture(path, Some(size_px)))
+    }
+
+    /// A file that may be replaced, and the button to write it.
+    fn save(&mut self, ui: &mut Ui, name: &str) -> Option<PathBuf> {
+        let (path, is_entered) = self.file(ui);
+        if path.exists() {
+            ui.colored_label(ui.visuals().warn_fg_color, "There is such a file: it will be replaced.");
+        }
+        let is_clicked = ui.add_enabled(!self.path.is_empty(), Button::new(name)).clicked();
+        (is_clicked || is_entered && !self.path.is_empty()).then_some(path)
+    }
+
+    fn export(&mut self, ui: &mut Ui, part: Result<Part, String>) -> Option<Command> {
+        ui.label("What the clip box and the crop leave of the first layer that is shown, as it is stored.");
+        let (path, is_entered) = self.file(ui);
+        let problem = match &part {
+            Err(problem) => Some(problem.as_str()),
+            Ok(_) if !has_format(&path) => Some("the name ends in .npy (NumPy's) or .raw (voxels alone)"),
+            Ok(_) if path.exists() => Some("there is such a file: choose another name"),
+            Ok(_) => None,
+        };
+        if let Ok(part) = &part {
+            let Extent { x, y, z } = part.extent;
+            let mib = part.bytes() as f64 / f64::from(1 << 20);
+            ui.label(format!("{x} x {y} x {z} voxels, {}: {mib:.1} MiB", part.voxel_type()));
+        }
+        if let Some(problem) = problem {
+            ui.colored_label(ui.visuals().warn_fg_color, problem);
+        }
+        let is_clicked = ui.add_enabled(problem.is_none(), Button::new("Export")).clicked();
+        (is_clicked || is_entered && problem.is_none()).then_some(Command::Export(path))
+    }
+
+    /// The field for a file's name, and below it where that is. Returns it, and whether the Enter key ended it.
+    fn file(&mut self, ui: &mut Ui) -> (PathBuf, bool) {
+        let is_entered = row(ui, "file", FILE_HINT, |ui, label| {
+            let field = TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY);
+            let field = ui.add(field).labelled_by(label);
+            field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter))
+        });
+        let path = PathBuf::from(&self.path);
+        let there = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
+        ui.label(RichText::new(there.display().to_string()).weak());
+        (path, is_entered)
+    }
+}
+
+/// Whether voxels can be exported under a name.
+fn has_format(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "npy" || extension == "raw")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::import::{SynthKind, SynthSource};
+    use brickyard::store::{PackOptions, pack};
+    use brickyard::volume::VoxelType;
+    use eframe::egui::accesskit::Role;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+    use glam::DVec3;
+
+    /// A dialog, and what it gave.
+    struct Shown {
+        dialog: Dialog,
+        stays: bool,
+        command: Option<Command>,
+    }
+
+    fn harness<'a>(kind: DialogKind, folder: &Path, scene: Scene, volumes: Vec<VolumeSource>) -> Harness<'a, Shown> {
+        let mut dialog = Dialog::new(kind, folder, (300, 200));
+        dialog.path = folder.join(&dialog.path).display().to_string();
+        let shown = Shown { dialog, stays: true, command: None };
+        let show = move |ui: &mut Ui, shown: &mut Shown| {
+            let (stays, command) = shown.dialog.show(ui.ctx(), (300, 200), (&scene, &volumes));
+            shown.stays &= stays;
+            shown.command = command.or(shown.command.take());
+        };
+        Harness::builder().with_size([640.0, 480.0]).build_ui_state(show, shown)
+    }
+
+    fn click(harness: &mut Harness<'_, Shown>, button: &str) {
+        harness.get_by_role_and_label(Role::Button, button).click();
+        harness.run();
+    }
+
+    #[test]
+    fn a_picture_is_saved_in_the_size_that_is_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut harness = harness(DialogKind::SavePicture, folder.path(), Scene::default(), Vec::new());
+        harness.run();
+        assert!(harness.query_by_label_contains("it will be replaced").is_none());
+        std::fs::write(folder.path().join(PICTURE_FILE), "mine").unwrap();
+        click(&mut harness, "4x");
+        assert!(harness.query_by_label_contains("it will be replaced").is_some());
+        assert!(harness.state().stays);
+        click(&mut harness, "Save picture");
+        let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), Some((1200, 800)));
+        assert_eq!((harness.state().stays, &harness.state().command), (false, &Some(expected)));
+    }
+
+    #[test]
+    fn a_scene_is_saved_by_the_enter_key_and_a_dialog_is_left_by_escape() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut saved = harness(DialogKind::SaveScene, folder.path(), Scene::default(), Vec::new());
+        saved.run();
+        saved.get_by_role(Role::TextInput).focus();
+        saved.run();
+        saved.key_press(Key::Enter);
+        saved.run();
+        assert_eq!(saved.state().command, Some(Command::SaveScene(folder.path().join(SCENE_FILE))));
+        let mut left = harness(DialogKind::SaveScene, folder.path(), Scene::default(), Vec::new());
+        left.run();
+        left.key_press(Key::Escape);
+        left.run();
+        assert_eq!((left.state().stays, &left.state().command), (false, &None));
+    }
+
+    #[test]
+    fn an_export_says_how_large_it_is_and_why_it_cannot_be() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = SynthSource::new(SynthKind::Turbulence, Extent::new(30, 20, 10), VoxelType::U16, 1, 1).unwrap();
+        let store = folder.path().join("a.zarr");
+        pack(&source, &store, &PackOptions::new(VoxelType::U16), &()).unwrap();
+        let volumes = vec![VolumeSource::open(&store).unwrap()];
+        // From the centre of a voxel to that of another one, both of which have a part in it.
+        let clip = Some([DVec3::new(2.0, 3.0, 4.0), DVec3::new(7.0, 19.0, 8.0)]);
+        let scene = Scene { clip, ..Scene::default() };
+        let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);
+        with_store.run();
+        assert!(with_store.query_by_label_contains("6 x 17 x 5 voxels, u16").is_some());
+        for (name, problem) in [("a.tif", "ends in .npy"), ("there.raw", "choose another name")] {
+            std::fs::write(folder.path().join("there.raw"), "mine").unwrap();
+            with_store.state_mut().dialog.path = folder.path().join(name).display().to_string();
+            with_store.run();
+            assert!(with_store.query_by_label_contains(problem).is_some(), "{name}");
+            click(&mut with_store, "Export");
+            assert_eq!(with_store.state().command, None, "{name}");
+        }
+        with_store.state_mut().dialog.path = "b.raw".into();
+        with_store.run();
+        click(&mut with_store, "Export");
+        assert_eq!(with_store.state().command, Some(Command::Export("b.raw".into())));
+        let mut of_preview =
+            harness(DialogKind::Export, folder.path(), Scene::default(), vec![crate::nothing::volume()]);
+        of_preview.run();
+        assert!(of_preview.query_by_label_contains("not packed yet").is_some());
+    }
+}

@@ -1,0 +1,201 @@
+//! What a window does with files: it opens volumes in the place of others or beside them, and exports voxels. It goes on with what it shows meanwhile, and is asked
+//! once a frame.
+
+use super::Window;
+use crate::command::Command;
+use crate::edits::with_more;
+use crate::exporting::{Exporting, Part};
+use crate::keeping::{self, Keeper};
+use crate::opening::Openings;
+use crate::panels::dialogs::{Dialog, DialogKind};
+use brickyard::channels::default_layers;
+use brickyard::openable::is_mesh;
+use brickyard::opening::OpeningOptions;
+use brickyard::session::VolumeSource;
+use brickyard::volume::{MeshLook, Mode, Scene};
+use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
+use std::path::{Path, PathBuf};
+
+/// What is being opened, and is shown once there is something to show of each.
+pub(super) struct Next {
+    openings: Openings,
+    /// Meshes that are shown with it.
+    meshes: Vec<PathBuf>,
+    /// Whether it is shown beside what there is, and not in its place.
+    is_added: bool,
+}
+
+impl Next {
+    /// Shows what is being done for it.
+    pub(super) fn show(&self, ui: &mut Ui) {
+        self.openings.show(ui);
+    }
+}
+
+impl Window {
+    /// Begins to open volumes and meshes, which are shown in the place of those that there are, or beside them. Meshes alone are always shown beside volumes.
+    pub(super) fn open(&mut self, paths: &[PathBuf], is_added: bool) -> Result<(), String> {
+        let (meshes, volumes): (Vec<_>, Vec<_>) = paths.iter().cloned().partition(|path| is_mesh(path));
+        if volumes.is_empty() {
+            return self.add_meshes(&meshes);
+        }
+        // What was said of the files before is not of these.
+        let options = OpeningOptions { store: None, ..self.openings.options().clone() };
+        let openings = Openings::start(volumes, options);
+        match &mut self.next {
+            Some(next) if is_added => {
+                next.openings.add(openings);
+                next.meshes.extend(meshes);
+            }
+            next => *next = Some(Next { openings, meshes, is_added: is_added && !self.openings.are_none() }),
+        }
+        Ok(())
+    }
+
+    /// Shows meshes beside the volumes.
+    fn add_meshes(&mut self, paths: &[PathBuf]) -> Result<(), String> {
+        if paths.is_empty() {
+            return Ok(());
+        }
+        if self.openings.are_none() {
+            return Err("a mesh is shown beside volumes: open one first".into());
+        }
+        let mut meshes = self.state.scene.meshes.clone();
+        meshes.extend(paths.iter().map(MeshLook::new));
+        let meshes = serde_json::to_value(meshes).map_err(|error| error.to_string())?;
+        self.set(&[("meshes".into(), meshes)])
+    }
+
+    /// Shows what has been opened meanwhile, and says what has come of an export.
+    pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
+        if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
+            self.exporting = None;
+            self.message = Some(ended?);
+        }
+        let changes = self.openings.poll();
+        if let Some(message) = changes.messages.into_iter().last() {
+            self.message = Some(message);
+        }
+        if changes.has_volumes {
+            self.views.set_volumes(self.openings.volumes()).map_err(|error| error.to_string())?;
+        }
+        if let Some((path, error)) = changes.stopped {
+            return Err(format!("{}: {error}", path.display()));
+        }
+        let Some(next) = &mut self.next else { return Ok(()) };
+        let changes = next.openings.poll();
+        if let Some(message) = changes.messages.into_iter().last() {
+            self.message = Some(message);
+        }
+        if let Some((path, error)) = changes.stopped {
+            self.next = None;
+            return Err(format!("{}: {error}", path.display()));
+        }
+        match self.next.take_if(|next| next.openings.are_shown()) {
+            Some(next) => self.show_next(next, egui),
+            None => Ok(()),
+        }
+    }
+
+    fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
+        let Next { openings, meshes, is_added } = next;
+        let paths = openings.paths();
+        if is_added {
+            self.show_more(openings)?;
+        } else {
+            self.show_others(openings)?;
+        }
+        egui.send_viewport_cmd(ViewportCommand::Title(crate::title(&self.state.window.volumes)));
+        self.add_meshes(&meshes)?;
+        paths.iter().try_for_each(|path| self.recent.add(path))
+    }
+
+    /// Shows volumes beside those that there are. What is shown of these, and from where, stays.
+    fn show_more(&mut self, openings: Openings) -> Result<(), String> {
+        let before = self.views.volumes();
+        let volumes = [before, &openings.volumes()].concat();
+        let scene = with_more(&self.state.scene, &volumes, before.len())?;
+        self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
+        self.openings.add(openings);
+        self.history.edit(&self.state, "add");
+        self.history.close();
+        self.keep_as(self.openings.paths())?;
+        self.state.scene = scene;
+        self.message = None;
+        Ok(())
+    }
+
+    /// Shows other volumes in the place of those that there are, as a new window on them would.
+    fn show_others(&mut self, openings: Openings) -> Result<(), String> {
+        let volumes = openings.volumes();
+        let mut scene = Scene { layers: default_layers(&volumes, Mode::default()), ..Scene::default() };
+        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+        let (width, height) = self.volume_view.size_px;
+        let camera = scene.camera_for(&places, (width.max(1), height.max(1)));
+        scene.camera = Some(camera.map_err(|error| error.to_string())?);
+        self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
+        self.keep_as(openings.paths())?;
+        self.state.scene = scene;
+        self.state.window.distances.clear();
+        self.history.clear();
+        self.openings = openings;
+        self.message = None;
+        Ok(())
+    }
+
+    /// Keeps the state as that of a window on other volumes from now on.
+    fn keep_as(&mut self, paths: Vec<PathBuf>) -> Result<(), String> {
+        self.keeper.write()?;
+        self.keeper = Keeper::new(keeping::file_of(&paths).filter(|_| self.script.is_over()), &self.state);
+        self.state.window.volumes = paths;
+        Ok(())
+    }
+
+    /// Begins to export the voxels that are left to be seen of the first layer that is shown.
+    pub(super) fn export(&mut self, path: &Path) -> Result<(), String> {
+        if self.exporting.is_some() {
+            return Err("another export is under way".into());
+        }
+        let part = Part::of(&self.state.scene, self.views.volumes())?;
+        self.exporting = Some(Exporting::start(part, path));
+        Ok(())
+    }
+
+    /// Shows a dialog, in the place of the one that is shown.
+    pub(super) fn show_dialog(&mut self, kind: DialogKind) {
+        let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
+        self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px));
+    }
+
+    /// The dialog, if one is shown, and what was dropped on the window.
+    pub(super) fn choose_files(&mut self, egui: &egui::Context, commands: &mut Vec<Command>) {
+        let (dropped, is_added) = egui.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
+        let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
+        if !dropped.is_empty() {
+            commands.push(if is_added { Command::Add(dropped) } else { Command::Open(dropped) });
+        }
+        let Some(dialog) = &mut self.dialog else { return };
+        let of = (&self.state.scene, self.views.volumes());
+        let (stays, command) = dialog.show(egui, self.volume_view.size_px, of);
+        if !stays {
+            self.dialog = None;
+        }
+        commands.extend(command);
+    }
+
+    /// What an empty window shows in the place of pictures.
+    pub(super) fn welcome(&self, ui: &mut Ui, commands: &mut Vec<Command>) {
+        // The other half is the dialog's.
+        let area = ui.max_rect().shrink(40.0);
+        let area = Rect::from_min_max(area.min, pos2(ui.max_rect().center().x - 140.0, area.max.y));
+        let mut part = ui.new_child(UiBuilder::new().max_rect(area));
+        part.heading("Open or drop a file");
+        part.label("A store, an image, or a folder of planes or slices.");
+        part.add_space(16.0);
+        for path in self.recent.paths() {
+            if part.add(Link::new(path.display().to_string())).clicked() {
+                commands.push(Command::Open(vec![path.clone()]));
+            }
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! The window and its files, on a display of its own (Xvfb): volumes and meshes are added, a scene file brings its volumes, an empty window opens some, and voxels
+//! are exported as the command does.
+
+use brickyard::volume::{Extent, Geometry};
+use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, read_png};
+use serde_json::{Value, json};
+
+fn store(edge: u32) -> TestStore {
+    let value = |[x, y, z]: [u32; 3]| (x * 7 + y * 13 + z * 29) as u8;
+    let extent = Extent::new(edge, edge - 7, edge - 4);
+    TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 2, 1, move |_, _, v| value(v)), 16)
+}
+
+/// Plays a script in a window that the CPU draws. Returns what it said.
+fn play(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) -> String {
+    sandbox.write("script.txt", script);
+    let arguments = [arguments, &["--backend", "cpu", "--size", "900x600", "--script", "script.txt"]].concat();
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(ended.status.success(), "{said}");
+    said
+}
+
+fn document(sandbox: &Sandbox, name: &str) -> Value {
+    serde_json::from_slice(&sandbox.read(name)).expect("a document")
+}
+
+#[test]
+fn an_export_is_what_the_command_exports_of_the_clip_box() {
+    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    // Voxel 0 is centred in the world's origin.
+    let script = "0 set time 1\n0 set clip [[2.5, 3.9, -9], [30.5, 17.2, 29.5]]\n\
+        0 set layers.0.crop [[0, 0, 2], [40, 33, 99]]\n0 export box.npy\nsettled export box.raw\nsettled quit\n";
+    play(&display, &sandbox, &[&path], script);
+    for name in ["box.npy", "box.raw"] {
+        sandbox.run_ok(&format!("export {path} expected-{name} --time 1 --roi 3:31,4:18,2:30"));
+        assert!(sandbox.read(name) == sandbox.read(&format!("expected-{name}")), "{name} is another box");
+    }
+}
+
+#[test]
+fn volumes_and_meshes_are_added_and_a_scene_file_brings_them() {
+    let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
+    let (first, second) = (store(40), store(30));
+    let [a, b] = [&first, &second].map(|store| store.path().display().to_string());
+    sandbox.write("part.obj", "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n");
+    let script = format!(
+        "0 set layers.0.window [40, 210]\n0 add {}\nsettled save-scene added.json\nsettled undo\nsettled undo\n\
+        settled save-scene undone.json\nsettled quit\n",
+        json!([b, "part.obj"])
+    );
+    play(&display, &sandbox, &[&a], &script);
+    let added = document(&sandbox, "added.json");
+    assert_eq!(added["window"]["volumes"], json!([a, b]));
+    let layers = added["layers"].as_array().expect("layers");
+    assert_eq!((layers.len(), &layers[0]["window"], &layers[1]["source"]), (2, &json!([40.0, 210.0]), &json!(1)));
+    assert!(added["meshes"][0]["path"].as_str().is_some_and(|path| path.ends_with("/part.obj")));
+    let undone = document(&sandbox, "undone.json");
+    assert_eq!((&undone["layers"].as_array().map(Vec::len), &undone["meshes"]), (&Some(1), &json!([])));
+    // Without paths the scene's own volumes are opened.
+    play(&display, &sandbox, &["--scene", "added.json"], "settled save-scene again.json\nsettled quit\n");
+    let again = document(&sandbox, "again.json");
+    assert_eq!((&again["layers"], &again["window"]["volumes"]), (&added["layers"], &added["window"]["volumes"]));
+}
+
+#[test]
+fn an_empty_window_opens_what_it_is_told_to() {
+    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let script = format!(
+        "settled screenshot empty.png\n0 export none.npy\n0 add {path}\nsettled save-scene opened.json\n\
+        settled save-picture 320x200 picture.png\nsettled quit\n"
+    );
+    play(&display, &sandbox, &[], &script);
+    let opened = document(&sandbox, "opened.json");
+    assert_eq!((&opened["window"]["volumes"], opened["layers"].as_array().map(Vec::len)), (&json!([path]), Some(1)));
+    let picture = read_png(&sandbox.path("picture.png"));
+    assert_eq!((picture.width, picture.height), (320, 200));
+    assert!(picture.rgb.iter().any(|pixel| *pixel != picture.rgb[0]), "the volume is not in it");
+    assert!(!sandbox.path("none.npy").exists() && sandbox.path("empty.png").exists());
+    let (code, _, said) = brickyard_tests::run(&["view", "--mode", "mip"]);
+    assert!(code == 2 && said.contains("name the volumes"), "{code}: {said}");
+}
