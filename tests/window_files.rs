@@ -35,7 +35,7 @@ fn an_export_is_what_the_command_exports_of_the_clip_box() {
     play(&display, &sandbox, &[&path], script);
     for name in ["box.npy", "box.raw"] {
         sandbox.run_ok(&format!("export {path} expected-{name} --time 1 --roi 3:31,4:18,2:30"));
-        assert!(sandbox.read(name) == sandbox.read(&format!("expected-{name}")), "{name} is another box");
+        assert!(sandbox.read(name) == sandbox.read(format!("expected-{name}")), "{name} is another box");
     }
 }
 
