@@ -109,6 +109,7 @@ impl Preview {
     /// If the source's orientation does not fit its spacing.
     pub fn volume(self: &Arc<Self>) -> Result<VolumeSource, PlacementError> {
         let volume = VolumeSource::new(self.clone()).described_by(self.statistics.clone()).holding(self.held_bytes());
+        let volume = volume.with_stride(self.stride());
         match self.source.info().orientation {
             Some(orientation) => volume.oriented(orientation),
             None => Ok(volume),

@@ -32,6 +32,8 @@ pub struct VolumeSource {
     name: Option<String>,
     /// See [`VolumeSource::held_bytes`].
     held_bytes: u64,
+    /// See [`VolumeSource::stride`].
+    stride: [u32; 3],
 }
 
 impl VolumeSource {
@@ -46,7 +48,17 @@ impl VolumeSource {
         };
         let displays = (0..channels).map(display).collect();
         let (statistics, placement) = (Vec::new(), Placement::default());
-        Self { source, displays, statistics, orientation: None, placement, store: None, name: None, held_bytes: 0 }
+        Self {
+            source,
+            displays,
+            statistics,
+            orientation: None,
+            placement,
+            store: None,
+            name: None,
+            held_bytes: 0,
+            stride: [1; 3],
+        }
     }
 
     /// This volume, whose channels are shown as their statistics say.
@@ -66,6 +78,16 @@ impl VolumeSource {
     /// This volume, which takes so much memory itself: see [`VolumeSource::held_bytes`].
     pub fn holding(self, held_bytes: u64) -> Self {
         Self { held_bytes, ..self }
+    }
+
+    /// This volume, which has only every n-th voxel of another: see [`VolumeSource::stride`].
+    pub fn with_stride(self, stride: [u32; 3]) -> Self {
+        Self { stride, ..self }
+    }
+
+    /// How many voxels along x, y and z of what the volume stands for each of its own covers: 1, but in a preview.
+    pub fn stride(&self) -> [u32; 3] {
+        self.stride
     }
 
     /// This volume, as it lies in a patient.
@@ -96,6 +118,7 @@ impl VolumeSource {
             store: Some(store.clone()),
             name: None,
             held_bytes: 0,
+            stride: [1; 3],
         }
     }
 

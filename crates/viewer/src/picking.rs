@@ -113,8 +113,10 @@ fn words(pick: &Pick, volumes: &[VolumeSource]) -> String {
     let mut words = format!("at {x:.4}, {y:.4}, {z:.4}");
     for values in &pick.values {
         let Some(volume) = volumes.get(values.volume) else { continue };
-        let [i, j, k] = values.probe.voxel;
-        let _ = write!(words, "  voxel {i}, {j}, {k}:");
+        let stride = volume.stride();
+        let [i, j, k] = std::array::from_fn(|axis| values.probe.voxel[axis] * stride[axis] + stride[axis] / 2);
+        let near = if stride == [1; 3] { "voxel" } else { "about voxel" };
+        let _ = write!(words, "  {near} {i}, {j}, {k}:");
         let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
             // A 32-bit float has digits of its own, fewer than the same number as 64 bits.

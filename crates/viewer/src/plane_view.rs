@@ -165,7 +165,8 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
         overlay::scale_bar(lens, camera, world.unit);
     }
     overlay::distances(lens, &seen.state.window.distances, world.unit);
-    let text = format!("{}  {} / {}", grid.name(axis), voxel[axis], grid.extent[axis] - 1);
+    let [at, count] = [voxel[axis], grid.extent[axis]].map(|number| number * grid.stride[axis]);
+    let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
     let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);
     lens.text(corner, Align2::LEFT_TOP, &text, 13.0, AXIS_COLORS[axis]);
 }

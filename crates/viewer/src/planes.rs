@@ -19,6 +19,8 @@ pub(crate) struct Grid {
     geometry: brickyard::volume::Geometry,
     /// Number of voxels along each axis.
     pub(crate) extent: [u32; 3],
+    /// How many voxels of what the volume stands for each of them covers.
+    pub(crate) stride: [u32; 3],
     /// Whether the world is a patient's.
     pub(crate) is_anatomical: bool,
     /// The box of the volume in the scene's world.
@@ -41,6 +43,7 @@ impl Grid {
             placement,
             geometry: volume.source.geometry().clone(),
             extent: volume.source.pyramid().levels()[0].extent.to_array(),
+            stride: volume.stride(),
             is_anatomical: place.is_anatomical,
             world_box: placement.world_box(place.own_box),
         })

@@ -44,8 +44,8 @@ pub(crate) fn show(
     let mut change = None;
     for layer in 0..scene.layers.len() {
         ui.push_id(layer, |ui| {
-            let wish = line(ui, scene, volumes, layer, &mut open.0[layer]);
-            change = change.or(wish.map(|wish| (layer, wish)));
+            let asked = line(ui, scene, volumes, layer, &mut open.0[layer]);
+            change = change.or(asked.map(|asked| (layer, asked)));
             if open.0[layer] {
                 body(ui, scene, volumes, (layer, picked), saved);
                 ui.separator();
@@ -183,10 +183,10 @@ fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
         ("remove", Change::Remove, expression.or((count == 1).then_some("a scene has at least one layer"))),
     ];
     let mut change = None;
-    for (name, wish, reason) in entries {
+    for (name, asked, reason) in entries {
         let entry = ui.add_enabled(reason.is_none(), Button::new(name));
         if entry.on_disabled_hover_text(reason.unwrap_or_default()).clicked() {
-            change = Some(wish);
+            change = Some(asked);
             ui.close();
         }
     }

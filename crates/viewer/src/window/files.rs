@@ -14,6 +14,7 @@ use brickyard::opening::OpeningOptions;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{MeshLook, Mode, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// What is being opened, and is shown once there is something to show of each.
@@ -77,7 +78,12 @@ impl Window {
             self.message = Some(message);
         }
         if changes.has_volumes {
-            self.views.set_volumes(self.openings.volumes()).map_err(|error| error.to_string())?;
+            let volumes = self.openings.volumes();
+            if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
+                // What could be undone is about the voxels before.
+                self.history.clear();
+            }
+            self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
         }
         if let Some((path, error)) = changes.stopped {
             return Err(format!("{}: {error}", path.display()));
@@ -198,4 +204,22 @@ impl Window {
             }
         }
     }
+}
+
+/// Brings the crops of layers, which are in voxels, from the voxels of some volumes to those of others that take their places: a store's are more than its
+/// preview's. Returns whether that changes any.
+fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource]) -> bool {
+    let mut is_scaled = false;
+    for layer in 0..scene.layers.len() {
+        let store = scene.store(layer);
+        let (Some(before), Some(after)) = (before.get(store), after.get(store)) else { continue };
+        let ratio = |axis| f64::from(before.stride()[axis]) / f64::from(after.stride()[axis]);
+        let ratio = DVec3::new(ratio(0), ratio(1), ratio(2));
+        let extent = after.source.pyramid().levels()[0].extent.to_array().map(f64::from);
+        if let Some(crop) = scene.layers[layer].crop.as_mut().filter(|_| ratio != DVec3::ONE) {
+            *crop = crop.map(|corner| (corner * ratio).min(DVec3::from_array(extent)));
+            is_scaled = true;
+        }
+    }
+    is_scaled
 }
