@@ -223,3 +223,25 @@ fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource
     }
     is_scaled
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::volume::SceneLayer;
+
+    #[test]
+    fn a_crop_stays_where_it_is_when_a_store_follows_its_preview() {
+        let crop = Some([DVec3::ZERO, DVec3::new(0.5, 1.0, 1.0)]);
+        let layers = vec![SceneLayer { source: Some(0), crop, ..SceneLayer::default() }; 2];
+        let mut scene = Scene { layers, ..Scene::default() };
+        scene.layers[1].crop = None;
+        // The preview's one voxel stands for two by three by one, of which the store has one alone along x.
+        let preview = [crate::nothing::volume().with_stride([2, 3, 1])];
+        let store = [crate::nothing::volume()];
+        assert!(scale_crops(&mut scene, &preview, &store));
+        assert_eq!(scene.layers[0].crop, Some([DVec3::ZERO, DVec3::new(1.0, 1.0, 1.0)]));
+        assert_eq!(scene.layers[1].crop, None);
+        let before = scene.clone();
+        assert!(!scale_crops(&mut scene, &store, &store) && scene == before);
+    }
+}
