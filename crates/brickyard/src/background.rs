@@ -197,7 +197,7 @@ impl store::Progress for PackMeter<'_> {
     }
 }
 
-/// Exports a level of a store, or a box of it, in the background, as [`store::export`] does.
+/// Exports a level of a store, or a box of it, in the background, as [`store::export()`] does.
 pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Background<Extent, ExportError> {
     Background::start(move |meter| {
         store::export(&store, &output, &request, |done, total| {
