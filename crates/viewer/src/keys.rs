@@ -19,7 +19,7 @@ pub(crate) struct Shortcut {
     pub(crate) keys: KeyboardShortcut,
     /// What it does, in words.
     pub(crate) effect: String,
-    command: Box<Effect>,
+    effect_on: Box<Effect>,
 }
 
 /// All keys. A key with more keys held comes before the same key with fewer, which would take it.
@@ -37,7 +37,7 @@ fn shortcut(
     effect: &str,
     command: impl Fn(&State) -> Option<Command> + 'static,
 ) -> Shortcut {
-    Shortcut { keys: KeyboardShortcut::new(modifiers, key), effect: effect.into(), command: Box::new(command) }
+    Shortcut { keys: KeyboardShortcut::new(modifiers, key), effect: effect.into(), effect_on: Box::new(command) }
 }
 
 /// A key that gives the same command whatever the state.
@@ -135,13 +135,19 @@ fn looks() -> Vec<Shortcut> {
     modes.chain(layers).collect()
 }
 
-/// Does what the keys say that were pressed since the last frame, in their order: `perform` does a command and returns the state after it.
-pub(crate) fn pressed(egui: &egui::Context, state: &State, mut perform: impl FnMut(Command) -> State) {
+impl Shortcut {
+    /// The command that the key gives in a window of this state; `None` if it does nothing there.
+    pub(crate) fn command(&self, state: &State) -> Option<Command> {
+        (self.effect_on)(state)
+    }
+}
+
+/// The keys that were pressed since the last frame, in their order. Each acts on what those before it have made of the state.
+pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
     // A field that is typed into has the keys.
     if egui.egui_wants_keyboard_input() {
-        return;
+        return Vec::new();
     }
-    let shortcuts = all();
     let is_flying = state.window.tool == Tool::Fly;
     let mut hits = Vec::new();
     egui.input_mut(|input| {
@@ -151,20 +157,16 @@ pub(crate) fn pressed(egui: &egui::Context, state: &State, mut perform: impl FnM
             if is_flight && modifiers.is_none() {
                 return true;
             }
-            let is_it = |shortcut: &&Shortcut| {
+            let is_it = |shortcut: &Shortcut| {
                 shortcut.keys.logical_key == *key && modifiers.matches_logically(shortcut.keys.modifiers)
             };
-            let known = shortcuts.iter().find(is_it);
+            let known = all().into_iter().find(is_it);
+            let is_known = known.is_some();
             hits.extend(known);
-            known.is_none()
+            !is_known
         });
     });
-    let mut state = state.clone();
-    for shortcut in hits {
-        if let Some(command) = (shortcut.command)(&state) {
-            state = perform(command);
-        }
-    }
+    hits
 }
 
 #[cfg(test)]
@@ -177,14 +179,13 @@ mod tests {
     /// The commands that keys give, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
-            let before = state.clone();
-            pressed(ui.ctx(), &before, |command| {
+            for key in pressed(ui.ctx(), state) {
+                let Some(command) = key.command(state) else { continue };
                 if let Command::Set(fields) = &command {
                     *state = edited(state, &[], fields).unwrap();
                 }
                 commands.push(command);
-                state.clone()
-            });
+            }
         };
         let mut harness = Harness::new_ui_state(show, (state, Vec::new()));
         for (modifiers, key) in keys {

@@ -27,9 +27,9 @@ fn reason(scene: &Scene, volumes: &[VolumeSource], edit: impl FnOnce(&mut Scene)
     edited.check(&counts).err().map(|error| error.to_string())
 }
 
-/// The unit of the world that these volumes stand in, as it is written behind a number; empty if that is not known.
-fn unit(volumes: &[VolumeSource]) -> &str {
-    let is_anatomical = volumes.iter().any(|volume| volume.place().is_anatomical);
+/// The unit of the world that these volumes stand in, as it is written behind a number; empty if that is not known. `is_anatomical` says whether the world is a
+/// patient's.
+pub(crate) fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
     match volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref()) {
         _ if is_anatomical => "mm",
         Some("micrometer") => "\u{b5}m",

@@ -217,27 +217,12 @@ impl Window {
         }
     }
 
-    /// The unit of the world, as it is written beside a number; empty if that is not known.
-    fn unit(&self, is_anatomical: bool) -> String {
-        let volume = self.views.volumes().first();
-        let own = volume.and_then(|volume| volume.source.geometry().unit.clone());
-        match own.as_deref() {
-            _ if is_anatomical => "mm".into(),
-            Some("micrometer") => "µm".into(),
-            Some("nanometer") => "nm".into(),
-            Some("millimeter") => "mm".into(),
-            Some("meter") => "m".into(),
-            Some(other) => other.into(),
-            None => String::new(),
-        }
-    }
-
     /// The pictures, and what the pointer does over them.
     fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
         self.views.suit(&self.state.window)?;
         let places = self.places();
         let is_anatomical = self.state.scene.is_anatomical(&places);
-        let unit = self.unit(is_anatomical);
+        let unit = panels::unit(self.views.volumes(), is_anatomical).to_string();
         let corners = self.state.scene.world_box(&places).ok();
         let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
         let volumes = self.views.volumes().to_vec();
@@ -374,12 +359,12 @@ impl eframe::App for Window {
         egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
         let mut commands = Vec::new();
         let mut is_busy = false;
-        let state = self.state.clone();
-        keys::pressed(&egui, &state, |command| {
-            self.perform(&command, &egui);
-            is_busy = true;
-            self.state.clone()
-        });
+        for key in keys::pressed(&egui, &self.state) {
+            if let Some(command) = key.command(&self.state) {
+                self.perform(&command, &egui);
+                is_busy = true;
+            }
+        }
         let mut panel_state = self.state.clone();
         self.panels(ui, &mut panel_state, &mut commands);
         if panel_state != self.state {

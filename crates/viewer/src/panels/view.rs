@@ -43,7 +43,8 @@ impl<'a> World<'a> {
         let places: Vec<VolumePlace> = volumes.iter().map(VolumeSource::place).collect();
         let shown = scene.world_box(&places).ok().filter(|(low, high)| low.is_finite() && high.is_finite());
         let (low, high) = shown.unwrap_or((DVec3::ZERO, DVec3::ONE));
-        Self { low, high, is_anatomical: scene.is_anatomical(&places), unit: super::unit(volumes) }
+        let is_anatomical = scene.is_anatomical(&places);
+        Self { low, high, is_anatomical, unit: super::unit(volumes, is_anatomical) }
     }
 
     fn middle(&self) -> DVec3 {
