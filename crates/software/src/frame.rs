@@ -16,7 +16,7 @@ use brickyard_volume::{
     Blend, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
     TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
-use glam::DVec3;
+use glam::{DVec3, Mat3};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::sync::Arc;
@@ -93,6 +93,8 @@ pub(crate) struct Cell<'a> {
     /// Slot coordinates per level-0 voxel: a slot coordinate (voxel centres at whole numbers) is `offset + voxel * scale`.
     pub(crate) scale: [f64; 3],
     pub(crate) offset: [f64; 3],
+    /// The scene's gradient, of whatever length, from differences of codes across two of the brick's voxels.
+    pub(crate) world_from_differences: Mat3,
     /// The padded brick that is drawn.
     pub(crate) brick: &'a Resident,
     /// The macro-cells in which the brick may have opacity or a surface; all of them in projections.
@@ -382,6 +384,10 @@ impl<'a> Cell<'a> {
             high: std::array::from_fn(|a| if max[a] == extent[a] { f64::INFINITY } else { max[a] as f64 }),
             scale: factor.map(|f| 1.0 / f as f64),
             offset: std::array::from_fn(|a| apron as f64 - 0.5 - core(a)),
+            world_from_differences: world_from_differences(
+                &settings.placement,
+                settings.geometry.spacing * DVec3::from(factor.map(f64::from)),
+            ),
             brick,
             mask,
             side: shows.side(whole),
@@ -391,6 +397,12 @@ impl<'a> Cell<'a> {
             pixels: (cell.pixels != PixelShare::ALL).then_some(cell.pixels),
         })
     }
+}
+
+/// The scene's gradient from differences across two voxels of this size.
+fn world_from_differences(placement: &Placement, voxel: DVec3) -> Mat3 {
+    let axis = |axis: DVec3| placement.world_gradient(axis / voxel).as_vec3();
+    Mat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z))
 }
 
 /// The pixels whose rays may meet the box, a pixel to spare on each side; `None` if there are none.

@@ -13,8 +13,9 @@
 //! 4. `ray` and `stretch`: which of a ray's segments belong to a cell. All cells together have each segment exactly once.
 //! 5. `macrocells`: which of these segments may show something.
 //! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
-//!    compile to vector code (AVX2 where the machine has it, chosen at run time). For all methods but the plain one, where there is
-//!    lighting, and for surfaces in fog, `path` and `pieces` turn segments into media (`medium`). `surface` finds one opaque surface.
+//!    compile to vector code (AVX2 where the machine has it, chosen at run time). Where light falls on samples of the
+//!    plain method, `lit` finds the gradients (`differences`) and what light makes of colours (`shade`) by packets, too. For all other methods,
+//!    and for surfaces in fog, `path` and `pieces` turn segments into media (`medium`). `surface` finds one opaque surface.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
@@ -23,9 +24,11 @@ mod channels;
 mod compositing;
 mod cubic;
 mod depths;
+mod differences;
 mod frame;
 mod gather;
 mod gradients;
+mod lit;
 mod macrocells;
 mod march;
 mod media;
@@ -42,6 +45,7 @@ mod reading;
 mod renderer;
 mod row;
 mod sample;
+mod shade;
 mod slots;
 mod steps;
 mod stretch;

@@ -1,6 +1,7 @@
 //! A tile's rays through one layer, cell by cell: the hot loop, compiled for every code width, mode and vector unit.
 
 use crate::frame::{Cell, Frame};
+use crate::lit::{LitDvr, is_lit_plainly};
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
 use crate::meshes::MeshLayers;
@@ -35,6 +36,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
             Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Dvr if is_plain => for_machine::<C, Dvr, INVALID>(),
+            Mode::Dvr if is_lit_plainly(frame) => for_machine::<C, LitDvr, INVALID>(),
             Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
             Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Mip => for_machine::<C, Mip, INVALID>(),
@@ -265,6 +267,10 @@ mod tests {
 
     /// The vector unit must not show in the picture.
     fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
+        same_when_lit::<C, B, INVALID>(mode, surfaces, Lighting::default());
+    }
+
+    fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
         let window = Some([20.0, 200.0]);
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
@@ -285,7 +291,7 @@ mod tests {
             mode,
             surfaces,
             sampling: Sampling::default(),
-            lighting: Lighting::default(),
+            lighting,
             background: [0.1, 0.2, 0.3],
             clip: None,
             meshes: Vec::new(),
@@ -338,5 +344,13 @@ mod tests {
         same_on_all_units::<Float32, Mip, true>(Mode::Mip, &[]);
         same_on_all_units::<Float32, Average, true>(Mode::Average, &[]);
         same_on_all_units::<Float32, Medium<true>, true>(Mode::Isosurface, &[0.3, 0.5]);
+        for model in [LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
+            for lights in [vec![], vec![DVec3::new(-9.0, 30.0, 4.0), DVec3::splat(40.0)]] {
+                let lighting = Lighting { model, lights, ..Lighting::default() };
+                same_when_lit::<Code8, LitDvr, false>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Code16, LitDvr, true>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Float32, LitDvr, true>(Mode::Dvr, &[], lighting);
+            }
+        }
     }
 }

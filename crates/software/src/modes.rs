@@ -125,6 +125,55 @@ impl Dvr {
     }
 }
 
+impl Dvr {
+    /// Puts into `entry` what each of a chunk's samples does: colour gained and light passed. Returns which packets show something, a bit for
+    /// each.
+    #[inline(always)]
+    pub(crate) fn classify<C: Code>(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
+        let (packets, mut shows) = (chunk.packets.min(PACKETS), 0);
+        if C::BYTES == 1
+            && chunk.whole_steps > 0
+            && let Some(table) = frame.steps.zone(chunk.zone)
+        {
+            for p in 0..packets {
+                let count = chunk.whole_steps as i32 - (p * LANES) as i32;
+                if table.find(&chunk.code[p], count, &mut chunk.places[p]) {
+                    shows |= 1 << p;
+                    for i in 0..LANES {
+                        // SAFETY: the places have been found.
+                        chunk.entry[p][i] = unsafe { table.step(&chunk.places[p], i) };
+                    }
+                }
+            }
+            return shows;
+        }
+        let entries = Entries::of(frame);
+        for p in 0..packets {
+            let position = entries.positions(frame, &chunk.code[p]);
+            if frame.shows(&position) {
+                shows |= 1 << p;
+                for i in 0..LANES {
+                    let entry = entries.lookup(position[i]);
+                    chunk.entry[p][i] = entry;
+                    chunk.alpha[p][i] = entry.w;
+                }
+            }
+        }
+        for p in (0..packets).step_by(2) {
+            if shows >> p & 3 != 0 {
+                [chunk.passed[p], chunk.passed[p + 1]] =
+                    transmitted([&chunk.alpha[p], &chunk.alpha[p + 1]], [&chunk.weight[p], &chunk.weight[p + 1]]);
+                for i in 0..2 * LANES {
+                    let (p, i) = (p + i / LANES, i % LANES);
+                    let passed = chunk.passed[p][i];
+                    chunk.entry[p][i] = (chunk.entry[p][i] * (1.0 - passed)).with_w(passed);
+                }
+            }
+        }
+        shows
+    }
+}
+
 impl Accumulate for Dvr {
     const START: Vec4 = Vec4::W;
     const FRONT_TO_BACK: bool = true;

@@ -103,11 +103,11 @@ pub(crate) trait Code {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FloatMap {
     /// The number of code 0.
-    first: f32,
+    pub(crate) first: f32,
     /// Codes from a number to the next.
-    per_number: f32,
+    pub(crate) per_number: f32,
     /// The greatest difference from the first number that is told from greater ones.
-    farthest: f32,
+    pub(crate) farthest: f32,
 }
 
 impl FloatMap {
@@ -268,9 +268,23 @@ impl Grid {
     /// The whole part, at most padded - 2, and the fraction of a coordinate, clamped into the brick.
     #[inline(always)]
     fn split(&self, v: f32) -> (i32, f32) {
+        self.split_between::<0>(v)
+    }
+
+    /// Splits a coordinate as [`Grid::split`] does, but at least a voxel inside of the brick, which has four voxels along an edge or more: the
+    /// whole part is from 1 to padded - 3.
+    #[inline(always)]
+    pub(crate) fn split_inside(&self, v: f32) -> (i32, f32) {
+        self.split_between::<1>(v)
+    }
+
+    /// Splits a coordinate that is clamped to be `MARGIN` voxels inside of the brick.
+    #[inline(always)]
+    fn split_between<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
+        let (low, high) = (MARGIN as f32, self.limit - MARGIN as f32);
         // Written so that NaN, too, ends up inside.
-        let v = if v > 0.0 { v } else { 0.0 };
-        let v = if v < self.limit { v } else { self.limit };
+        let v = if v > low { v } else { low };
+        let v = if v < high { v } else { high };
         // SAFETY: 0 <= v <= limit < 2^31.
         let whole = unsafe { v.to_int_unchecked::<i32>() };
         (whole, v - whole as f32)
@@ -303,6 +317,12 @@ impl<'a> Brick<'a> {
     #[inline(always)]
     pub(crate) fn padded(&self) -> usize {
         self.grid.padded
+    }
+
+    /// The padded brick's voxels.
+    #[inline(always)]
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
     }
 
     /// The padded brick's codes.
@@ -523,13 +543,15 @@ unsafe fn weighted_pairs_avx2(pairs: &[u16; LANES], weights: &[i32; LANES]) -> P
     sums
 }
 
+/// The mixture of two numbers, `t` from the first to the second.
 #[inline(always)]
-fn mix(a: f32, b: f32, t: f32) -> f32 {
+pub(crate) fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + t * (b - a)
 }
 
+/// [`mix`] for each of a packet.
 #[inline(always)]
-fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
+pub(crate) fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
     let mut out = [0.0; LANES];
     for i in 0..LANES {
         out[i] = mix(a[i], b[i], t[i]);

@@ -1,0 +1,156 @@
+//! Direct volume rendering of the plain method, lit by central differences: what a window draws most.
+//!
+//! A chunk's samples are classified as unlit ones are. Then light goes through its packets, and only those are lit that show something and
+//! that light comes to.
+
+use crate::frame::Frame;
+use crate::modes::{Accumulate, Dvr};
+use crate::packet::{CHUNK, LANES, PACKETS, Packet};
+use crate::ray::FAINTEST;
+use crate::ray::Ray;
+#[cfg(target_arch = "x86_64")]
+use crate::sample::Avx2;
+use crate::sample::{Code, Portable, SampleChunk, Unit};
+use crate::shade::{Shade, Shaded};
+use crate::stretch::{March, Stretch};
+use brickyard_volume::lighting::Gradient;
+use brickyard_volume::{Filter, Method, Mode};
+use glam::{DVec3, Vec4};
+use std::ops::Range;
+
+/// The mode of emission and absorption, lit: a ray's sum is premultiplied colour and transmittance.
+pub(crate) struct LitDvr;
+
+/// Whether a frame's pictures are of this kind.
+pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
+    let settings = frame.settings;
+    let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
+    let is_trilinear = settings.sampling.filter.of_gradients() == Filter::Trilinear && !settings.encoding.is_labels;
+    frame.is_lit && is_plain && is_trilinear && frame.grid.is_none() && settings.lighting.gradient == Gradient::Central
+}
+
+impl Accumulate for LitDvr {
+    const START: Vec4 = Vec4::W;
+    const FRONT_TO_BACK: bool = true;
+    const OCCLUDES: bool = true;
+
+    #[inline(always)]
+    fn take<C: Code, U: Unit, const INVALID: bool>(
+        march: &March<'_>,
+        stretch: &Stretch,
+        ray: &mut Ray,
+        chunk: &mut SampleChunk,
+        segments: Range<i32>,
+    ) {
+        let March { frame, brick, .. } = march;
+        let mut done = segments.start;
+        while done < segments.end && ray.sum.w >= FAINTEST {
+            stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
+            brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+            let shows = Dvr::classify::<C>(frame, chunk);
+            if shows != 0 {
+                ray.sum = see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
+            }
+            done += CHUNK as i32;
+        }
+    }
+
+    #[inline(always)]
+    fn is_final<C: Code>(sum: Vec4) -> bool {
+        sum.w < FAINTEST
+    }
+
+    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+        sum
+    }
+}
+
+/// Passes light through the packets of a chunk that show something. Not inlined: it is large.
+#[inline(always)]
+fn see<C: Code, U: Unit, const INVALID: bool>(
+    march: &March<'_>,
+    stretch: &Stretch,
+    ray: &Ray,
+    chunk: &mut SampleChunk,
+    shows: u32,
+) -> Vec4 {
+    #[cfg(target_arch = "x86_64")]
+    if U::AVX2 {
+        // SAFETY: the machine has AVX2.
+        return unsafe { see_avx2::<C, INVALID>(march, stretch, ray, chunk, shows) };
+    }
+    see_on::<C, Portable, INVALID>(march, stretch, ray, chunk, shows)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline(never)]
+fn see_avx2<C: Code, const INVALID: bool>(
+    march: &March<'_>,
+    stretch: &Stretch,
+    ray: &Ray,
+    chunk: &mut SampleChunk,
+    shows: u32,
+) -> Vec4 {
+    see_on::<C, Avx2, INVALID>(march, stretch, ray, chunk, shows)
+}
+
+#[inline(always)]
+fn see_on<C: Code, U: Unit, const INVALID: bool>(
+    march: &March<'_>,
+    stretch: &Stretch,
+    ray: &Ray,
+    chunk: &mut SampleChunk,
+    shows: u32,
+) -> Vec4 {
+    let shade = shade(march, ray);
+    let mut shaded = Shaded::EMPTY;
+    let (mut color, mut light) = (ray.sum, ray.sum.w);
+    for p in 0..chunk.packets.min(PACKETS) {
+        if shows & 1 << p == 0 {
+            continue;
+        }
+        let along = &chunk.along[p];
+        light_packet::<C, U, INVALID>(march, stretch, &shade, (along, &chunk.code[p]), &mut shaded);
+        for i in 0..LANES {
+            let step = chunk.entry[p][i];
+            color += shade.lit(&shaded, i, step, 1.0 - step.w) * light;
+            light *= step.w;
+        }
+        if light < FAINTEST {
+            break;
+        }
+    }
+    color.with_w(light)
+}
+
+/// How places of a layer along a ray are lit.
+#[inline(always)]
+fn shade<'a>(March { frame, cell, .. }: &March<'a>, ray: &Ray) -> Shade<'a> {
+    let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
+    let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
+    let view = placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing);
+    Shade::new(&frame.settings.lighting, cell.world_from_differences, eye, view)
+}
+
+/// Finds what light makes of the colours of a packet of samples.
+#[inline(always)]
+fn light_packet<C: Code, U: Unit, const INVALID: bool>(
+    March { brick, .. }: &March<'_>,
+    stretch: &Stretch,
+    shade: &Shade<'_>,
+    (along, code): (&Packet, &Packet),
+    shaded: &mut Shaded,
+) {
+    let (mut points, mut differences, mut distance) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [0.0; LANES]);
+    for a in 0..3 {
+        for i in 0..LANES {
+            points[a][i] = stretch.origin[a] + along[i] * stretch.step[a];
+        }
+    }
+    for i in 0..LANES {
+        distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
+    }
+    brick.central_differences::<C, U, INVALID>(&points, code, &mut differences);
+    shade.packet(&differences, &distance, shaded);
+}
