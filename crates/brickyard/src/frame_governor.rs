@@ -2,8 +2,9 @@
 //! at all.
 //!
 //! A frame's time is taken to be proportional to its work, pixels over step length. The controller keeps one number, the
-//! share of the exact frame's work that fits the goal, corrected after every frame; the share is spent on both at once,
-//! for pixels that are too coarse and steps that are too long look bad in different ways. When the camera rests, the next
+//! share of the exact frame's work that fits the goal, corrected after every frame. The share is spent on pixels first, down to half
+//! as many along an axis, and then on pixels and steps: opaque surfaces are cut to terraces by long steps, which save little there, for rays
+//! end at the surface (`docs/performance.md` has the pictures' errors). When the camera rests, the next
 //! frame is exact: once more for everything that still arrives, and then none until something changes. The first picture is
 //! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
@@ -25,9 +26,11 @@ impl Quality {
     /// The quality of the exact frame: every pixel, every step.
     pub const EXACT: Self = Self { scale: 1.0, step: 1.0 };
 
-    /// Spends a share of the exact frame's work: as many times fewer pixels as longer steps.
+    /// Spends a share of the exact frame's work: on pixels alone as long as they are no fewer than [`HALF_SCALE`] says, then as many times fewer
+    /// pixels as longer steps.
     fn of_share(share: f64) -> Self {
-        let step = share.powf(-0.5).clamp(1.0, MAX_STEP);
+        let below = (share / (HALF_SCALE * HALF_SCALE)).min(1.0);
+        let step = below.powf(-0.5).clamp(1.0, MAX_STEP);
         Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
     }
 
@@ -56,6 +59,8 @@ impl Quality {
     }
 }
 
+/// The share of the pixels along an axis down to which steps are those of the exact frame.
+const HALF_SCALE: f64 = 0.5;
 /// A quarter of the pixels along an axis can still be steered by.
 const MIN_SCALE: f64 = 0.25;
 /// Longer steps jump over what the eye follows.
@@ -88,6 +93,16 @@ impl QualityControl {
     /// Makes a control for frames that are to take at most `goal` while the camera moves.
     pub fn new(goal: Duration) -> Self {
         Self { goal_ms: goal.as_secs_f64() * 1e3, share: MIN_SHARE, last: None }
+    }
+
+    /// Sets how long a frame may take from now on. What is known of the scene still counts; a change of less than a tenth is none.
+    pub fn set_goal(&mut self, goal: Duration) {
+        let goal_ms = goal.as_secs_f64() * 1e3;
+        let change = goal_ms / self.goal_ms;
+        if (change - 1.0).abs() > DEAD_BAND {
+            self.goal_ms = goal_ms;
+            self.share = (self.share * change).clamp(MIN_SHARE, 1.0);
+        }
     }
 
     /// Returns the quality of the next frame; `None` if the last frame still stands, and nothing has to be drawn.
@@ -213,6 +228,17 @@ mod tests {
         let (quality, _) = fly(&mut control, |_| 1e6, 50)[49];
         assert_eq!(quality, Quality { scale: MIN_SCALE, step: MAX_STEP });
         assert!((quality.share() - MIN_SHARE).abs() < 1e-12);
+    }
+
+    #[test]
+    fn another_goal_is_met_at_once() {
+        let mut control = QualityControl::new(ms(50.0));
+        fly(&mut control, |_| 500.0, 20);
+        for goal in [30.0, 31.0, 80.0] {
+            control.set_goal(ms(goal));
+            let (_, took) = fly(&mut control, |_| 500.0, 1)[0];
+            assert!((0.7..1.2).contains(&(took / goal)), "{goal}: {took}");
+        }
     }
 
     #[test]

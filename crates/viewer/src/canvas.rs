@@ -1,6 +1,7 @@
 //! The picture in the window: a live session draws the scene into a texture, on the window's own device or on the CPU, at the quality that the hand's
 //! pace allows. At rest it is drawn once more, exactly, and then not again. Costs one step and at most one drawing for each frame of the window.
 
+use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Status};
@@ -8,7 +9,7 @@ use brickyard::render::{Gpu, Target, wgpu};
 use brickyard::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene, SceneError};
-use eframe::egui::{self, ColorImage, TextureHandle, TextureId, TextureOptions};
+use eframe::egui::{Painter, Rect};
 use eframe::egui_wgpu::RenderState;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -18,15 +19,13 @@ use std::time::{Duration, Instant};
 /// How many frames' times are kept.
 const FRAMES: usize = 240;
 
-/// The format of the texture: egui blends in display-referred codes.
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-
 /// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
     session: Session,
     screen: Screen,
+    /// The window's device, if the session draws there and not on the CPU.
+    gpu: Option<RenderState>,
     control: QualityControl,
-    frame_goal: Duration,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
     shown: Option<Shown>,
@@ -66,20 +65,6 @@ pub(crate) struct Captured {
     pub(crate) stats: RenderStats,
 }
 
-/// Where the picture is.
-enum Screen {
-    /// In a texture of the window's device.
-    Gpu { state: RenderState, texture: Option<GpuTexture> },
-    /// In a texture that egui fills with pixels from the CPU.
-    Cpu { texture: Option<TextureHandle> },
-}
-
-struct GpuTexture {
-    view: wgpu::TextureView,
-    id: TextureId,
-    size_px: (u32, u32),
-}
-
 /// What the texture shows.
 struct Shown {
     scene: Scene,
@@ -107,20 +92,19 @@ impl Canvas {
             BackendChoice::Gpu => false,
         };
         let options = SessionOptions { live: true, ..*options };
-        let (session, screen) = if is_on_cpu {
+        let (session, gpu) = if is_on_cpu {
             let options = SessionOptions { backend: BackendChoice::Cpu, ..options };
-            (Session::new(volumes, options), Screen::Cpu { texture: None })
+            (Session::new(volumes, options), None)
         } else {
             let gpu = Gpu::from_device(&state.adapter, state.device.clone(), state.queue.clone())
                 .map_err(brickyard::backend::BackendError::from)?;
-            (Session::on_gpu(volumes, options, gpu), Screen::Gpu { state: state.clone(), texture: None })
+            (Session::on_gpu(volumes, options, gpu), Some(state.clone()))
         };
-        let frame_goal = Duration::from_millis(50);
         Ok(Self {
             session,
-            screen,
-            control: QualityControl::new(frame_goal),
-            frame_goal,
+            screen: Screen::new(state),
+            gpu,
+            control: QualityControl::new(Duration::from_millis(50)),
             is_adaptive: true,
             shown: None,
             times: VecDeque::new(),
@@ -129,11 +113,11 @@ impl Canvas {
         })
     }
 
-    /// Sets how long a frame may take while the picture changes.
-    pub(crate) fn set_frame_goal(&mut self, goal: Duration) {
-        if goal != self.frame_goal {
-            (self.frame_goal, self.control) = (goal, QualityControl::new(goal));
-        }
+    /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself. Pictures have at least half of it.
+    pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
+        // A GPU's own work for a picture is part of the time between frames.
+        let between = if self.gpu.is_some() { Duration::ZERO } else { between };
+        self.control.set_goal(goal.saturating_sub(between).max(goal / 2));
     }
 
     /// Goes on within other limits of memory, in bytes.
@@ -173,12 +157,7 @@ impl Canvas {
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
-    pub(crate) fn show(
-        &mut self,
-        egui: &egui::Context,
-        scene: &Scene,
-        size_px: (u32, u32),
-    ) -> Result<(), SessionError> {
+    pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
         let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
         if self.shown.as_ref().is_some_and(|shown| is_same(shown) && shown.is_final) {
             return Ok(());
@@ -191,7 +170,7 @@ impl Canvas {
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
         let begun = Instant::now();
-        let is_whole = self.draw(egui, &quality.frame(&frame), size_px)?;
+        let is_whole = self.draw(&quality.frame(&frame), size_px)?;
         if self.times.len() == FRAMES {
             self.times.pop_front();
         }
@@ -210,33 +189,25 @@ impl Canvas {
     }
 
     /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.
-    fn draw(&mut self, egui: &egui::Context, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
-        match &mut self.screen {
-            Screen::Gpu { state, texture } => {
-                let texture = sized(texture, state, size_px);
-                let target = Target { view: &texture.view, format: FORMAT, area_px: None };
-                let mut encoder = state.device.create_command_encoder(&Default::default());
-                let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
-                state.queue.submit([encoder.finish()]);
-                self.session.gpu_time().into_iter().for_each(|time| self.control.took(time));
-                Ok(is_this)
-            }
-            Screen::Cpu { texture } => {
-                let begun = Instant::now();
-                let picture = self.session.draw(frame)?;
-                self.control.took(begun.elapsed());
-                put(texture, egui, &picture, (picture.width, picture.height) == size_px);
-                Ok(true)
-            }
-        }
+    fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
+        let Some(state) = &self.gpu else {
+            let begun = Instant::now();
+            let picture = self.session.draw(frame)?;
+            self.control.took(begun.elapsed());
+            self.screen.put(&picture, (picture.width, picture.height) != size_px);
+            return Ok(true);
+        };
+        let target = Target { view: self.screen.sized(size_px), format: FORMAT, area_px: None };
+        let mut encoder = state.device.create_command_encoder(&Default::default());
+        let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
+        state.queue.submit([encoder.finish()]);
+        self.session.gpu_time().into_iter().for_each(|time| self.control.took(time));
+        Ok(is_this)
     }
 
-    /// The texture with the picture; `None` before the first one.
-    pub(crate) fn texture(&self) -> Option<TextureId> {
-        match &self.screen {
-            Screen::Gpu { texture, .. } => texture.as_ref().map(|texture| texture.id),
-            Screen::Cpu { texture } => texture.as_ref().map(TextureHandle::id),
-        }
+    /// Puts the picture over a part of the window; nothing before the first one.
+    pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
+        self.screen.paint(painter, area);
     }
 
     /// Whether the picture is as it will stay until the scene changes.
@@ -312,47 +283,4 @@ fn draw_if_final(
     // Drawing tells what was seen, after which more may be wanted.
     let picture = session.draw(&frame)?;
     Ok(frame.status.settled.then_some((picture, frame)))
-}
-
-/// The texture in the size that is wanted, made anew if it has another one.
-fn sized<'a>(texture: &'a mut Option<GpuTexture>, state: &RenderState, size_px: (u32, u32)) -> &'a GpuTexture {
-    let made = || {
-        let texture = state.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("volume"),
-            size: wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
-        texture.create_view(&Default::default())
-    };
-    let nearest = wgpu::FilterMode::Nearest;
-    let mut renderer = state.renderer.write();
-    match texture {
-        Some(known) if known.size_px == size_px => {}
-        Some(known) => {
-            (known.view, known.size_px) = (made(), size_px);
-            renderer.update_egui_texture_from_wgpu_texture(&state.device, &known.view, nearest, known.id);
-        }
-        None => {
-            let view = made();
-            let id = renderer.register_native_texture(&state.device, &view, nearest);
-            *texture = Some(GpuTexture { view, id, size_px });
-        }
-    }
-    texture.get_or_insert_with(|| unreachable!("it has just been made"))
-}
-
-/// Puts a picture from the CPU into the texture: pixel by pixel if it has the size that is shown, else smoothed.
-fn put(texture: &mut Option<TextureHandle>, egui: &egui::Context, picture: &Picture, is_sized: bool) {
-    let size = [picture.width as usize, picture.height as usize];
-    let image = ColorImage::from_rgb(size, picture.rgb.as_flattened());
-    let options = if is_sized { TextureOptions::NEAREST } else { TextureOptions::LINEAR };
-    match texture {
-        Some(texture) => texture.set(image, options),
-        None => *texture = Some(egui.load_texture("volume", image, options)),
-    }
 }

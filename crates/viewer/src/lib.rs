@@ -22,6 +22,7 @@ mod picking;
 mod plane_view;
 mod planes;
 mod recent;
+mod screen;
 mod screenshots;
 mod script;
 mod state;

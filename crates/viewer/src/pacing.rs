@@ -21,9 +21,15 @@ struct Drawn {
     quality: f64,
 }
 
+/// How many times between frames are kept: the least of them is without what the display or the hand made the window wait.
+const TIMES_BETWEEN: usize = 8;
+
 /// What the frames of a window took.
 pub(crate) struct Pacing {
     opened: Instant,
+    /// When the last frame's work ended, if the next one was to follow at once.
+    ended: Option<Instant>,
+    between: VecDeque<Duration>,
     first: Option<Instant>,
     drawn: VecDeque<Drawn>,
     blocked_most_ms: f64,
@@ -53,7 +59,27 @@ pub(crate) struct PacingStats {
 impl Pacing {
     /// Counts the frames of a window whose volumes were opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
-        Self { opened, first: None, drawn: VecDeque::new(), blocked_most_ms: 0.0, frames: 0 }
+        let (drawn, between) = (VecDeque::new(), VecDeque::new());
+        Self { opened, ended: None, between, first: None, drawn, blocked_most_ms: 0.0, frames: 0 }
+    }
+
+    /// Takes note that a frame's work begins.
+    pub(crate) fn begin(&mut self) {
+        let Some(ended) = self.ended.take() else { return };
+        if self.between.len() == TIMES_BETWEEN {
+            self.between.pop_front();
+        }
+        self.between.push_back(ended.elapsed());
+    }
+
+    /// Takes note that a frame's work has ended, and whether the next frame is to follow at once.
+    pub(crate) fn end(&mut self, goes_on: bool) {
+        self.ended = goes_on.then(Instant::now);
+    }
+
+    /// What the window itself takes between the work of one frame and that of the next: it is painted, and put on the display.
+    pub(crate) fn between(&self) -> Duration {
+        self.between.iter().min().copied().unwrap_or_default()
     }
 
     /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, of the least of these qualities.
@@ -98,6 +124,25 @@ impl Pacing {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_least_time_between_frames_counts() {
+        let mut pacing = Pacing::new(Instant::now());
+        assert_eq!(pacing.between(), Duration::ZERO);
+        for (pause_ms, goes_on) in [(30, true), (3, true), (0, false)] {
+            pacing.end(goes_on);
+            std::thread::sleep(Duration::from_millis(pause_ms));
+            pacing.begin();
+        }
+        assert!((3..30).contains(&pacing.between().as_millis()), "{:?}", pacing.between());
+        // Long ago counts no more.
+        for _ in 0..TIMES_BETWEEN {
+            pacing.end(true);
+            std::thread::sleep(Duration::from_millis(31));
+            pacing.begin();
+        }
+        assert!(pacing.between() >= Duration::from_millis(31));
+    }
 
     #[test]
     fn drawing_is_counted_apart() {

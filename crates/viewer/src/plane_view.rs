@@ -6,7 +6,7 @@ use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
-use crate::volume_view::{Seen, put, whole_pixels};
+use crate::volume_view::{Seen, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::Camera;
 use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
@@ -50,10 +50,10 @@ impl PlaneView {
             camera,
             (filter(grid, planes.filter, &camera, size_px.1), planes.gray),
         );
-        let drawn = canvas.show(ui.ctx(), &scene, size_px);
+        let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
-        put(ui, canvas, area);
+        canvas.paint(ui.painter(), area);
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &camera, seen);
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));

@@ -68,11 +68,12 @@ impl Views {
         of_pictures.fold((0, self.held_bytes()), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
-    /// Suits the pictures to a window's settings: how many there are, how they move, and what memory they may take.
+    /// Suits the pictures to a window's settings: how many there are, how they move, and what memory they may take. `between` is what the window itself
+    /// takes of each frame.
     ///
     /// # Errors
     /// If the device lacks what the engine needs.
-    pub(crate) fn suit(&mut self, window: &WindowState) -> Result<(), SessionError> {
+    pub(crate) fn suit(&mut self, window: &WindowState, between: Duration) -> Result<(), SessionError> {
         let count = if window.layout == Layout::Planes { 3 } else { 0 };
         self.planes.truncate(count);
         let (gpu, host) = self.budgets_bytes(window);
@@ -90,8 +91,8 @@ impl Views {
         }
         self.planes.iter_mut().for_each(|plane| plane.set_budgets(of_plane.0, of_plane.1));
         let goal = Duration::try_from_secs_f64(window.motion.frame_goal_ms / 1e3).unwrap_or(Duration::from_millis(50));
-        self.main.set_frame_goal(goal);
-        self.planes.iter_mut().for_each(|plane| plane.set_frame_goal(goal / 3));
+        self.main.set_frame_goal(goal, between);
+        self.planes.iter_mut().for_each(|plane| plane.set_frame_goal(goal / 3, between / 3));
         for canvas in self.all_mut() {
             canvas.is_adaptive = window.motion.adaptive;
         }

@@ -7,7 +7,7 @@ use crate::overlay::{self, Lens, World, bricks, color_bar};
 use crate::picking::{Picked, Picking};
 use crate::state::{State, Tool};
 use brickyard::session::{SessionError, VolumeSource};
-use eframe::egui::{self, Color32, Key, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
+use eframe::egui::{self, Key, PointerButton, Pos2, Response, Sense, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
 
@@ -86,10 +86,10 @@ impl VolumeView {
         self.size_px = size_px;
         let drawn = match canvas.is_capturing() {
             true => Ok(()),
-            false => canvas.show(ui.ctx(), &seen.state.scene, size_px),
+            false => canvas.show(&seen.state.scene, size_px),
         };
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
-        put(ui, canvas, area);
+        canvas.paint(ui.painter(), area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         self.decorate(&lens, canvas, seen, response.hover_pos());
@@ -228,14 +228,6 @@ pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     let pixels = |points: f32| ((points * scale).floor() as u32).max(1);
     let size_px = (pixels(size.x), pixels(size.y));
     (size_px, vec2(size_px.0 as f32, size_px.1 as f32) / scale)
-}
-
-/// Puts a canvas's texture in a part of the window.
-pub(crate) fn put(ui: &Ui, canvas: &Canvas, area: Rect) {
-    if let Some(texture) = canvas.texture() {
-        let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-        ui.painter().image(texture, area, whole, Color32::WHITE);
-    }
 }
 
 /// By how much the wheel and two fingers come nearer in this frame.

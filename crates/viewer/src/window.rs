@@ -219,7 +219,7 @@ impl Window {
 
     /// The pictures, and what the pointer does over them.
     fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
-        self.views.suit(&self.state.window)?;
+        self.views.suit(&self.state.window, self.pacing.between())?;
         let places = self.places();
         let is_anatomical = self.state.scene.is_anatomical(&places);
         let unit = panels::unit(self.views.volumes(), is_anatomical).to_string();
@@ -350,6 +350,7 @@ impl eframe::App for Window {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let begun = Instant::now();
+        self.pacing.begin();
         let egui = ui.ctx().clone();
         self.write_pictures();
         if let Err(problem) = self.follow_files(&egui) {
@@ -406,6 +407,7 @@ impl eframe::App for Window {
         }
         let spent = self.views.take_spent();
         self.pacing.note(begun.elapsed(), spent, self.views.main.quality());
+        self.pacing.end(!self.has_final_pictures());
     }
 
     fn on_exit(&mut self) {

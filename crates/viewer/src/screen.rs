@@ -1,0 +1,163 @@
+//! The texture in which a picture is seen, on the window's device: drawn there, or filled with pixels from the CPU. It comes into the window by a pass of
+//! its own and not as egui's images do, whose shader is made for letters and panels: a processor that stands in for a GPU took three times as long for it.
+
+use brickyard::render::wgpu;
+use brickyard::volume::Picture;
+use brickyard_shaders::{Eyes, bindings, blit};
+use eframe::egui::{PaintCallbackInfo, Painter, Rect};
+use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState};
+
+/// The texture's format: the window blends in display-referred codes.
+pub(crate) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// A texture, and what brings it into the window.
+pub(crate) struct Screen {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    pass: Pass,
+    texture: Option<Texture>,
+}
+
+struct Texture {
+    texture: wgpu::Texture,
+    view: wgpu::TextureView,
+    size_px: (u32, u32),
+    /// Shows it pixel by pixel, and smoothed.
+    nearest: wgpu::BindGroup,
+    linear: wgpu::BindGroup,
+    is_smoothed: bool,
+}
+
+/// The pass that puts pictures over parts of a window.
+#[derive(Clone)]
+struct Pass {
+    pipeline: wgpu::RenderPipeline,
+    nearest: wgpu::Sampler,
+    linear: wgpu::Sampler,
+}
+
+/// A picture to be put over a part of the window.
+struct Shown {
+    pipeline: wgpu::RenderPipeline,
+    bindings: wgpu::BindGroup,
+}
+
+impl Screen {
+    /// Makes an empty screen on the window's device.
+    pub(crate) fn new(state: &RenderState) -> Self {
+        let mut renderer = state.renderer.write();
+        let pass = renderer.callback_resources.entry().or_insert_with(|| Pass::new(&state.device, state.target_format));
+        Self { device: state.device.clone(), queue: state.queue.clone(), pass: pass.clone(), texture: None }
+    }
+
+    /// The texture in this size, to be drawn into, made anew if it has another one.
+    pub(crate) fn sized(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
+        let texture = self.of_size(size_px);
+        texture.is_smoothed = false;
+        &texture.view
+    }
+
+    /// Shows a picture from the CPU: pixel by pixel, or smoothed if it has fewer pixels than are shown.
+    pub(crate) fn put(&mut self, picture: &Picture, is_smoothed: bool) {
+        let size_px = (picture.width, picture.height);
+        let rgba: Vec<u8> = picture.rgb.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect();
+        let queue = self.queue.clone();
+        let texture = self.of_size(size_px);
+        texture.is_smoothed = is_smoothed;
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * size_px.0), rows_per_image: None };
+        queue.write_texture(texture.texture.as_image_copy(), &rgba, layout, texture.texture.size());
+    }
+
+    /// Puts what the texture shows over a part of the window; nothing before the first picture.
+    pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
+        if let Some(texture) = &self.texture {
+            let bindings = if texture.is_smoothed { &texture.linear } else { &texture.nearest }.clone();
+            let shown = Shown { pipeline: self.pass.pipeline.clone(), bindings };
+            painter.add(Callback::new_paint_callback(area, shown));
+        }
+    }
+
+    fn of_size(&mut self, size_px: (u32, u32)) -> &mut Texture {
+        let Self { device, pass, texture, .. } = self;
+        if texture.as_ref().is_none_or(|texture| texture.size_px != size_px) {
+            *texture = None;
+        }
+        texture.get_or_insert_with(|| Texture::new(device, pass, size_px))
+    }
+}
+
+impl Texture {
+    fn new(device: &wgpu::Device, pass: &Pass, size_px: (u32, u32)) -> Self {
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("volume"),
+            size: wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&Default::default());
+        let [nearest, linear] = [&pass.nearest, &pass.linear].map(|sampler| {
+            let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+            device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("picture in the window"),
+                layout: &pass.pipeline.get_bind_group_layout(0),
+                entries: &[
+                    entry(bindings::LEFT_PICTURE, wgpu::BindingResource::TextureView(&view)),
+                    entry(bindings::PICTURE_SAMPLER, wgpu::BindingResource::Sampler(sampler)),
+                ],
+            })
+        });
+        Self { texture, view, size_px, nearest, linear, is_smoothed: false }
+    }
+}
+
+impl Pass {
+    fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
+        let source = wgpu::ShaderSource::Wgsl(blit(Eyes::One, format.is_srgb()).into());
+        let module =
+            device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("picture in the window"), source });
+        let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("picture in the window"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("stretched"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("blit"),
+                compilation_options: Default::default(),
+                targets: &[Some(format.into())],
+            }),
+            primitive: Default::default(),
+            depth_stencil: None,
+            multisample: Default::default(),
+            multiview_mask: None,
+            cache: None,
+        });
+        let sampler = |filter| {
+            device.create_sampler(&wgpu::SamplerDescriptor {
+                mag_filter: filter,
+                min_filter: filter,
+                ..Default::default()
+            })
+        };
+        Self { pipeline, nearest: sampler(wgpu::FilterMode::Nearest), linear: sampler(wgpu::FilterMode::Linear) }
+    }
+}
+
+impl CallbackTrait for Shown {
+    fn paint(&self, _: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, _: &CallbackResources) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bindings, &[]);
+        pass.draw(0..3, 0..1);
+    }
+}
