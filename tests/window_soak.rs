@@ -78,9 +78,9 @@ fn input(random: &mut Random) -> String {
             pick(SIZE[0]),
             pick(SIZE[1])
         ),
-        6 => format!("mousemove {place} click {}", 4 + pick(2)),
-        7 => format!("mousemove {place} click 1"),
-        _ => format!("key {}", keys[pick(keys.len() as u64) as usize]),
+        6 => format!("mousemove {place} click --delay 0 {}", 4 + pick(2)),
+        7 => format!("mousemove {place} click --delay 0 1"),
+        _ => format!("key --delay 0 {}", keys[pick(keys.len() as u64) as usize]),
     }
 }
 

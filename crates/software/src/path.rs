@@ -13,12 +13,13 @@ use crate::row::{Passed, Row};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Code, Portable, Unit};
+use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{Gradient, Lighting, Medium as Mean, TransferGrid};
+use brickyard_volume::{Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
@@ -174,13 +175,81 @@ impl<'a> Path<'a> {
             along[i] = 0.5 * (a + b);
         }
         let row = self.sample::<C, U, INVALID>(along);
+        let (mut shown, mut is_any) = ([const { None }; LANES], false);
         for i in 0..count as usize {
             if row.weight[i] > 0.0 {
-                let [a, b] = self.ends(segments.start + i as i32);
-                self.add_sampled::<C, U, INVALID>(media, segments.start + i as i32, along[i], row.code[i], b - a);
+                shown[i] = self.at::<C>(row.code[i]);
+                is_any |= shown[i].is_some();
             }
         }
+        if !is_any {
+            return segments.start + count;
+        }
+        let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
+        let shade = Shade::new(self.lighting(), self.march.cell.world_from_differences, self.eye, self.direction);
+        if self.has_gradients {
+            self.row_differences::<C, U, INVALID>(&along, &row.code, &shown, &mut differences);
+        }
+        if self.is_lit {
+            let mut distance = [0.0; LANES];
+            for i in 0..LANES {
+                distance[i] = self.distance(along[i]) as f32;
+            }
+            shade.packet(&differences, &distance, &mut shaded);
+        }
+        for i in 0..count as usize {
+            let Some(mut medium) = shown[i].take() else { continue };
+            if self.has_gradients {
+                let differences = Vec3::new(differences[0][i], differences[1][i], differences[2][i]);
+                let Some(by_gradient) = self.by_gradient(medium, row.code[i], differences) else { continue };
+                medium = by_gradient;
+            }
+            if self.is_lit {
+                medium.color = shade.lit(&shaded, i, medium.color.extend(0.0), 1.0).truncate();
+            }
+            let [a, b] = self.ends(segments.start + i as i32);
+            self.push(media, segments.start + i as i32, medium, b - a);
+        }
         segments.start + count
+    }
+
+    /// How fog is lit.
+    #[inline(always)]
+    fn lighting(&self) -> &'a Lighting {
+        &self.march.frame.settings.lighting
+    }
+
+    /// Puts into `differences` those at a packet of places that have these codes, as [`Path::differences`] has them; only those of what is shown
+    /// need be right.
+    #[inline(always)]
+    fn row_differences<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        along: &Packet,
+        code: &Packet,
+        shown: &[Option<Shown>; LANES],
+        differences: &mut [Packet; 3],
+    ) {
+        let March { frame, brick, .. } = self.march;
+        if self.lighting().gradient == Gradient::Central
+            && frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear)
+        {
+            let mut points = [[0.0; LANES]; 3];
+            for i in 0..LANES {
+                let place = self.slot_place(along[i]);
+                for a in 0..3 {
+                    points[a][i] = place[a];
+                }
+            }
+            return brick.central_differences::<C, U, INVALID>(&points, code, differences);
+        }
+        for i in 0..LANES {
+            if shown[i].is_some() {
+                let found = self.differences::<C, U, INVALID>(along[i], code[i]);
+                for a in 0..3 {
+                    differences[a][i] = found[a];
+                }
+            }
+        }
     }
 
     /// Real samples, more of them where a segment's ends differ more.
@@ -341,7 +410,13 @@ impl<'a> Path<'a> {
     #[inline(always)]
     fn add_shown(&self, media: &mut Row, segment: i32, along: f32, shown: Shown, differences: Vec3, share: f32) {
         let color = if self.is_lit { self.lit(along, shown.color, differences) } else { shown.color };
-        media.push(Passed { segment, color, depth: shown.depth, length: share.max(0.0) as f64 * self.length });
+        self.push(media, segment, Shown { color, ..shown }, share);
+    }
+
+    /// Appends a medium as it is.
+    #[inline(always)]
+    fn push(&self, media: &mut Row, segment: i32, Shown { color, depth }: Shown, share: f32) {
+        media.push(Passed { segment, color, depth, length: share.max(0.0) as f64 * self.length });
     }
 
     /// What is shown at a code, if anything.
@@ -389,7 +464,7 @@ impl<'a> Path<'a> {
     }
 
     fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
-        self.lit_by(&self.march.frame.settings.lighting, along, color, differences)
+        self.lit_by(self.lighting(), along, color, differences)
     }
 
     /// A colour lit at a place.
