@@ -1,6 +1,7 @@
 //! The picture in the window: a live session draws the scene into a texture, on the window's own device or on the CPU, at the quality that the hand's
 //! pace allows. At rest it is drawn once more, exactly, and then not again. Costs one step and at most one drawing for each frame of the window.
 
+use crate::device::Device;
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Status};
@@ -69,7 +70,7 @@ pub(crate) struct Captured {
 /// Where the picture is.
 enum Screen {
     /// In a texture of the window's device.
-    Gpu { state: RenderState, texture: Option<GpuTexture> },
+    Gpu { device: Device, texture: Option<GpuTexture> },
     /// In a texture that egui fills with pixels from the CPU.
     Cpu { texture: Option<TextureHandle> },
 }
@@ -91,29 +92,25 @@ struct Shown {
 }
 
 impl Canvas {
-    /// Makes a session of volumes, on the window's device unless the options say the CPU, or leave the choice and the device is a software one.
+    /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
     ///
     /// # Errors
     /// If the device lacks what the engine needs.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: &SessionOptions,
-        state: &RenderState,
+        device: Option<&Device>,
     ) -> Result<Self, SessionError> {
-        let is_software = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
-        let is_on_cpu = match options.backend {
-            BackendChoice::Cpu => true,
-            BackendChoice::Auto => is_software,
-            BackendChoice::Gpu => false,
-        };
         let options = SessionOptions { live: true, ..*options };
-        let (session, screen) = if is_on_cpu {
-            let options = SessionOptions { backend: BackendChoice::Cpu, ..options };
-            (Session::new(volumes, options), Screen::Cpu { texture: None })
-        } else {
-            let gpu = Gpu::from_device(&state.adapter, state.device.clone(), state.queue.clone())
-                .map_err(brickyard::backend::BackendError::from)?;
-            (Session::on_gpu(volumes, options, gpu), Screen::Gpu { state: state.clone(), texture: None })
+        let (session, screen) = match device.filter(|device| draws_volumes(device, &options)) {
+            Some(device) => {
+                let screen = Screen::Gpu { device: device.clone(), texture: None };
+                (Session::on_gpu(volumes, options, gpu(device)?), screen)
+            }
+            None => {
+                let options = SessionOptions { backend: BackendChoice::Cpu, ..options };
+                (Session::new(volumes, options), Screen::Cpu { texture: None })
+            }
         };
         let frame_goal = Duration::from_millis(50);
         Ok(Self {
@@ -127,6 +124,32 @@ impl Canvas {
             spent: FrameTimes::default(),
             captures: VecDeque::new(),
         })
+    }
+
+    /// Goes on with another device of the window's. Pictures that were asked for are still to come. What is decoded stays unless the CPU takes the place of a
+    /// GPU, or the other way round.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn set_device(&mut self, options: &SessionOptions, device: &Device) -> Result<(), SessionError> {
+        match (&mut self.screen, draws_volumes(device, options)) {
+            (Screen::Cpu { texture }, false) => *texture = None,
+            (Screen::Gpu { .. }, true) => {
+                self.session.set_gpu(gpu(device)?);
+                self.screen = Screen::Gpu { device: device.clone(), texture: None };
+            }
+            _ => {
+                let captures = std::mem::take(&mut self.captures);
+                *self = Self { captures, ..Self::new(self.session.volumes().to_vec(), options, Some(device))? };
+            }
+        }
+        self.shown = None;
+        Ok(())
+    }
+
+    /// Whether the device is lost on which the picture is drawn.
+    fn is_lost(&self) -> bool {
+        matches!(&self.screen, Screen::Gpu { device, .. } if device.lost().is_some())
     }
 
     /// Sets how long a frame may take while the picture changes.
@@ -156,13 +179,16 @@ impl Canvas {
     /// Streams a step towards the picture that was asked for first, while the texture stays as it is, and returns the picture once it is final.
     ///
     /// # Errors
-    /// If it cannot be drawn; it is given up then.
+    /// If it cannot be drawn; it is given up then, unless another device may draw it.
     pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front() else { return Ok(None) };
         let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
         // The session's slots are those of another picture now.
         self.shown.iter_mut().for_each(|shown| shown.is_final = false);
-        let Some((picture, frame)) = drawn.inspect_err(|_| drop(self.captures.pop_front()))? else { return Ok(None) };
+        if drawn.is_err() && !self.is_lost() {
+            self.captures.pop_front();
+        }
+        let Some((picture, frame)) = drawn? else { return Ok(None) };
         let Some(Capture { scene, path, .. }) = self.captures.pop_front() else { return Ok(None) };
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.session.backend_bytes());
@@ -212,7 +238,7 @@ impl Canvas {
     /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.
     fn draw(&mut self, egui: &egui::Context, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
         match &mut self.screen {
-            Screen::Gpu { state, texture } => {
+            Screen::Gpu { device: Device { state, .. }, texture } => {
                 let texture = sized(texture, state, size_px);
                 let target = Target { view: &texture.view, format: FORMAT, area_px: None };
                 let mut encoder = state.device.create_command_encoder(&Default::default());
@@ -296,6 +322,22 @@ impl Canvas {
     pub(crate) fn slots(&self) -> u64 {
         self.session.slots()
     }
+}
+
+/// Whether the window's device draws volumes, too, and not the CPU.
+fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
+    match options.backend {
+        BackendChoice::Cpu => false,
+        BackendChoice::Auto => !device.is_software(),
+        BackendChoice::Gpu => true,
+    }
+}
+
+/// The window's device, as sessions take it.
+fn gpu(device: &Device) -> Result<Gpu, SessionError> {
+    let RenderState { adapter, device, queue, .. } = &device.state;
+    let gpu = Gpu::from_device(adapter, device.clone(), queue.clone());
+    Ok(gpu.map_err(brickyard::backend::BackendError::from)?)
 }
 
 /// Streams a step towards a scene's picture; returns the picture, and its frame, if it is final.
