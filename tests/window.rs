@@ -203,6 +203,81 @@ fn a_window_outlives_its_store_and_what_it_cannot_write() {
 }
 
 #[test]
+fn a_window_goes_on_after_its_gpu_was_lost() {
+    let (Some(display), test) = (Display::start(), store()) else { return };
+    let path = test.path().display().to_string();
+    // It is lost in the middle of a turn, and while a picture is on its way.
+    let tour = format!(
+        "0 set window.overlays {BARE}\n0 set mode mip\n0.2 orbit 9 4\n0.3 orbit 9 4\n0.3 lose-gpu\n0.4 orbit 9 4\n\
+        settled set layers.0.window [40, 210]\nsettled set step 0.4\n0 save-picture picture.png\n0 lose-gpu\nsettled undo\n0 undo\n0 undo\n\
+        settled save-scene scene.json\nsettled save-picture last.png\nsettled screenshot screen.png\nsettled quit\n"
+    );
+    for backend in ["cpu", "gpu"] {
+        let sandbox = Sandbox::in_memory();
+        sandbox.write("tour.txt", &tour);
+        let arguments = ["-v", &path, "--backend", backend, "--script", "tour.txt", "--size", "900x600"];
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert!(ended.status.success() && !said.contains("panicked"), "{backend}: {said}");
+        assert!(said.contains("the GPU was lost and has been opened again"), "{backend}: {said}");
+        assert_eq!(said.matches("the GPU was lost: ").count(), 2, "{backend}: {said}");
+        let scene: Scene = serde_json::from_slice(&sandbox.read("scene.json")).expect("a scene");
+        assert_eq!((scene.mode, scene.layers[0].window), (Mode::Dvr, None), "{backend}: all edits are undone");
+        let picture = read_png(&sandbox.path("last.png"));
+        let size = format!("{}x{}", picture.width, picture.height);
+        let line = format!("render {path} --scene scene.json --backend {backend} --size {size} -o rendered.png");
+        sandbox.run_ok(&line);
+        let rendered = read_png(&sandbox.path("rendered.png"));
+        assert!(most(&picture, &rendered) <= 1, "{backend}: {}", most(&picture, &rendered));
+        let screen = read_png(&sandbox.path("screen.png"));
+        assert_eq!((screen.width, screen.height), (900, 600), "{backend}: the window's size");
+        assert!(is_in(&screen, &rendered), "{backend}: the window shows another picture");
+        assert!(most(&read_png(&sandbox.path("picture.png")), &rendered) > 1, "{backend}: what was asked for before");
+    }
+}
+
+#[test]
+fn a_gpu_that_is_lost_again_and_again_leaves_the_volumes_to_the_cpu_and_then_ends() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let losses = "settled lose-gpu\n".repeat(3);
+    sandbox.write("tour.txt", format!("{losses}settled save-picture picture.png\nsettled lose-gpu\nsettled quit\n"));
+    let arguments = ["-v", &path, "--backend", "gpu", "--script", "tour.txt"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(said.contains("the CPU draws the volumes now") && sandbox.path("picture.png").exists(), "{said}");
+    let is_told = said.contains("error: the GPU was lost 4 times within seconds") && !said.contains("panicked");
+    assert!(ended.status.code() == Some(1) && is_told, "{:?}: {said}", ended.status);
+}
+
+#[test]
+fn displays_that_cannot_show_a_window_are_said() {
+    let (test, sandbox) = (store(), Sandbox::in_memory());
+    let path = test.path().display().to_string();
+    let usual = ["-screen", "0", "1400x900x24"];
+    let displays: [(&[&str], &str); 3] = [
+        (&["-screen", "0", "1400x900x16"], "does not draw on this display"),
+        (&[&usual[..], &["-extension", "RANDR"]].concat(), "this display or its driver lacks what a window needs"),
+        (&[&usual[..], &["-extension", "XFIXES"]].concat(), "this display or its driver lacks what a window needs"),
+    ];
+    for (like, expected) in displays {
+        let Some(display) = Display::start_with(like) else { return };
+        let ended = display.view(sandbox.path(".").as_path(), &[&path]).output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        let is_told = said.contains(expected) && !said.contains("panicked") && !said.contains(".rs");
+        assert!(ended.status.code() == Some(1) && is_told, "{like:?}: {:?}: {said}", ended.status);
+    }
+    let Some(mut display) = Display::start() else { return };
+    let mut view = display.view(sandbox.path(".").as_path(), &[&path]);
+    let mut window = view.stderr(std::process::Stdio::piped()).spawn().expect("it runs");
+    display.focus();
+    display.end();
+    let status = window.wait().expect("it ends");
+    let said = std::io::read_to_string(window.stderr.take().expect("piped")).expect("text");
+    assert!(status.code() == Some(1) && !said.contains("panicked"), "{status:?}: {said}");
+}
+
+#[test]
 fn what_keeps_a_window_from_opening_is_said() {
     let (test, sandbox) = (store(), Sandbox::in_memory());
     let path = test.path().display().to_string();
@@ -216,6 +291,10 @@ fn what_keeps_a_window_from_opening_is_said() {
             "{:?}: {said}",
             ended.status
         );
+        let mut view = display.view(sandbox.path(".").as_path(), &[&path]);
+        let ended = view.env("WGPU_ADAPTER_NAME", "nothing").output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert!(ended.status.code() == Some(1) && said.contains("WGPU_ADAPTER_NAME is nothing"), "{said}");
     }
     let mut view = command();
     view.args(["view", &path]).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");

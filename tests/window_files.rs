@@ -2,6 +2,8 @@
 //! are exported as the command does.
 
 use brickyard::volume::{Extent, Geometry};
+#[cfg(target_os = "linux")]
+use brickyard_tests::faults::harm;
 use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, read_png};
 use serde_json::{Value, json};
 
@@ -81,4 +83,86 @@ fn an_empty_window_opens_what_it_is_told_to() {
     assert!(!sandbox.path("none.npy").exists() && sandbox.path("empty.png").exists());
     let (code, _, said) = brickyard_tests::run(&["view", "--mode", "mip"]);
     assert!(code == 2 && said.contains("name the volumes"), "{code}: {said}");
+}
+
+#[test]
+fn one_of_several_files_that_does_not_open_leaves_the_others() {
+    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let script =
+        format!("0 open {}\nsettled save-scene opened.json\nsettled quit\n", json!(["no-such.zarr", path, "nor.tif"]));
+    let said = play(&display, &sandbox, &["-v"], &script);
+    assert_eq!(document(&sandbox, "opened.json")["window"]["volumes"], json!([path]));
+    assert!(said.contains("no-such.zarr: No such file"), "{said}");
+    assert!(!said.contains("no-such.zarr: no-such.zarr"), "{said}");
+}
+
+/// All files below a folder, with what is in them.
+#[cfg(target_os = "linux")]
+fn files(folder: &std::path::Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
+    let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mut found: Vec<_> = entries
+        .flat_map(
+            |path| if path.is_dir() { files(&path) } else { vec![(path.clone(), std::fs::read(&path).expect("read"))] },
+        )
+        .collect();
+    found.sort();
+    found
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_said_and_leaves_what_was_there() {
+    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let under = sandbox.path("").canonicalize().expect("the sandbox is there");
+    let names = ["scene.json", "picture.png", "screen.png"];
+    names.iter().for_each(|name| sandbox.write(name, "what was there"));
+    sandbox.write("scan.raw", vec![7; 30 * 20 * 10]);
+    sandbox.write(
+        "script.txt",
+        "settled save-scene scene.json\nsettled save-picture picture.png\nsettled screenshot screen.png\nsettled export box.npy\n\
+        settled set mode mip\nsettled open scan.raw\nsettled save-scene scene.json\nsettled quit\n",
+    );
+    let before = files(&under);
+    let arguments = ["-v", &path, "--backend", "cpu", "--script", "script.txt", "--shape", "30,20,10", "--dtype", "u8"];
+    let mut view = display.view(&under, &arguments);
+    harm(&mut view, &under, "write 1+ ENOSPC");
+    let ended = view.output().expect("it runs");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(ended.status.success(), "{said}");
+    for name in names.into_iter().chain(["box.npy", "scan"]) {
+        let is_told = |line: &str| line.contains(name) && line.contains("No space left on device");
+        assert!(said.lines().any(is_told), "{name}: {said}");
+    }
+    // The folder of the store that was to be packed is gone on with the next time.
+    let after: Vec<_> = files(&under).into_iter().filter(|(path, _)| !path.starts_with(under.join("cache"))).collect();
+    let name = |files: &[(std::path::PathBuf, _)]| files.iter().map(|(path, _)| path.clone()).collect::<Vec<_>>();
+    assert!(after == before, "{:?} instead of {:?}", name(&after), name(&before));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_state_that_cannot_be_kept_leaves_the_one_before() {
+    let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let under = sandbox.path("").canonicalize().expect("the sandbox is there");
+    let run = |key: &str, rule: &str| {
+        let mut view = display.view(&under, &[&path, "--backend", "cpu"]);
+        harm(&mut view, &under, rule);
+        let window = view.stderr(std::process::Stdio::piped()).spawn().expect("it runs");
+        display.focus();
+        // The window is shown some frames before it has the keyboard.
+        display.input(&format!("sleep 0.5 key {key} sleep 0.5 key ctrl+q"));
+        let ended = window.wait_with_output().expect("it ends");
+        assert!(ended.status.success());
+        String::from_utf8_lossy(&ended.stderr).into_owned()
+    };
+    run("alt+2", "");
+    let windows = under.join("state/brickyard/windows");
+    let kept = files(&windows);
+    assert!(!kept.is_empty(), "nothing is kept");
+    let said = run("alt+3", "write 1+ ENOSPC windows/");
+    assert!(said.contains("cannot be kept") && said.contains("No space left on device"), "{said}");
+    assert!(files(&windows) == kept, "another state is kept");
 }

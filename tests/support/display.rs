@@ -14,8 +14,14 @@ pub struct Display {
 impl Display {
     /// Starts a display of 1400 by 900 pixels; `None`, and said so, where there is no such server.
     pub fn start() -> Option<Self> {
+        Self::start_with(&["-screen", "0", "1400x900x24"])
+    }
+
+    /// Starts a display that is like this, in the server's words; `None`, and said so, where there is no such server.
+    pub fn start_with(arguments: &[&str]) -> Option<Self> {
         let asked = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp"])
+            .args(["-displayfd", "1", "-nolisten", "tcp"])
+            .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn();
@@ -46,6 +52,13 @@ impl Display {
         assert!(sent.status.success(), "xdotool {words}: {}", String::from_utf8_lossy(&sent.stderr));
     }
 
+    /// Ends the server, as if the screen had been pulled out.
+    pub fn end(&mut self) {
+        // One that is asked to end takes its lock with it, which would confuse the next server; it may be gone.
+        let _ = Command::new("kill").arg(self.server.id().to_string()).stderr(Stdio::null()).status();
+        let _ = self.server.wait();
+    }
+
     /// Waits for a window of the command, and turns the keyboard to it.
     pub fn focus(&self) {
         self.input("search --sync --onlyvisible --name brickyard windowfocus --sync");
@@ -54,8 +67,6 @@ impl Display {
 
 impl Drop for Display {
     fn drop(&mut self) {
-        // It may be gone.
-        let _ = self.server.kill();
-        let _ = self.server.wait();
+        self.end();
     }
 }

@@ -70,17 +70,15 @@ impl Trial {
     pub fn run(&self, line: &str, rule: &str) -> Outcome {
         let log = self.aside.path("log");
         let _ = std::fs::remove_file(&log);
-        let library = library();
         let create = |name| File::create(self.aside.path(name)).expect("the sandbox is writable");
         let mut command = self.sandbox.command();
         command.args(line.split_whitespace()).stdout(create("stdout")).stderr(create("stderr"));
-        command.env("LD_PRELOAD", &library).env("RAYON_NUM_THREADS", "2");
-        command.env("BRICKYARD_FAULTS_UNDER", &self.under).env("BRICKYARD_FAULTS", rule);
-        command.env("BRICKYARD_FAULTS_LOG", &log);
+        harm(&mut command, &self.under, rule);
+        command.env("RAYON_NUM_THREADS", "2").env("BRICKYARD_FAULTS_LOG", &log);
         let (status, hung) = wait(&mut command);
         let how = format!(
             "cd {under}; LD_PRELOAD={} BRICKYARD_FAULTS_UNDER={under} BRICKYARD_FAULTS='{rule}' brickyard {line}",
-            library.display(),
+            library().display(),
             under = self.under.display()
         );
         Outcome {
@@ -92,6 +90,11 @@ impl Trial {
             how,
         }
     }
+}
+
+/// Harms what a command does to files below a folder, whose path has no links, by rules (see `tests/faults/src/rules.rs`).
+pub fn harm(command: &mut Command, under: &Path, rule: &str) {
+    command.env("LD_PRELOAD", library()).env("BRICKYARD_FAULTS_UNDER", under).env("BRICKYARD_FAULTS", rule);
 }
 
 /// The path of the library to preload. Cargo builds it beside the tests, which depend on it.

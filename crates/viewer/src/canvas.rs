@@ -1,11 +1,12 @@
 //! The picture in the window: a live session draws the scene into a texture, on the window's own device or on the CPU, at the quality that the hand's
 //! pace allows. At rest it is drawn once more, exactly, and then not again. Costs one step and at most one drawing for each frame of the window.
 
+use crate::device::Device;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Status};
-use brickyard::render::{Gpu, Target, wgpu};
+use brickyard::render::{Gpu, Target};
 use brickyard::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene, SceneError};
@@ -22,9 +23,10 @@ const FRAMES: usize = 240;
 /// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
     session: Session,
-    screen: Screen,
+    /// Where the picture is seen; `None` as long as the window has no device.
+    screen: Option<Screen>,
     /// The window's device, if the session draws there and not on the CPU.
-    gpu: Option<RenderState>,
+    gpu: Option<Device>,
     control: QualityControl,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
@@ -76,34 +78,25 @@ struct Shown {
 }
 
 impl Canvas {
-    /// Makes a session of volumes, on the window's device unless the options say the CPU, or leave the choice and the device is a software one.
+    /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
     ///
     /// # Errors
     /// If the device lacks what the engine needs.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: &SessionOptions,
-        state: &RenderState,
+        device: Option<&Device>,
     ) -> Result<Self, SessionError> {
-        let is_software = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
-        let is_on_cpu = match options.backend {
-            BackendChoice::Cpu => true,
-            BackendChoice::Auto => is_software,
-            BackendChoice::Gpu => false,
-        };
         let options = SessionOptions { live: true, ..*options };
-        let (session, gpu) = if is_on_cpu {
-            let options = SessionOptions { backend: BackendChoice::Cpu, ..options };
-            (Session::new(volumes, options), None)
-        } else {
-            let gpu = Gpu::from_device(&state.adapter, state.device.clone(), state.queue.clone())
-                .map_err(brickyard::backend::BackendError::from)?;
-            (Session::on_gpu(volumes, options, gpu), Some(state.clone()))
+        let gpu_device = device.filter(|device| draws_volumes(device, &options));
+        let session = match gpu_device {
+            Some(device) => Session::on_gpu(volumes, options, gpu(device)?),
+            None => Session::new(volumes, SessionOptions { backend: BackendChoice::Cpu, ..options }),
         };
         Ok(Self {
             session,
-            screen: Screen::new(state),
-            gpu,
+            screen: device.map(|device| Screen::new(&device.state)),
+            gpu: gpu_device.cloned(),
             control: QualityControl::new(Duration::from_millis(50)),
             is_adaptive: true,
             shown: None,
@@ -111,6 +104,32 @@ impl Canvas {
             spent: FrameTimes::default(),
             captures: VecDeque::new(),
         })
+    }
+
+    /// Goes on with another device of the window's. Pictures that were asked for are still to come. What is decoded stays unless the CPU takes the place of a
+    /// GPU, or the other way round.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn set_device(&mut self, options: &SessionOptions, device: &Device) -> Result<(), SessionError> {
+        match (&mut self.gpu, draws_volumes(device, options)) {
+            (None, false) => {}
+            (Some(known), true) => {
+                self.session.set_gpu(gpu(device)?);
+                *known = device.clone();
+            }
+            _ => {
+                let captures = std::mem::take(&mut self.captures);
+                *self = Self { captures, ..Self::new(self.session.volumes().to_vec(), options, Some(device))? };
+            }
+        }
+        (self.screen, self.shown) = (Some(Screen::new(&device.state)), None);
+        Ok(())
+    }
+
+    /// Whether the device is lost on which the picture is drawn.
+    fn is_lost(&self) -> bool {
+        self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
     /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself. Pictures have at least half of it.
@@ -140,13 +159,16 @@ impl Canvas {
     /// Streams a step towards the picture that was asked for first, while the texture stays as it is, and returns the picture once it is final.
     ///
     /// # Errors
-    /// If it cannot be drawn; it is given up then.
+    /// If it cannot be drawn; it is given up then, unless another device may draw it.
     pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front() else { return Ok(None) };
         let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
         // The session's slots are those of another picture now.
         self.shown.iter_mut().for_each(|shown| shown.is_final = false);
-        let Some((picture, frame)) = drawn.inspect_err(|_| drop(self.captures.pop_front()))? else { return Ok(None) };
+        if drawn.is_err() && !self.is_lost() {
+            self.captures.pop_front();
+        }
+        let Some((picture, frame)) = drawn? else { return Ok(None) };
         let Some(Capture { scene, path, .. }) = self.captures.pop_front() else { return Ok(None) };
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.session.backend_bytes());
@@ -190,14 +212,15 @@ impl Canvas {
 
     /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.
     fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
-        let Some(state) = &self.gpu else {
+        let Some(screen) = &mut self.screen else { return Ok(false) };
+        let Some(Device { state, .. }) = &self.gpu else {
             let begun = Instant::now();
             let picture = self.session.draw(frame)?;
             self.control.took(begun.elapsed());
-            self.screen.put(&picture, (picture.width, picture.height) != size_px);
+            screen.put(&picture, (picture.width, picture.height) != size_px);
             return Ok(true);
         };
-        let target = Target { view: self.screen.sized(size_px), format: FORMAT, area_px: None };
+        let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
         let mut encoder = state.device.create_command_encoder(&Default::default());
         let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
         state.queue.submit([encoder.finish()]);
@@ -207,7 +230,7 @@ impl Canvas {
 
     /// Puts the picture over a part of the window; nothing before the first one.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
-        self.screen.paint(painter, area);
+        self.screen.iter().for_each(|screen| screen.paint(painter, area));
     }
 
     /// Whether the picture is as it will stay until the scene changes.
@@ -267,6 +290,22 @@ impl Canvas {
     pub(crate) fn slots(&self) -> u64 {
         self.session.slots()
     }
+}
+
+/// Whether the window's device draws volumes, too, and not the CPU.
+fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
+    match options.backend {
+        BackendChoice::Cpu => false,
+        BackendChoice::Auto => !device.is_software(),
+        BackendChoice::Gpu => true,
+    }
+}
+
+/// The window's device, as sessions take it.
+fn gpu(device: &Device) -> Result<Gpu, SessionError> {
+    let RenderState { adapter, device, queue, .. } = &device.state;
+    let gpu = Gpu::from_device(adapter, device.clone(), queue.clone());
+    Ok(gpu.map_err(brickyard::backend::BackendError::from)?)
 }
 
 /// Streams a step towards a scene's picture; returns the picture, and its frame, if it is final.

@@ -55,6 +55,8 @@ pub(crate) enum Command {
     Screenshot(PathBuf),
     /// Close the window.
     Quit,
+    /// Lose the device that draws the window: for tests.
+    LoseGpu,
 }
 
 impl Command {
@@ -111,6 +113,7 @@ impl Command {
             Self::Export(file) => path("export", file),
             Self::Screenshot(file) => path("screenshot", file),
             Self::Quit => name("quit"),
+            Self::LoseGpu => name("lose-gpu"),
         }
     }
 }
@@ -146,7 +149,7 @@ impl fmt::Display for Command {
 }
 
 /// All commands with the forms of what follows their names.
-const FORMS: [(&str, &str); 22] = [
+const FORMS: [(&str, &str); 23] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP, or these and a point of the world, X Y Z"),
     ("look", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
@@ -169,6 +172,7 @@ const FORMS: [(&str, &str); 22] = [
     ("export", "FILE"),
     ("screenshot", "FILE"),
     ("quit", ""),
+    ("lose-gpu", ""),
 ];
 
 impl FromStr for Command {
@@ -242,6 +246,7 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         ("export", _) => Command::Export(file()?),
         ("screenshot", _) => Command::Screenshot(file()?),
         ("quit", []) => Command::Quit,
+        ("lose-gpu", []) => Command::LoseGpu,
         _ => return None,
     })
 }
@@ -302,7 +307,7 @@ mod tests {
 
     fn command() -> impl Strategy<Value = Command> {
         let viewpoints: Vec<_> = Viewpoint::all().map(|(_, viewpoint)| viewpoint).collect();
-        let plain = vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit];
+        let plain = vec![Command::Fit, Command::Undo, Command::Redo, Command::Quit, Command::LoseGpu];
         let file = || "[a-z]{1,5}( [a-z]{1,3})?\\.png".prop_map(PathBuf::from);
         let files = || prop::collection::vec(file(), 1..3);
         let turn = || (number(), number());

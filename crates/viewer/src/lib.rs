@@ -5,10 +5,12 @@ mod canvas;
 mod clicks;
 mod clip_handles;
 mod command;
+mod device;
 mod edits;
 mod exporting;
 mod fields;
 mod file_browser;
+mod guard;
 mod history;
 mod keeping;
 mod keys;
@@ -22,6 +24,7 @@ mod picking;
 mod plane_view;
 mod planes;
 mod recent;
+mod running;
 mod screen;
 mod screenshots;
 mod script;
@@ -41,14 +44,10 @@ pub use crate::script::Script;
 use crate::state::State;
 use crate::views::Views;
 use crate::window::Window;
-use brickyard::render::Gpu;
 use brickyard::scene_file::read_named_files;
 use brickyard::session::{SessionOptions, VolumeSource};
 use brickyard::volume::Scene;
-use eframe::egui::ViewportBuilder;
-use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 /// What a window shows at first, and what becomes of it.
@@ -83,40 +82,21 @@ pub struct WindowError(String);
 /// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`]. Without volumes it is empty, and files are opened in it.
 ///
 /// # Errors
-/// If there is no display, nothing that can draw on it, or the device lacks what the engine needs. The message says what to do.
+/// If there is no display, nothing that can draw on it, the device lacks what the engine needs, or is lost and there is no other one. The message says what
+/// to do.
 pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
         options.script.then(Command::Quit);
     }
-    let setup = WgpuSetupCreateNew {
-        device_descriptor: Arc::new(Gpu::required),
-        ..WgpuSetupCreateNew::without_display_handle()
-    };
-    let (volumes, paths) = (openings.volumes(), openings.paths());
-    let title = title(&paths);
-    let native = eframe::NativeOptions {
-        viewport: ViewportBuilder::default().with_inner_size(options.size).with_title(title).with_app_id("brickyard"),
-        wgpu_options: WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() },
-        // Pixels of the picture are shown as they are.
-        dithering: false,
-        ..eframe::NativeOptions::default()
-    };
-    let (state, keeper, problem) = first_state(&volumes, paths, &options).map_err(WindowError)?;
-    let WindowOptions { session, script, opened, stats, .. } = options;
-    let ended = eframe::run_native(
-        "brickyard",
-        native,
-        Box::new(move |creation| {
-            let render_state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
-            let views = Views::new(volumes, session, render_state)?;
-            let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
-            let kept = (keeper, problem);
-            let paced = (Pacing::new(opened), stats);
-            Ok(Box::new(Window::new(state, views, (openings, recent), script, kept, paced)))
-        }),
-    );
-    ended.map_err(|error| WindowError(refusal(&error)))
+    let volumes = openings.volumes();
+    let (state, keeper, problem) = first_state(&volumes, openings.paths(), &options).map_err(WindowError)?;
+    let WindowOptions { session, size, script, opened, stats, .. } = options;
+    let views = Views::new(volumes, session, None).map_err(|error| WindowError(error.to_string()))?;
+    let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
+    let (kept, paced) = ((keeper, problem), (Pacing::new(opened), stats));
+    let mut window = Window::new(state, views, (openings, recent), script, kept, paced);
+    running::run(&mut window, size)
 }
 
 /// The title of a window on what these paths name.
@@ -162,21 +142,4 @@ fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, Stri
     let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
     state.scene.check(&counts).map_err(|error| error.to_string())?;
     Ok(Some(state))
-}
-
-/// What to tell a user whose window does not open.
-fn refusal(error: &eframe::Error) -> String {
-    let hint = match error {
-        eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
-            "is there a display? `brickyard render` writes pictures without one"
-        }
-        eframe::Error::Wgpu(_) => {
-            "no Vulkan, Metal or DirectX 12 draws on this display; mesa's software Vulkan (lavapipe) will do"
-        }
-        eframe::Error::AppCreation(_) => "`brickyard doctor` says what this machine can do",
-    };
-    // What comes before names files of the window system's crates, which help nobody.
-    let error = error.to_string();
-    let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error);
-    format!("cannot open a window: {reason}: {hint}")
 }

@@ -31,7 +31,7 @@ pub(crate) struct Changes {
     pub(crate) has_volumes: bool,
     /// What the user is to be told.
     pub(crate) messages: Vec<String>,
-    /// Why one of them has stopped, with its path; the first if there are several.
+    /// Why one of them has stopped, with its path; the first if there are several. One of which there is nothing to show is out.
     pub(crate) stopped: Option<(PathBuf, OpeningError)>,
 }
 
@@ -118,6 +118,7 @@ impl Openings {
                 }
             }
         }
+        self.items.retain(|item| item.volume.is_some() || item.opening.activity() != Activity::Nothing);
         changes
     }
 
@@ -167,6 +168,27 @@ mod tests {
             assert!(openings.poll().stopped.is_none());
         }
         assert_eq!((width(&openings), openings.paths()), (300, vec![path]));
+    }
+
+    #[test]
+    fn one_that_stops_leaves_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.raw");
+        std::fs::write(&path, vec![3; 30 * 20 * 10]).unwrap();
+        let files = OpenOptions {
+            shape: Some(Extent::new(30, 20, 10)),
+            voxel_type: Some(VoxelType::U8),
+            ..OpenOptions::default()
+        };
+        let store = Some(folder.path().join("a.zarr"));
+        let options = OpeningOptions { files, store, ..OpeningOptions::default() };
+        let mut openings = Openings::start(vec!["/no/such.tif".into(), path.clone()], options);
+        let mut stopped = None;
+        while !openings.are_shown() {
+            stopped = stopped.or(openings.poll().stopped);
+        }
+        assert_eq!(stopped.map(|(path, _)| path), Some("/no/such.tif".into()));
+        assert_eq!((openings.paths(), openings.volumes().len()), (vec![path], 1));
     }
 
     #[test]

@@ -9,7 +9,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// Screenshots that have been asked for.
 pub(crate) struct Screenshots {
-    awaited: usize,
+    /// The files of those that have not come yet.
+    awaited: Vec<PathBuf>,
     sender: Sender<Screenshot>,
     receiver: Receiver<Screenshot>,
 }
@@ -23,24 +24,29 @@ struct Screenshot {
 impl Screenshots {
     pub(crate) fn new() -> Self {
         let (sender, receiver) = channel();
-        Self { awaited: 0, sender, receiver }
+        Self { awaited: Vec::new(), sender, receiver }
     }
 
     /// Asks for the pixels of the next frame.
     pub(crate) fn take(&mut self, path: PathBuf, egui: &egui::Context) {
+        self.awaited.push(path.clone());
         let (sender, wake) = (self.sender.clone(), egui.clone());
         let callback = ScreenshotCallback::new(move |image| {
             // Where nobody waits any more, the window is gone.
             let _ = sender.send(Screenshot { path, image });
             wake.request_repaint();
         });
-        self.awaited += 1;
         egui.send_viewport_cmd(ViewportCommand::Screenshot(callback));
     }
 
     /// Whether some have not come yet.
     pub(crate) fn are_awaited(&self) -> bool {
-        self.awaited > 0
+        !self.awaited.is_empty()
+    }
+
+    /// Gives up those that have not come, as their window is gone. Returns their files.
+    pub(crate) fn give_up(&mut self) -> Vec<PathBuf> {
+        std::mem::take(&mut self.awaited)
     }
 
     /// Writes those that have come.
@@ -50,7 +56,8 @@ impl Screenshots {
     pub(crate) fn write(&mut self) -> Result<(), PictureError> {
         let mut written = Ok(());
         while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {
-            self.awaited -= 1;
+            let place = self.awaited.iter().position(|awaited| *awaited == path);
+            place.map(|place| self.awaited.remove(place));
             let [width, height] = image.size.map(|side| side as u32);
             let rgb = image.pixels.iter().map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
             written = written.and(write_png(&path, &Picture { width, height, rgb }, &[]));

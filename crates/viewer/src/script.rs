@@ -41,6 +41,11 @@ impl Script {
     pub(crate) fn then(&mut self, command: Command) {
         self.lines.push_back((When::Settled, command));
     }
+
+    /// Plays a command before all others, once the picture is final.
+    pub(crate) fn first(&mut self, command: Command) {
+        self.lines.push_front((When::Settled, command));
+    }
 }
 
 impl FromStr for Script {

@@ -2,9 +2,10 @@
 //! stay within the window's limits of memory.
 
 use crate::canvas::{Canvas, FrameTimes};
+use crate::device::Device;
 use crate::state::{Layout, WindowState};
+use brickyard::backend::BackendChoice;
 use brickyard::session::{SessionError, SessionOptions, VolumeSource};
-use eframe::egui_wgpu::RenderState;
 use std::time::Duration;
 
 /// What part of the window's memory each of three slices has, in percent: a slice meets few bricks.
@@ -14,7 +15,8 @@ const PLANE_PERCENT: u64 = 12;
 pub(crate) struct Views {
     volumes: Vec<VolumeSource>,
     options: SessionOptions,
-    state: RenderState,
+    /// The device that draws the window; `None` before it is opened.
+    device: Option<Device>,
     /// The scene's own picture.
     pub(crate) main: Canvas,
     /// The slices across the voxels' x, y and z axis; none in a layout without them.
@@ -29,10 +31,29 @@ impl Views {
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: SessionOptions,
-        state: &RenderState,
+        device: Option<Device>,
     ) -> Result<Self, SessionError> {
-        let main = Canvas::new(volumes.clone(), &options, state)?;
-        Ok(Self { volumes, options, state: state.clone(), main, planes: Vec::new() })
+        let main = Canvas::new(volumes.clone(), &options, device.as_ref())?;
+        Ok(Self { volumes, options, device, main, planes: Vec::new() })
+    }
+
+    /// Goes on with another device, which is not to draw volumes from now on if `is_on_cpu`.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn set_device(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
+        if is_on_cpu {
+            self.options.backend = BackendChoice::Cpu;
+        }
+        let options = SessionOptions { ..self.options };
+        self.all_mut().try_for_each(|canvas| canvas.set_device(&options, &device))?;
+        self.device = Some(device);
+        Ok(())
+    }
+
+    /// The device that draws the window; `None` before it is opened.
+    pub(crate) fn device(&self) -> Option<&Device> {
+        self.device.as_ref()
     }
 
     /// The volumes that are shown.
@@ -46,7 +67,7 @@ impl Views {
     /// If the device is not to be had any more.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) -> Result<(), SessionError> {
         let options = SessionOptions { ..self.options };
-        *self = Self::new(volumes, options, &self.state)?;
+        *self = Self::new(volumes, options, self.device.clone())?;
         Ok(())
     }
 
@@ -87,7 +108,7 @@ impl Views {
         while self.planes.len() < count {
             let (gpu_memory_bytes, host_memory_bytes) = of_plane;
             let options = SessionOptions { gpu_memory_bytes, host_memory_bytes, ..self.options };
-            self.planes.push(Canvas::new(self.volumes.clone(), &options, &self.state)?);
+            self.planes.push(Canvas::new(self.volumes.clone(), &options, self.device.as_ref())?);
         }
         self.planes.iter_mut().for_each(|plane| plane.set_budgets(of_plane.0, of_plane.1));
         let goal = Duration::try_from_secs_f64(window.motion.frame_goal_ms / 1e3).unwrap_or(Duration::from_millis(50));

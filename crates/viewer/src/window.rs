@@ -5,6 +5,7 @@ mod files;
 
 use crate::canvas::Captured;
 use crate::command::Command;
+use crate::device::Device;
 use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::history::History;
@@ -18,6 +19,7 @@ use crate::panels::dialogs::{Dialog, DialogKind};
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::recent::Recent;
+use crate::running::Left;
 use crate::screenshots::Screenshots;
 use crate::script::Script;
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
@@ -30,6 +32,7 @@ use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
+use eframe::egui::layers::GraphicLayers;
 use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -67,6 +70,8 @@ pub(crate) struct Window {
     dialog: Option<Dialog>,
     /// What the user is to be told.
     message: Option<String>,
+    /// What was told last, in the log, too.
+    told: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
     is_failing: bool,
     /// The time of the first frame; `None` before it.
@@ -76,6 +81,8 @@ pub(crate) struct Window {
     pacing: Pacing,
     /// A file for what the frames took; `None` writes none.
     stats: Option<PathBuf>,
+    /// What it leaves, once its device is lost.
+    left: Option<Left>,
 }
 
 impl Window {
@@ -106,12 +113,14 @@ impl Window {
             script,
             keeper,
             message,
+            told: None,
             is_failing: false,
             started: None,
             screenshots: Screenshots::new(),
             clicks: Clicks::default(),
             pacing,
             stats,
+            left: None,
         };
         if window.openings.are_none() {
             window.show_dialog(DialogKind::Open);
@@ -127,7 +136,13 @@ impl Window {
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
         if let Err(problem) = self.try_perform(command, egui) {
-            self.message = Some(format!("{command}: {problem}"));
+            let words = command.to_string();
+            // Errors of files begin with their paths.
+            let problem = match words.split_once(' ').filter(|(_, rest)| problem.starts_with(rest)) {
+                Some((name, _)) => format!("{name} {problem}"),
+                None => format!("{words}: {problem}"),
+            };
+            self.message = Some(problem);
         }
     }
 
@@ -150,6 +165,7 @@ impl Window {
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
+            Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
             Command::Open(paths) => self.open(paths, false)?,
             Command::Add(paths) => self.open(paths, true)?,
             Command::Export(path) => self.export(path)?,
@@ -343,12 +359,79 @@ fn quarters(area: Rect) -> [Rect; 4] {
     [quarter(0.0, 0.0), quarter(1.0, 0.0), quarter(0.0, 1.0), quarter(1.0, 1.0)]
 }
 
-impl eframe::App for Window {
-    fn raw_input_hook(&mut self, _egui: &egui::Context, input: &mut egui::RawInput) {
+/// What the display asks of a window.
+impl Window {
+    /// Adds the script's clicks to a frame's input.
+    pub(crate) fn take_input(&mut self, input: &mut egui::RawInput) {
         self.clicks.play(input);
     }
 
-    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+    /// Draws a frame, unless the device is lost: then the window is to be opened again.
+    pub(crate) fn frame(&mut self, ui: &mut Ui) {
+        let egui = ui.ctx().clone();
+        if self.is_leaving(&egui) {
+            return;
+        }
+        self.update(ui);
+        // What the frame has drawn, and what it says, is for nobody if the device was lost meanwhile.
+        if !self.is_leaving(&egui) {
+            self.tell();
+        }
+    }
+
+    /// The paths of its volumes.
+    pub(crate) fn paths(&self) -> Vec<PathBuf> {
+        self.openings.paths()
+    }
+
+    /// Whether there has been a frame.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.started.is_some()
+    }
+
+    /// Draws on a device from now on, but for volumes if `is_on_cpu`.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn draw_on(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
+        self.views.set_device(device, is_on_cpu)
+    }
+
+    /// What it leaves if its device is lost.
+    pub(crate) fn leave(&mut self) -> Option<Left> {
+        self.left.take()
+    }
+
+    /// Goes on after its device was lost, of which the user is told. Screenshots that the old device took with it are taken again.
+    pub(crate) fn take_up(&mut self, message: &str) {
+        for path in self.screenshots.give_up().into_iter().rev() {
+            self.script.first(Command::Screenshot(path));
+        }
+        self.message = Some(message.into());
+    }
+
+    /// Puts what the user is told in the log.
+    fn tell(&mut self) {
+        if self.told != self.message {
+            self.told = self.message.clone();
+            self.told.iter().for_each(|message| tracing::info!("{message}"));
+        }
+    }
+
+    /// Whether the device is lost. The window closes then, and nothing is drawn any more: egui panics where it has something to draw and nothing to draw on.
+    fn is_leaving(&mut self, egui: &egui::Context) -> bool {
+        let Some(reason) = self.views.device().and_then(Device::lost) else { return false };
+        let is_closing = egui.input(|input| input.viewport().close_requested());
+        if self.left.is_none() && !is_closing {
+            self.left = Some(Left::of(reason, egui, &self.state.window.volumes));
+        }
+        egui.graphics_mut(|graphics| *graphics = GraphicLayers::default());
+        egui.send_viewport_cmd(ViewportCommand::Close);
+        egui.request_repaint();
+        true
+    }
+
+    fn update(&mut self, ui: &mut Ui) {
         let begun = Instant::now();
         self.pacing.begin();
         let egui = ui.ctx().clone();
@@ -410,7 +493,8 @@ impl eframe::App for Window {
         self.pacing.end(!self.has_final_pictures());
     }
 
-    fn on_exit(&mut self) {
+    /// Keeps what it is to begin with the next time. Doing it twice is doing it once.
+    pub(crate) fn end(&mut self) {
         if let Err(problem) = self.keeper.write() {
             tracing::warn!("the window's state cannot be kept: {problem}");
         }

@@ -86,7 +86,7 @@ impl Window {
             self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
         }
         if let Some((path, error)) = changes.stopped {
-            return Err(format!("{}: {error}", path.display()));
+            return Err(about(&path.display().to_string(), &error.to_string()));
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
@@ -94,8 +94,9 @@ impl Window {
             self.message = Some(message);
         }
         if let Some((path, error)) = changes.stopped {
-            self.next = None;
-            return Err(format!("{}: {error}", path.display()));
+            // The others are shown all the same.
+            self.next.take_if(|next| next.openings.are_none());
+            return Err(about(&path.display().to_string(), &error.to_string()));
         }
         match self.next.take_if(|next| next.openings.are_shown()) {
             Some(next) => self.show_next(next, egui),
@@ -206,6 +207,11 @@ impl Window {
     }
 }
 
+/// A problem with what it is about before it, unless it begins with that by itself, as errors of files do.
+pub(super) fn about(what: &str, problem: &str) -> String {
+    if problem.starts_with(what) { problem.into() } else { format!("{what}: {problem}") }
+}
+
 /// Brings the crops of layers, which are in voxels, from the voxels of some volumes to those of others that take their places: a store's are more than its
 /// preview's. Returns whether that changes any.
 fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource]) -> bool {
@@ -228,6 +234,12 @@ fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource
 mod tests {
     use super::*;
     use brickyard::volume::SceneLayer;
+
+    #[test]
+    fn what_a_problem_is_about_is_said_once() {
+        assert_eq!(about("/a.nii", "/a.nii: no such file"), "/a.nii: no such file");
+        assert_eq!(about("/a.nii", "cancelled"), "/a.nii: cancelled");
+    }
 
     #[test]
     fn a_crop_stays_where_it_is_when_a_store_follows_its_preview() {

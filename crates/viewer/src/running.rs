@@ -1,0 +1,203 @@
+//! The window from its opening to its end. It outlives the device that draws it: where that is lost, the window is closed on the display and opened there again on
+//! another one, and all that it shows and knows goes on. Devices that are lost again and again end it.
+//!
+//! ```text
+//! open ──► device ──► frames ──► closed by the user
+//!            ▲           └─► lost ──► the third time within seconds the CPU draws the volumes, the fourth time it is an error
+//!            └──────────────────┘
+//! ```
+
+use crate::device::{self, Device};
+use crate::guard::{guarded, own};
+use crate::window::Window;
+use crate::{WindowError, title};
+use eframe::egui::{self, Memory, Ui, ViewportBuilder};
+use eframe::egui_wgpu::{WgpuConfiguration, WgpuError};
+use eframe::{CreationContext, NativeOptions};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Losses that follow each other within this time are in a row.
+const SOON: Duration = Duration::from_secs(10);
+
+/// How many losses in a row it takes until the CPU draws the volumes.
+const TRIED: u32 = 3;
+
+/// What becomes of a window whose device is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    /// Another device draws it.
+    Again,
+    /// Another device draws it, but for the volumes, which the CPU draws.
+    OnCpu,
+    /// It ends: devices come and go too fast.
+    End,
+}
+
+/// The losses of devices so far.
+#[derive(Default)]
+struct Losses {
+    in_a_row: u32,
+    last: Option<Instant>,
+}
+
+impl Losses {
+    /// Takes note of a loss, and says what follows.
+    fn note(&mut self, now: Instant) -> Next {
+        let is_soon = self.last.is_some_and(|last| now.duration_since(last) < SOON);
+        self.in_a_row = if is_soon { self.in_a_row + 1 } else { 1 };
+        self.last = Some(now);
+        match self.in_a_row {
+            TRIED => Next::OnCpu,
+            times if times > TRIED => Next::End,
+            _ => Next::Again,
+        }
+    }
+}
+
+/// What a window leaves when its device is lost, and takes up on the next one.
+pub(crate) struct Left {
+    /// Why the device was lost.
+    reason: String,
+    /// What was open, and where it was scrolled to.
+    memory: Memory,
+    /// Where the window was.
+    viewport: ViewportBuilder,
+}
+
+impl Left {
+    /// What the window on these paths leaves now.
+    pub(crate) fn of(reason: String, egui: &egui::Context, paths: &[PathBuf]) -> Self {
+        let mut viewport = viewport(paths);
+        egui.input(|input| {
+            let now = input.viewport();
+            viewport.inner_size = now.inner_rect.map(|area| area.size());
+            viewport.position = now.outer_rect.map(|area| area.min);
+            (viewport.maximized, viewport.fullscreen) = (now.maximized, now.fullscreen);
+        });
+        Self { reason, memory: egui.memory(Memory::clone), viewport }
+    }
+}
+
+/// A window on the display, as long as its device is there.
+struct Shown<'a>(&'a mut Window);
+
+impl eframe::App for Shown<'_> {
+    fn raw_input_hook(&mut self, _egui: &egui::Context, input: &mut egui::RawInput) {
+        own(|| self.0.take_input(input));
+    }
+
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        own(|| self.0.frame(ui));
+    }
+
+    fn on_exit(&mut self) {
+        own(|| self.0.end());
+    }
+}
+
+/// Opens a window of a size in points, and returns when it is closed.
+///
+/// # Errors
+/// If it cannot be opened, or its device is lost and there is no other one, or again and again. The message says what to do.
+pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError> {
+    let mut viewport = viewport(&window.paths()).with_inner_size(size);
+    let (mut losses, mut next, mut lost) = (Losses::default(), Next::Again, None);
+    loop {
+        let reason = lost.as_ref().map(|left: &Left| left.reason.clone());
+        let ended = show(window, viewport, lost.take(), next == Next::OnCpu);
+        let Some(left) = window.leave() else {
+            // Where it ended by itself, nobody has told it.
+            window.end();
+            let problem = |problem| match reason {
+                Some(reason) => format!("the GPU was lost ({reason}), and no other can be opened: {problem}"),
+                None => problem,
+            };
+            return ended.map_err(|error| WindowError(problem(error)));
+        };
+        tracing::warn!("the GPU was lost: {}", left.reason);
+        next = losses.note(Instant::now());
+        if next == Next::End {
+            return Err(WindowError(format!(
+                "the GPU was lost {} times within seconds: {}: `brickyard doctor` says what this machine can do, and `brickyard render --backend cpu` draws \
+                 without a GPU",
+                losses.in_a_row, left.reason
+            )));
+        }
+        viewport = left.viewport.clone();
+        lost = Some(left);
+    }
+}
+
+fn viewport(paths: &[PathBuf]) -> ViewportBuilder {
+    ViewportBuilder::default().with_title(title(paths)).with_app_id("brickyard")
+}
+
+/// Shows a window until it is closed, or its device is lost. `lost` is what it left when that of before was.
+///
+/// # Errors
+/// If it cannot be opened, or the display fails: what to tell the user.
+fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Left>, is_on_cpu: bool) -> Result<(), String> {
+    let wgpu_options = WgpuConfiguration { wgpu_setup: device::setup(is_on_cpu), ..WgpuConfiguration::default() };
+    // Pixels of the picture are shown as they are.
+    let native = NativeOptions { viewport, wgpu_options, dithering: false, ..NativeOptions::default() };
+    let shown = &mut *window;
+    let open = move |creation: &CreationContext<'_>| {
+        let state = creation.wgpu_render_state.as_ref().ok_or("the window is not drawn with wgpu")?;
+        let device = Device::new(state, &creation.egui_ctx);
+        if let Some(left) = lost {
+            creation.egui_ctx.memory_mut(|memory| *memory = left.memory);
+            shown.take_up(match is_on_cpu {
+                false => "the GPU was lost and has been opened again",
+                true => "the GPU was lost again and again: the CPU draws the volumes now",
+            });
+        }
+        own(|| shown.draw_on(device, is_on_cpu))?;
+        Ok(Box::new(Shown(shown)) as Box<dyn eframe::App>)
+    };
+    match guarded(|| eframe::run_native("brickyard", native, Box::new(open))) {
+        Ok(ended) => ended.map_err(|error| refusal(&error)),
+        Err(panic) => {
+            let what = if window.has_begun() { "the window cannot go on" } else { "cannot open a window" };
+            Err(format!(
+                "{what}: {panic}: this display or its driver lacks what a window needs; `brickyard render` writes pictures without one"
+            ))
+        }
+    }
+}
+
+/// What to tell a user whose window does not open.
+fn refusal(error: &eframe::Error) -> String {
+    if let eframe::Error::Wgpu(WgpuError::CustomNativeAdapterSelectionError(reason)) = error {
+        return format!(
+            "cannot open a window: {reason}: `brickyard doctor` says what there is; mesa's software Vulkan (lavapipe) draws on every display of 24 bits a pixel"
+        );
+    }
+    let hint = match error {
+        eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
+            "is there a display? `brickyard render` writes pictures without one"
+        }
+        eframe::Error::Wgpu(_) => {
+            "no Vulkan, Metal or DirectX 12 draws on this display; mesa's software Vulkan (lavapipe) will do"
+        }
+        eframe::Error::AppCreation(_) => "`brickyard doctor` says what this machine can do",
+    };
+    // What comes before names files of the window system's crates, which help nobody.
+    let error = error.to_string();
+    let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error);
+    format!("cannot open a window: {reason}: {hint}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_in_a_row_end_on_the_cpu_and_then_in_an_error() {
+        let (mut losses, now) = (Losses::default(), Instant::now());
+        let mut after = |seconds| losses.note(now + Duration::from_secs(seconds));
+        assert_eq!([0, 3, 6, 9].map(&mut after), [Next::Again, Next::Again, Next::OnCpu, Next::End]);
+        // After a while without a loss the next one is the first.
+        assert_eq!([30, 45, 46, 47].map(&mut after), [Next::Again, Next::Again, Next::Again, Next::OnCpu]);
+    }
+}
