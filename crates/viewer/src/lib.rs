@@ -12,6 +12,7 @@ mod file_browser;
 mod history;
 mod keeping;
 mod keys;
+mod measuring;
 mod navigation;
 mod nothing;
 mod opening;

@@ -136,6 +136,13 @@ pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
     }
 }
 
+/// Draws the mark of a point where a distance begins.
+pub(crate) fn beginning(lens: &Lens, point: DVec3) {
+    if let Some(place) = lens.place(point) {
+        lens.painter.circle(place, 4.0, MEASURED, Stroke::new(1.5, Color32::from_black_alpha(160)));
+    }
+}
+
 /// The directions of the axes, in the lower left corner; the nearest last.
 fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
     let names = if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] };

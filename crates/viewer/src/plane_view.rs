@@ -2,13 +2,15 @@
 
 use crate::canvas::Canvas;
 use crate::command::Command;
+use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
+use crate::state::Tool;
 use crate::volume_view::{Seen, whole_pixels};
 use brickyard::session::SessionError;
-use brickyard::volume::Camera;
+use brickyard::volume::{Camera, Slice};
 use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -36,7 +38,7 @@ impl PlaneView {
         ui: &mut Ui,
         canvas: &mut Canvas,
         (grid, axis): (&Grid, usize),
-        seen: &Seen<'_>,
+        (seen, measuring): (&Seen<'_>, &mut Measuring),
         commands: &mut Vec<Command>,
     ) -> Result<(), SessionError> {
         let planes = &seen.state.window.planes;
@@ -57,9 +59,18 @@ impl PlaneView {
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &camera, seen);
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
+        let reach = grid.reach(&slice, axis);
+        let under = place_px.and_then(|place_px| point_at_target(&camera, size_px, place_px));
+        distances(&lens, (&slice, reach), (seen, &*measuring), under);
         let (resolved, volumes) = canvas.resolved();
         self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
-        drag(&lens, (axis, &camera, point), &response, commands);
+        let is_measuring = seen.state.window.tool == Tool::Distance;
+        if let Some(place) = under.filter(|_| is_measuring && response.clicked()) {
+            commands.extend(measuring.click_in(&slice, reach, place, seen.state));
+            // The mark of the first click is drawn in the next frame, for which nothing else may ask.
+            response.ctx.request_repaint();
+        }
+        drag(&lens, (axis, &camera, point), &response, is_measuring, commands);
         if response.hovered() {
             self.scroll(ui, &lens, grid, (axis, &camera, point), commands);
         }
@@ -113,8 +124,15 @@ fn camera_field(axis: usize) -> String {
     format!("window.planes.cameras.{axis}")
 }
 
-/// The primary button moves the point in which the slices meet; shift or the middle button moves the picture, the secondary one comes nearer.
-fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &Response, commands: &mut Vec<Command>) {
+/// The primary button moves the point in which the slices meet, where it measures by being dragged alone; shift or the middle button moves the
+/// picture, the secondary one comes nearer.
+fn drag(
+    lens: &Lens,
+    (axis, camera, point): (usize, &Camera, DVec3),
+    response: &Response,
+    is_measuring: bool,
+    commands: &mut Vec<Command>,
+) {
     let by = response.drag_delta() / lens.area.height().max(1.0);
     let (right, down) = (f64::from(by.x), f64::from(by.y));
     let is_shifted = response.ctx.input(|input| input.modifiers.shift);
@@ -132,7 +150,7 @@ fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &
         commands.push(Command::set(&camera_field(axis), json!(camera)));
         return;
     }
-    let is_held = response.is_pointer_button_down_on() && !is_shifted;
+    let is_held = if is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
     let is_primary = response.ctx.input(|input| input.pointer.primary_down());
     let Some(pointer) = response.interact_pointer_pos().filter(|_| is_held && is_primary) else { return };
     let size = (lens.rays.width, lens.rays.height);
@@ -140,6 +158,20 @@ fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &
     let Some(on_slice) = point_at_target(camera, size, lens.pixel(pointer)) else { return };
     if on_slice.distance(point) > 1e-9 * lens.rays.pixel_size(1.0) {
         commands.push(Command::set("window.planes.crosshair", json!(on_slice)));
+    }
+}
+
+/// Draws the distances that lie in a slice, and the one that is being measured. `under` is the place under the pointer.
+fn distances(
+    lens: &Lens,
+    (slice, reach): (&Slice, f64),
+    (seen, measuring): (&Seen<'_>, &Measuring),
+    under: Option<DVec3>,
+) {
+    let unit = seen.world.as_ref().map_or("", |world| world.unit);
+    overlay::distances(lens, &lying_in(&seen.state.window.distances, slice, reach), unit);
+    if measuring.is_in(slice, reach) {
+        measuring.show(lens, under, unit);
     }
 }
 
@@ -164,7 +196,6 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
     if seen.state.window.overlays.scale_bar {
         overlay::scale_bar(lens, camera, world.unit);
     }
-    overlay::distances(lens, &seen.state.window.distances, world.unit);
     let [at, count] = [voxel[axis], grid.extent[axis]].map(|number| number * grid.stride[axis]);
     let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
     let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);

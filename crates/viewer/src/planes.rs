@@ -94,6 +94,13 @@ impl Grid {
         Slice { point, normal: normal.normalize_or_zero(), thickness }
     }
 
+    /// How far a slice across an axis reaches to each side: its voxels' halves, or its own half.
+    pub(crate) fn reach(&self, slice: &Slice, axis: usize) -> f64 {
+        let voxel = self.step(axis).dot(slice.normal).abs();
+        // Points are rounded on their way through JSON and the world.
+        0.5 * voxel.max(slice.thickness) * (1.0 + 1e-9)
+    }
+
     /// A direction of the voxels that is as much up as any in a slice across an axis.
     fn up(&self, axis: usize, slice: &Slice) -> DVec3 {
         let nominal = if self.is_anatomical { Side::of(slice.normal).up() } else { slice.image_up() };

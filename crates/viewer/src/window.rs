@@ -9,6 +9,7 @@ use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::history::History;
 use crate::keeping::{self, Keeper};
+use crate::measuring::Measuring;
 use crate::navigation::moved;
 use crate::opening::Openings;
 use crate::overlay::World;
@@ -54,6 +55,7 @@ pub(crate) struct Window {
     views: Views,
     volume_view: VolumeView,
     plane_views: [PlaneView; 3],
+    measuring: Measuring,
     script: Script,
     keeper: Keeper,
     /// The volumes that are shown, and what is being done for them.
@@ -103,6 +105,7 @@ impl Window {
             views,
             volume_view: VolumeView::default(),
             plane_views: Default::default(),
+            measuring: Measuring::default(),
             script,
             keeper,
             message,
@@ -220,16 +223,18 @@ impl Window {
     /// The pictures, and what the pointer does over them.
     fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
         self.views.suit(&self.state.window, self.pacing.between())?;
+        self.measuring.suit(self.state.window.tool);
         let places = self.places();
         let is_anatomical = self.state.scene.is_anatomical(&places);
         let unit = panels::unit(self.views.volumes(), is_anatomical).to_string();
         let corners = self.state.scene.world_box(&places).ok();
         let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
         let volumes = self.views.volumes().to_vec();
+        let measuring = &mut self.measuring;
         let seen = Seen { state: &self.state, volumes: &volumes, world };
         let grid = Grid::of(&self.state.scene, &volumes).filter(|_| self.state.window.layout == Layout::Planes);
         let Some(grid) = grid else {
-            return self.volume_view.show(ui, &mut self.views.main, &seen, commands);
+            return self.volume_view.show(ui, &mut self.views.main, (&seen, measuring), commands);
         };
         // Across z, then the volume; across y and x below.
         let [upper_left, upper_right, lower_left, lower_right] = quarters(ui.max_rect());
@@ -237,11 +242,11 @@ impl Window {
         for (axis, area) in [(2, upper_left), (1, lower_left), (0, lower_right)] {
             let mut part = ui.new_child(UiBuilder::new().max_rect(area).id_salt(axis));
             let canvas = &mut self.views.planes[axis];
-            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), &seen, commands);
+            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), (&seen, measuring), commands);
             shown = shown.and(drawn);
         }
         let mut part = ui.new_child(UiBuilder::new().max_rect(upper_right).id_salt("volume"));
-        shown.and(self.volume_view.show(&mut part, &mut self.views.main, &seen, commands))
+        shown.and(self.volume_view.show(&mut part, &mut self.views.main, (&seen, measuring), commands))
     }
 
     /// The label under the pointer.
