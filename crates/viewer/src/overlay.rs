@@ -8,12 +8,16 @@ pub(crate) mod ticks;
 
 use crate::overlay::round::round_length;
 use crate::state::Overlays;
+use brickyard::lettering::edge_letters;
 use brickyard::volume::{Camera, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{BVec3, DVec3};
 
 /// The part of the picture's width that the scale bar takes at most.
 const MOST_OF_WIDTH: f64 = 0.25;
+
+/// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
+const LEAST_LETTERED: f32 = 96.0;
 
 /// Colours of the axes x, y and z, as elsewhere.
 pub(crate) const AXIS_COLORS: [Color32; 3] =
@@ -143,6 +147,23 @@ pub(crate) fn beginning(lens: &Lens, point: DVec3) {
     }
 }
 
+/// Writes at the edges of a picture which sides of a patient are there.
+pub(crate) fn letters(lens: &Lens) {
+    let area = lens.area.shrink(8.0);
+    if lens.area.size().min_elem() < LEAST_LETTERED {
+        return;
+    }
+    let places = [
+        (area.left_center(), Align2::LEFT_CENTER),
+        (area.right_center(), Align2::RIGHT_CENTER),
+        (area.center_top(), Align2::CENTER_TOP),
+        (area.center_bottom(), Align2::CENTER_BOTTOM),
+    ];
+    for (letters, (place, align)) in edge_letters(&lens.rays).iter().zip(places) {
+        lens.text(place, align, letters, 18.0, Color32::WHITE);
+    }
+}
+
 /// The directions of the axes, in the lower left corner; the nearest last.
 fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
     let names = if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] };
@@ -176,8 +197,9 @@ pub(crate) fn scale_bar(lens: &Lens, camera: &Camera, unit: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard::volume::Side;
     use eframe::egui;
-    use eframe::egui::{Context, LayerId};
+    use eframe::egui::{Context, LayerId, RawInput, Shape};
 
     /// What a camera sees of a unit cube, in a part of a window.
     pub(crate) fn lens(camera: &Camera) -> Lens {
@@ -194,6 +216,34 @@ mod tests {
         assert!((found - pos2(200.0, 100.0)).length() < 1e-3, "{found:?}");
         assert_eq!(lens.pixel(pos2(200.0, 100.0)), [200.0, 100.0]);
         assert_eq!(lens.place(camera.eye + (camera.eye - camera.target)), None);
+    }
+
+    /// The texts that are drawn over a picture in a part of a window, with their middles.
+    fn texts(camera: &Camera, draw: impl Fn(&Lens)) -> Vec<(String, Pos2)> {
+        let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
+        let shown = Context::default().run_ui(RawInput::default(), |ui| {
+            let painter = Painter::new(ui.ctx().clone(), LayerId::background(), Rect::EVERYTHING);
+            draw(&Lens::new(&painter, area, camera, (400, 200)).unwrap());
+        });
+        let drawn = shown.shapes.iter().filter_map(|shape| match &shape.shape {
+            Shape::Text(text) => Some((text.galley.text().to_string(), text.visual_bounding_rect().center())),
+            _ => None,
+        });
+        drawn.collect()
+    }
+
+    #[test]
+    fn letters_stand_at_the_edges_of_the_sides_that_they_name() {
+        // An axial slice, seen from the feet: the patient's left is on the right.
+        let camera =
+            Camera::looking_from(Side::Inferior.direction(), Side::Anterior.direction(), (DVec3::ZERO, DVec3::ONE));
+        let texts = texts(&camera, letters);
+        for (letter, near) in
+            [("R", pos2(110.0, 100.0)), ("L", pos2(290.0, 100.0)), ("A", pos2(200.0, 62.0)), ("P", pos2(200.0, 138.0))]
+        {
+            let found = texts.iter().filter(|(text, _)| text == letter).map(|(_, place)| place.distance(near));
+            assert!(found.clone().count() > 0 && found.clone().all(|distance| distance < 12.0), "{letter}: {texts:?}");
+        }
     }
 
     #[test]

@@ -193,6 +193,9 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
         lens.edges((clip[0], clip[1]), Stroke::new(1.0, Color32::from_rgb(240, 150, 40)));
     }
     let Some(world) = &seen.world else { return };
+    if seen.state.window.overlays.letters && world.is_anatomical {
+        overlay::letters(lens);
+    }
     if seen.state.window.overlays.scale_bar {
         overlay::scale_bar(lens, camera, world.unit);
     }

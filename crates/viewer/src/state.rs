@@ -109,6 +109,8 @@ pub(crate) struct Overlays {
     pub(crate) clip_handles: bool,
     /// The edges of the bricks that are drawn.
     pub(crate) bricks: bool,
+    /// Letters at the edges of slices that say which side of a patient is there.
+    pub(crate) letters: bool,
 }
 
 impl Overlays {
@@ -121,12 +123,21 @@ impl Overlays {
         color_bar: false,
         clip_handles: false,
         bricks: false,
+        letters: false,
     };
 }
 
 impl Default for Overlays {
     fn default() -> Self {
-        Self { outline: true, axes: true, scale_bar: true, color_bar: true, clip_handles: true, ..Self::NONE }
+        Self {
+            outline: true,
+            axes: true,
+            scale_bar: true,
+            color_bar: true,
+            clip_handles: true,
+            letters: true,
+            ..Self::NONE
+        }
     }
 }
 
@@ -256,14 +267,8 @@ pub(crate) mod tests {
     }
 
     fn overlays() -> impl Strategy<Value = Overlays> {
-        any::<[bool; 7]>().prop_map(|[outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks]| Overlays {
-            outline,
-            ticks,
-            axes,
-            scale_bar,
-            color_bar,
-            clip_handles,
-            bricks,
+        any::<[bool; 8]>().prop_map(|[outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks, letters]| {
+            Overlays { outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks, letters }
         })
     }
 

@@ -118,6 +118,9 @@ impl VolumeView {
             bricks::show(lens, scene, seen.volumes, canvas.draw_lists());
         }
         overlay::show(lens, &window.overlays, camera, world);
+        if window.overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
+            overlay::letters(lens);
+        }
         if window.overlays.color_bar {
             color_bar::show(lens, scene, seen.volumes);
         }

@@ -116,6 +116,7 @@ fn view(ui: &mut Ui, state: &mut State) {
         (&mut overlays.color_bar, "colour bar"),
         (&mut overlays.clip_handles, "handles of the clip box"),
         (&mut overlays.bricks, "bricks"),
+        (&mut overlays.letters, "letters of a patient's sides on slices"),
     ] {
         ui.checkbox(is_shown, name);
     }
