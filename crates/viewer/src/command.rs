@@ -1,6 +1,7 @@
 //! Commands: everything that a hand does in the window, as words. A button, a key and a line of a script come down to the same command, so a script
 //! plays what a user does.
 
+use crate::marks::Marks;
 use brickyard::volume::{Mode, Viewpoint};
 use glam::DVec3;
 use serde_json::{Map, Value};
@@ -47,8 +48,8 @@ pub(crate) enum Command {
     Redo,
     /// Write the window's document, as `render --scene` takes it.
     SaveScene(PathBuf),
-    /// Write the volume's picture once it is final, with its scene; `None` is the size in which it is shown.
-    SavePicture(PathBuf, Option<(u32, u32)>),
+    /// Write the volume's picture once it is final, with its scene.
+    SavePicture(PathBuf, PictureForm),
     /// Write the voxels of what the clip box leaves of the first layer that is shown.
     Export(PathBuf),
     /// Write what the window shows, panels and all.
@@ -56,6 +57,25 @@ pub(crate) enum Command {
     /// Close the window.
     Quit,
 }
+
+/// The form of a picture that is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct PictureForm {
+    /// Its width and height; `None` is the size in which it is shown.
+    pub(crate) size_px: Option<(u32, u32)>,
+    /// What is drawn over it; `None` is what is shown over it.
+    pub(crate) marks: Option<Marks>,
+}
+
+impl PictureForm {
+    fn words(&self) -> impl Iterator<Item = String> {
+        let size = self.size_px.map(|(width, height)| format!("{width}x{height}"));
+        size.into_iter().chain(self.marks.map(|marks| format!("{OVER}{marks}")))
+    }
+}
+
+/// What the marks of a picture begin with in words.
+const OVER: &str = "over=";
 
 impl Command {
     /// Sets one field of the window's document.
@@ -104,9 +124,8 @@ impl Command {
             Self::Undo => name("undo"),
             Self::Redo => name("redo"),
             Self::SaveScene(file) => path("save-scene", file),
-            Self::SavePicture(file, None) => path("save-picture", file),
-            Self::SavePicture(file, Some((width, height))) => {
-                with("save-picture", &[format!("{width}x{height}"), file.display().to_string()])
+            Self::SavePicture(file, form) => {
+                with("save-picture", &form.words().chain([file.display().to_string()]).collect::<Vec<_>>())
             }
             Self::Export(file) => path("export", file),
             Self::Screenshot(file) => path("screenshot", file),
@@ -165,7 +184,7 @@ const FORMS: [(&str, &str); 22] = [
     ("undo", ""),
     ("redo", ""),
     ("save-scene", "FILE"),
-    ("save-picture", "FILE, or WIDTHxHEIGHT FILE"),
+    ("save-picture", "FILE, before it WIDTHxHEIGHT or over=none or over=scale_bar,distances,... or both"),
     ("export", "FILE"),
     ("screenshot", "FILE"),
     ("quit", ""),
@@ -233,11 +252,8 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         ("redo", []) => Command::Redo,
         ("save-scene", _) => Command::SaveScene(file()?),
         ("save-picture", _) => {
-            let sized = rest.split_once(' ').and_then(|(size, file)| Some((size_px(size)?, file.trim())));
-            match sized {
-                Some((size_px, path)) => Command::SavePicture(PathBuf::from(path), Some(size_px)),
-                None => Command::SavePicture(file()?, None),
-            }
+            let (form, path) = picture_form(rest)?;
+            Command::SavePicture(PathBuf::from(path), form)
         }
         ("export", _) => Command::Export(file()?),
         ("screenshot", _) => Command::Screenshot(file()?),
@@ -264,6 +280,20 @@ fn paths(text: &str) -> Option<Vec<PathBuf>> {
         _ if text.starts_with('[') => serde_json::from_str(text).ok(),
         _ => Some(vec![PathBuf::from(text)]),
     }
+}
+
+/// The form of a picture, and the file that follows it; `None` if there is no file or there are no such marks.
+fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
+    let (mut form, mut rest) = (PictureForm::default(), text);
+    while let Some((word, after)) = rest.split_once(' ') {
+        match (size_px(word), word.strip_prefix(OVER)) {
+            (Some(size_px), _) => form.size_px = Some(size_px),
+            (None, Some(marks)) => form.marks = Some(marks.parse().ok()?),
+            (None, None) => break,
+        }
+        rest = after.trim();
+    }
+    (!rest.is_empty()).then_some((form, rest))
 }
 
 /// Width and height of a picture, as in `1920x1080`.
@@ -330,8 +360,13 @@ mod tests {
             files().prop_map(Command::Open),
             files().prop_map(Command::Add),
             file().prop_map(Command::SaveScene),
-            (file(), prop::option::of((1u32..9999, 1u32..9999)))
-                .prop_map(|(file, size)| Command::SavePicture(file, size)),
+            (file(), prop::option::of((1u32..9999, 1u32..9999)), prop::option::of(any::<bool>())).prop_map(
+                |(file, size_px, shows)| {
+                    let all = crate::marks::Marks::shown(&Default::default());
+                    let marks = shows.map(|shows| if shows { all } else { Marks::NONE });
+                    Command::SavePicture(file, PictureForm { size_px, marks })
+                }
+            ),
             file().prop_map(Command::Export),
             file().prop_map(Command::Screenshot),
         ]

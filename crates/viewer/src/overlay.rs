@@ -9,7 +9,8 @@ pub(crate) mod ticks;
 use crate::overlay::round::round_length;
 use crate::state::Overlays;
 use brickyard::lettering::edge_letters;
-use brickyard::volume::{Camera, ViewRays};
+use brickyard::session::VolumeSource;
+use brickyard::volume::{Camera, Scene, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{BVec3, DVec3};
 
@@ -108,8 +109,14 @@ pub(crate) fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]>
     ends.filter(|(from, to)| from != to).map(move |(from, to)| [corner(corners, from), corner(corners, to)])
 }
 
-/// Draws over a picture what the overlays say of the world.
-pub(crate) fn show(lens: &Lens, overlays: &Overlays, camera: &Camera, world: &World<'_>) {
+/// Draws over a scene's picture what the overlays say of it and of its world.
+pub(crate) fn show(
+    lens: &Lens,
+    overlays: &Overlays,
+    (scene, camera): (&Scene, &Camera),
+    volumes: &[VolumeSource],
+    world: &World<'_>,
+) {
     if overlays.outline {
         lens.edges(world.corners, Stroke::new(1.0, PALE.gamma_multiply(0.35)));
     }
@@ -121,6 +128,12 @@ pub(crate) fn show(lens: &Lens, overlays: &Overlays, camera: &Camera, world: &Wo
     }
     if overlays.scale_bar {
         scale_bar(lens, camera, world.unit);
+    }
+    if overlays.color_bar {
+        color_bar::show(lens, scene, volumes);
+    }
+    if overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
+        letters(lens);
     }
 }
 

@@ -4,7 +4,7 @@ use crate::canvas::Canvas;
 use crate::clip_handles::{self, Face};
 use crate::command::Command;
 use crate::measuring::{self, Measuring};
-use crate::overlay::{self, Lens, World, bricks, color_bar};
+use crate::overlay::{self, Lens, World, bricks};
 use crate::picking::{Picked, Picking};
 use crate::state::{State, Tool};
 use brickyard::session::{SessionError, VolumeSource};
@@ -117,13 +117,7 @@ impl VolumeView {
         if window.overlays.bricks {
             bricks::show(lens, scene, seen.volumes, canvas.draw_lists());
         }
-        overlay::show(lens, &window.overlays, camera, world);
-        if window.overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
-            overlay::letters(lens);
-        }
-        if window.overlays.color_bar {
-            color_bar::show(lens, scene, seen.volumes);
-        }
+        overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if let Some(clip) = scene.clip.filter(|_| window.overlays.clip_handles) {

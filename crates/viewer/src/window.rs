@@ -9,6 +9,7 @@ use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::history::History;
 use crate::keeping::{self, Keeper};
+use crate::marks::{self, Marks, Over};
 use crate::measuring::Measuring;
 use crate::navigation::moved;
 use crate::opening::Openings;
@@ -147,8 +148,10 @@ impl Window {
                 keeping::write(path, &self.state)?;
                 self.message = Some(format!("wrote {}", path.display()));
             }
-            Command::SavePicture(path, size_px) => {
-                self.views.main.capture(self.state.scene.clone(), *size_px, path.clone());
+            Command::SavePicture(path, form) => {
+                let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
+                let over = Over { marks, distances: self.state.window.distances.clone() };
+                self.views.main.capture(self.state.scene.clone(), form.size_px, (path.clone(), over));
             }
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
@@ -262,13 +265,16 @@ impl Window {
     }
 
     /// Writes the pictures that have come.
-    fn write_pictures(&mut self) {
+    fn write_pictures(&mut self, egui: &egui::Context) {
         if let Err(error) = self.screenshots.write() {
             self.message = Some(error.to_string());
         }
         match self.views.main.captured(self.volume_view.size_px) {
             Ok(None) => {}
-            Ok(Some(Captured { path, picture, scene, stats })) => {
+            Ok(Some(Captured { path, mut picture, scene, stats, over })) => {
+                let (size_px, scale) = ((picture.width, picture.height), egui.pixels_per_point());
+                let pixels_per_point = marks::pixels_per_point(size_px, self.volume_view.size_px, scale);
+                marks::draw(&mut picture, &scene, self.views.volumes(), &over, pixels_per_point);
                 let written = write_shown(&path, &picture, &scene, &stats);
                 self.message = Some(match written {
                     Ok(()) => format!("wrote {}", path.display()),
@@ -357,7 +363,7 @@ impl eframe::App for Window {
         let begun = Instant::now();
         self.pacing.begin();
         let egui = ui.ctx().clone();
-        self.write_pictures();
+        self.write_pictures(&egui);
         if let Err(problem) = self.follow_files(&egui) {
             self.message = Some(problem);
         }

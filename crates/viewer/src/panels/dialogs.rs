@@ -1,10 +1,11 @@
 //! Dialogs about files: which to open or to add, and where a picture, a scene or voxels are written to, and how large. A dialog stays until it gives a command or
 //! is closed.
 
-use crate::command::Command;
+use crate::command::{Command, PictureForm};
 use crate::exporting::Part;
 use crate::file_browser::FileBrowser;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
+use crate::marks::Marks;
 use crate::panels::widgets::row;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Extent, Scene};
@@ -44,18 +45,20 @@ pub(crate) struct Dialog {
     path: String,
     /// The picture's width and height.
     size_px: (u32, u32),
+    /// What is drawn over the picture.
+    marks: Marks,
 }
 
 impl Dialog {
-    /// A dialog about files of a folder, and a picture that is shown in a size.
-    pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32)) -> Self {
+    /// A dialog about files of a folder, and a picture that is shown in a size, with marks over it.
+    pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
             DialogKind::Open | DialogKind::Add => "",
             DialogKind::SavePicture => PICTURE_FILE,
             DialogKind::SaveScene => SCENE_FILE,
             DialogKind::Export => VOXELS_FILE,
         };
-        Self { kind, browser: FileBrowser::new(folder), path: path.into(), size_px: shown_px }
+        Self { kind, browser: FileBrowser::new(folder), path: path.into(), size_px: shown_px, marks }
     }
 
     /// Shows the dialog over what a window shows of a scene of volumes. Returns whether it stays, and what it was told to do.
@@ -103,8 +106,15 @@ impl Dialog {
                 }
             }
         });
-        let size_px = self.size_px;
-        self.save(ui, "Save picture").map(|path| Command::SavePicture(path, Some(size_px)))
+        row(ui, "over it", "what is drawn over the picture, as the window shows it", |ui, _| {
+            ui.horizontal_wrapped(|ui| {
+                for (_, name, is_drawn) in self.marks.each() {
+                    ui.checkbox(is_drawn, name);
+                }
+            })
+        });
+        let form = PictureForm { size_px: Some(self.size_px), marks: Some(self.marks) };
+        self.save(ui, "Save picture").map(|path| Command::SavePicture(path, form))
     }
 
     /// A file that may be replaced, and the button to write it.
@@ -160,6 +170,7 @@ fn has_format(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::WindowState;
     use brickyard::import::{SynthKind, SynthSource};
     use brickyard::store::{PackOptions, pack};
     use brickyard::volume::VoxelType;
@@ -176,7 +187,7 @@ mod tests {
     }
 
     fn harness<'a>(kind: DialogKind, folder: &Path, scene: Scene, volumes: Vec<VolumeSource>) -> Harness<'a, Shown> {
-        let mut dialog = Dialog::new(kind, folder, (300, 200));
+        let mut dialog = Dialog::new(kind, folder, (300, 200), Marks::shown(&WindowState::default()));
         dialog.path = folder.join(&dialog.path).display().to_string();
         let shown = Shown { dialog, stays: true, command: None };
         let show = move |ui: &mut Ui, shown: &mut Shown| {
@@ -202,8 +213,14 @@ mod tests {
         click(&mut harness, "4x");
         assert!(harness.query_by_label_contains("it will be replaced").is_some());
         assert!(harness.state().stays);
+        for mark in ["box", "axes", "ticks", "letters"] {
+            harness.get_by_role_and_label(Role::CheckBox, mark).click();
+            harness.run();
+        }
         click(&mut harness, "Save picture");
-        let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), Some((1200, 800)));
+        let marks = "ticks,scale_bar,color_bar,distances".parse().ok();
+        let form = PictureForm { size_px: Some((1200, 800)), marks };
+        let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), form);
         assert_eq!((harness.state().stays, &harness.state().command), (false, &Some(expected)));
     }
 

@@ -6,6 +6,7 @@ use crate::command::Command;
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
+use crate::marks::Marks;
 use crate::opening::Openings;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
@@ -170,7 +171,8 @@ impl Window {
     /// Shows a dialog, in the place of the one that is shown.
     pub(super) fn show_dialog(&mut self, kind: DialogKind) {
         let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
-        self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px));
+        let marks = Marks::shown(&self.state.window);
+        self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px, marks));
     }
 
     /// The dialog, if one is shown, and what was dropped on the window.
