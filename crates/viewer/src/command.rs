@@ -1,12 +1,13 @@
 //! Commands: everything that a hand does in the window, as words. A button, a key and a line of a script come down to the same command, so a script
 //! plays what a user does.
 
+use crate::description::Description;
 use crate::marks::Marks;
 use brickyard::volume::{Mode, Viewpoint};
 use glam::DVec3;
 use serde_json::{Map, Value};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Something to do in the window.
@@ -42,6 +43,8 @@ pub(crate) enum Command {
     Open(Vec<PathBuf>),
     /// Show more volumes, or meshes, beside those that are shown.
     Add(Vec<PathBuf>),
+    /// Open or add a file of which something is said that it does not say itself.
+    OpenAs(PathBuf, Description, Placing),
     /// Take back the last edit.
     Undo,
     /// Make the edit again that was taken back.
@@ -56,6 +59,15 @@ pub(crate) enum Command {
     Screenshot(PathBuf),
     /// Close the window.
     Quit,
+}
+
+/// Where volumes are shown that are opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Placing {
+    /// In the place of those that there are.
+    Instead,
+    /// Beside them.
+    Beside,
 }
 
 /// The form of a picture that is written.
@@ -121,6 +133,10 @@ impl Command {
             Self::Click([x, y]) => numbers("click", &[*x, *y]),
             Self::Open(paths) => with("open", &[listed(paths)]),
             Self::Add(paths) => with("add", &[listed(paths)]),
+            Self::OpenAs(path, description, placing) => {
+                let name = if *placing == Placing::Beside { "add-as" } else { "open-as" };
+                with(name, &[described(path, description)])
+            }
             Self::Undo => name("undo"),
             Self::Redo => name("redo"),
             Self::SaveScene(file) => path("save-scene", file),
@@ -147,6 +163,20 @@ fn listed(paths: &[PathBuf]) -> String {
     }
 }
 
+/// A path and what is said of it, as an object in JSON.
+fn described(path: &Path, description: &Description) -> String {
+    let mut object = serde_json::to_value(description).unwrap_or_default();
+    object["path"] = path.display().to_string().into();
+    object.to_string()
+}
+
+/// A path and what is said of it, of an object in JSON.
+fn description(text: &str) -> Option<(PathBuf, Description)> {
+    let mut object: Map<String, Value> = serde_json::from_str(text).ok()?;
+    let path = PathBuf::from(object.remove("path")?.as_str()?);
+    Some((path, serde_json::from_value(object.into()).ok()?))
+}
+
 /// A mode's name, as scenes have it.
 pub(crate) fn mode_name(mode: Mode) -> &'static str {
     match mode {
@@ -165,7 +195,7 @@ impl fmt::Display for Command {
 }
 
 /// All commands with the forms of what follows their names.
-const FORMS: [(&str, &str); 22] = [
+const FORMS: [(&str, &str); 24] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP, or these and a point of the world, X Y Z"),
     ("look", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
@@ -181,6 +211,11 @@ const FORMS: [(&str, &str); 22] = [
     ("click", "X Y, in points of the window"),
     ("open", "PATH, or a list of them in JSON"),
     ("add", "PATH, or a list of them in JSON"),
+    (
+        "open-as",
+        "an object in JSON: path, and what is said of the file, such as shape, voxel_type, axes, spacing, labels",
+    ),
+    ("add-as", "the same, to be shown beside what there is"),
     ("undo", ""),
     ("redo", ""),
     ("save-scene", "FILE"),
@@ -248,6 +283,10 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         ("click", [x, y]) => Command::Click([number(x)?, number(y)?]),
         ("open", _) => Command::Open(paths(rest)?),
         ("add", _) => Command::Add(paths(rest)?),
+        ("open-as" | "add-as", _) => {
+            let (path, description) = description(rest)?;
+            Command::OpenAs(path, description, if name == "add-as" { Placing::Beside } else { Placing::Instead })
+        }
         ("undo", []) => Command::Undo,
         ("redo", []) => Command::Redo,
         ("save-scene", _) => Command::SaveScene(file()?),
@@ -359,6 +398,11 @@ mod tests {
             [number(), number()].prop_map(Command::Click),
             files().prop_map(Command::Open),
             files().prop_map(Command::Add),
+            (file(), any::<bool>()).prop_map(|(file, is_added)| {
+                let text = r#"{"shape": [1, 2, 3], "voxel_type": "u16", "axes": "tzyx", "labels": true, "spacing": [1, 2, 0.5]}"#;
+                let placing = if is_added { Placing::Beside } else { Placing::Instead };
+                Command::OpenAs(file, serde_json::from_str(text).unwrap(), placing)
+            }),
             file().prop_map(Command::SaveScene),
             (file(), prop::option::of((1u32..9999, 1u32..9999)), prop::option::of(any::<bool>())).prop_map(
                 |(file, size_px, shows)| {

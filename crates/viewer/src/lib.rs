@@ -5,6 +5,7 @@ mod canvas;
 mod clicks;
 mod clip_handles;
 mod command;
+mod description;
 mod edits;
 mod exporting;
 mod fields;

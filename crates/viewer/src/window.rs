@@ -158,6 +158,7 @@ impl Window {
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
             Command::Open(paths) => self.open(paths, false)?,
             Command::Add(paths) => self.open(paths, true)?,
+            Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
             Command::Export(path) => self.export(path)?,
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;

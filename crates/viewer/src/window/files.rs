@@ -2,7 +2,8 @@
 //! once a frame.
 
 use super::Window;
-use crate::command::Command;
+use crate::command::{Command, Placing};
+use crate::description::Description;
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
@@ -11,7 +12,7 @@ use crate::opening::Openings;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
-use brickyard::opening::OpeningOptions;
+use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{MeshLook, Mode, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
@@ -25,6 +26,8 @@ pub(super) struct Next {
     meshes: Vec<PathBuf>,
     /// Whether it is shown beside what there is, and not in its place.
     is_added: bool,
+    /// What was said of the files.
+    said: Description,
 }
 
 impl Next {
@@ -43,15 +46,41 @@ impl Window {
         }
         // What was said of the files before is not of these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
-        let openings = Openings::start(volumes, options);
+        self.open_next(Openings::start(volumes, options), (meshes, is_added), Description::default());
+        Ok(())
+    }
+
+    /// Begins to open a file of which something is said.
+    pub(super) fn open_as(&mut self, path: &Path, said: &Description, placing: Placing) -> Result<(), String> {
+        let openings = Openings::start(vec![path.to_owned()], said.options(self.openings.options())?);
+        self.open_next(openings, (Vec::new(), placing == Placing::Beside), said.clone());
+        Ok(())
+    }
+
+    fn open_next(&mut self, openings: Openings, (meshes, is_added): (Vec<PathBuf>, bool), said: Description) {
         match &mut self.next {
             Some(next) if is_added => {
                 next.openings.add(openings);
                 next.meshes.extend(meshes);
             }
-            next => *next = Some(Next { openings, meshes, is_added: is_added && !self.openings.are_none() }),
+            next => {
+                let is_added = is_added && !self.openings.are_none();
+                *next = Some(Next { openings, meshes, is_added, said });
+            }
         }
-        Ok(())
+    }
+
+    /// Says why files cannot be opened. If that is for want of something that they do not say, or of what was said of them, a form asks for it.
+    fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
+        let next = self.next.take();
+        if let Some(next) =
+            next.filter(|next| error.wants_options() || next.said != Description::default() && !error.is_cancelled())
+        {
+            let placing = if next.is_added { Placing::Beside } else { Placing::Instead };
+            self.show_dialog(DialogKind::Describe(placing));
+            self.dialog.iter_mut().for_each(|dialog| dialog.ask_about(path, next.said.clone(), error.to_string()));
+        }
+        format!("{}: {error}", path.display())
     }
 
     /// Shows meshes beside the volumes.
@@ -95,8 +124,7 @@ impl Window {
             self.message = Some(message);
         }
         if let Some((path, error)) = changes.stopped {
-            self.next = None;
-            return Err(format!("{}: {error}", path.display()));
+            return Err(self.ask_about(&path, &error));
         }
         match self.next.take_if(|next| next.openings.are_shown()) {
             Some(next) => self.show_next(next, egui),
@@ -105,7 +133,7 @@ impl Window {
     }
 
     fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
-        let Next { openings, meshes, is_added } = next;
+        let Next { openings, meshes, is_added, .. } = next;
         let paths = openings.paths();
         if is_added {
             self.show_more(openings)?;
