@@ -4,7 +4,9 @@ use crate::canvas::Canvas;
 use crate::command::Command;
 use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
+use crate::overlay::round::digits;
 use crate::overlay::{self, AXIS_COLORS, Lens};
+use crate::panels::slices::{dragged, shown_window};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
 use crate::state::Tool;
@@ -46,12 +48,8 @@ impl PlaneView {
         let point = grid.crosshair(planes);
         let slice = grid.slice(axis, point, planes.thickness);
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
-        let scene = slice_scene(
-            &seen.state.scene,
-            slice,
-            camera,
-            (filter(grid, planes.filter, &camera, size_px.1), planes.gray),
-        );
+        let filter = filter(grid, planes.filter, &camera, size_px.1);
+        let scene = slice_scene(&seen.state.scene, seen.volumes, (slice, camera), filter, planes);
         let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
@@ -70,7 +68,8 @@ impl PlaneView {
             // The mark of the first click is drawn in the next frame, for which nothing else may ask.
             response.ctx.request_repaint();
         }
-        drag(&lens, (axis, &camera, point), &response, is_measuring, commands);
+        let held = Held { window: shown_window(planes, &seen.state.scene, seen.volumes), is_measuring };
+        drag(&lens, (axis, &camera, point), &response, &held, commands);
         if response.hovered() {
             self.scroll(ui, &lens, grid, (axis, &camera, point), commands);
         }
@@ -124,13 +123,21 @@ fn camera_field(axis: usize) -> String {
     format!("window.planes.cameras.{axis}")
 }
 
+/// What a drag in a slice may have hold of.
+struct Held {
+    /// The values that are black and white.
+    window: Option<[f64; 2]>,
+    /// Whether clicks measure.
+    is_measuring: bool,
+}
+
 /// The primary button moves the point in which the slices meet, where it measures by being dragged alone; shift or the middle button moves the
-/// picture, the secondary one comes nearer.
+/// picture, the secondary one sets which values are black and white.
 fn drag(
     lens: &Lens,
     (axis, camera, point): (usize, &Camera, DVec3),
     response: &Response,
-    is_measuring: bool,
+    held: &Held,
     commands: &mut Vec<Command>,
 ) {
     let by = response.drag_delta() / lens.area.height().max(1.0);
@@ -139,7 +146,9 @@ fn drag(
     let moved = match by == vec2(0.0, 0.0) {
         true => None,
         false if response.dragged_by(PointerButton::Secondary) => {
-            Some(zoomed(camera, camera.target, (-2.0 * down).exp()))
+            let window = held.window.map(|window| dragged(window, right, down));
+            commands.extend(window.map(|window| Command::set("window.planes.window", json!(window))));
+            return;
         }
         false if response.dragged_by(PointerButton::Middle) || response.dragged() && is_shifted => {
             Some(panned(camera, right, -down))
@@ -150,7 +159,8 @@ fn drag(
         commands.push(Command::set(&camera_field(axis), json!(camera)));
         return;
     }
-    let is_held = if is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
+    let is_held =
+        if held.is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
     let is_primary = response.ctx.input(|input| input.pointer.primary_down());
     let Some(pointer) = response.interact_pointer_pos().filter(|_| is_held && is_primary) else { return };
     let size = (lens.rays.width, lens.rays.height);
@@ -161,7 +171,7 @@ fn drag(
     }
 }
 
-/// Draws the distances that lie in a slice, and the one that is being measured. `under` is the place under the pointer.
+/// Draws the distances that lie in a slice, and the one that is being measured, and says what is black and white. `under` is the place under the pointer.
 fn distances(
     lens: &Lens,
     (slice, reach): (&Slice, f64),
@@ -169,6 +179,11 @@ fn distances(
     under: Option<DVec3>,
 ) {
     let unit = seen.world.as_ref().map_or("", |world| world.unit);
+    if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
+        let [black, white] = window.map(|value| digits(value, 5));
+        let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
+        lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
+    }
     overlay::distances(lens, &lying_in(&seen.state.window.distances, slice, reach), unit);
     if measuring.is_in(slice, reach) {
         measuring.show(lens, under, unit);

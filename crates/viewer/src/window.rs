@@ -323,6 +323,9 @@ impl Window {
             egui::ScrollArea::vertical().show(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
+                if state.window.layout == Layout::Planes {
+                    panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
+                }
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
             });
         });
