@@ -3,6 +3,7 @@
 
 use brickyard::volume::{Camera, Extent, Geometry, LightingModel, Mode, Picture, Scene};
 use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, command, read_png, run};
+use glam::DVec3;
 use serde_json::Value;
 use std::process::Child;
 use std::time::{Duration, Instant};
@@ -309,4 +310,45 @@ fn what_keeps_a_window_from_opening_is_said() {
     let script = sandbox.path("tour.txt").display().to_string();
     let (code, _, said) = run(&["view", &path, "--script", &script]);
     assert!(code == 3 && said.contains("line 2") && said.contains("did you mean 'orbit'?"), "{code}: {said}");
+}
+
+/// The ends of the only distance that a window's document has.
+fn measured(document: &Value) -> [DVec3; 2] {
+    let found: Vec<[DVec3; 2]> = serde_json::from_value(document["window"]["distances"].clone()).expect("distances");
+    let [ends] = found[..] else { panic!("{found:?}") };
+    ends
+}
+
+#[test]
+fn a_distance_in_a_slice_lies_in_it() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    // The slice across z is the upper left quarter of what the panel leaves.
+    let tour = "0 set window.layout planes\n0 set window.tool distance\nsettled click 400 150\nsettled click 460 200\n\
+        settled save-scene scene.json\nsettled quit\n";
+    sandbox.write("tour.txt", tour);
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--size", "900x600"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    let document: Value = serde_json::from_slice(&sandbox.read("scene.json")).expect("a document");
+    let [from, to] = measured(&document);
+    let across = to - from;
+    assert!(across.z.abs() < 1e-9 && across.x > 0.0 && across.y > 0.0, "y goes down: {from} {to}");
+    assert!((across.x / across.y - 60.0 / 50.0).abs() < 1e-3, "shown alike in all directions: {from} {to}");
+    assert!(document["window"]["planes"]["crosshair"].is_null(), "a click that measures moves nothing");
+}
+
+#[test]
+fn a_distance_in_a_projection_is_what_the_picture_shows() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path, "--mode", "mip"]);
+    display.input("key m");
+    let clicks = "mousemove 540 280 sleep 1 click 1 sleep 0.5 mousemove 640 330 sleep 1 click 1 sleep 0.5";
+    let document = opened.until(clicks, &|document| document["window"]["distances"] != Value::Array(Vec::new()));
+    let [from, to] = measured(&document);
+    let camera: Camera = serde_json::from_value(document["camera"].clone()).expect("a camera");
+    let forward = (camera.target - camera.eye).normalize();
+    assert!(from != to && (to - from).dot(forward).abs() < 1e-9, "{from} {to}");
+    opened.quit();
 }

@@ -3,7 +3,7 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use brickyard_volume::camera::CameraError;
-use brickyard_volume::{Camera, Picture, Side};
+use brickyard_volume::{Camera, Picture, Side, ViewRays};
 use epaint_default_fonts::HACK_REGULAR;
 use glam::DVec3;
 
@@ -18,22 +18,24 @@ pub const LEAST_LETTERED_PX: u32 = 96;
 pub fn letter_sides(picture: &mut Picture, camera: &Camera) -> Result<(), CameraError> {
     let (width, height) = (picture.width, picture.height);
     let rays = camera.rays(width, height)?;
-    let (right, up) = (rays.right.normalize_or_zero(), rays.up.normalize_or_zero());
     if width.min(height) < LEAST_LETTERED_PX {
         return Ok(());
     }
     let letter_px = (width.min(height) as f32 / 20.0).clamp(14.0, 60.0);
     let (far_x, far_y, margin) = (width as f32, height as f32, letter_px * 0.8);
-    let edges = [
-        (-right, [margin, far_y / 2.0]),
-        (right, [far_x - margin, far_y / 2.0]),
-        (up, [far_x / 2.0, margin]),
-        (-up, [far_x / 2.0, far_y - margin]),
-    ];
-    for (direction, centre_px) in edges {
-        draw_text(picture, &sides(direction), centre_px, letter_px);
+    let centres_px =
+        [[margin, far_y / 2.0], [far_x - margin, far_y / 2.0], [far_x / 2.0, margin], [far_x / 2.0, far_y - margin]];
+    for (letters, centre_px) in edge_letters(&rays).iter().zip(centres_px) {
+        draw_text(picture, letters, centre_px, letter_px);
     }
     Ok(())
+}
+
+/// The letters of the sides of a patient at the edges of a picture: left, right, top, bottom. More than one where the picture is oblique, and the
+/// nearest side first.
+pub fn edge_letters(rays: &ViewRays) -> [String; 4] {
+    let (right, up) = (rays.right.normalize_or_zero(), rays.up.normalize_or_zero());
+    [-right, right, up, -up].map(sides)
 }
 
 /// The letters of the sides that a direction points to, most of all to the first: more than one where it is oblique.
@@ -118,6 +120,7 @@ mod tests {
         let gray = |width: u32, height| Picture { width, height, rgb: vec![[90; 3]; (width * height) as usize] };
         let world_box = (DVec3::splat(-1.0), DVec3::ONE);
         let camera = Camera::looking_from(Side::Anterior.direction(), Side::Anterior.up(), world_box);
+        assert_eq!(edge_letters(&camera.rays(200, 100).unwrap()), ["R", "L", "S", "I"]);
         let mut picture = gray(200, 100);
         letter_sides(&mut picture, &camera).unwrap();
         let is_drawn = |x: u32, y: u32| picture.rgb[(y * 200 + x) as usize] != [90; 3];

@@ -13,7 +13,7 @@ use crate::openable::{self, Openable, OpenableError};
 use crate::preview::{Preview, PreviewError};
 use crate::store_place::{finished, place_in, user_folder};
 use crate::volume_source::VolumeSource;
-use brickyard_import::{OpenOptions, Source};
+use brickyard_import::{ImportError, OpenOptions, Source};
 use brickyard_store::{Kind, PackOptions};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -58,6 +58,15 @@ pub enum OpeningError {
 }
 
 impl OpeningError {
+    /// Whether the files do not say all that it takes to read them, so that somebody must.
+    pub fn wants_options(&self) -> bool {
+        let options = |error: &ImportError| matches!(error, ImportError::Options { .. });
+        match self {
+            Self::Openable(OpenableError::Source(error)) | Self::Preview(PreviewError::Source(error)) => options(error),
+            _ => false,
+        }
+    }
+
     /// Whether somebody cancelled the opening.
     pub fn is_cancelled(&self) -> bool {
         match self {
@@ -328,6 +337,7 @@ mod tests {
         let News::Stopped(error) = next(&mut Opening::start(path.clone(), OpeningOptions::default())) else {
             panic!("it opened")
         };
+        assert!(error.wants_options(), "{error}");
         assert!(error.to_string().contains("pass `shape`"), "{error}");
         // A file is in the way of the store's folder: the preview comes all the same.
         let (path, options) = raw_file(folder.path());

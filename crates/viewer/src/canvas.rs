@@ -2,6 +2,7 @@
 //! pace allows. At rest it is drawn once more, exactly, and then not again. Costs one step and at most one drawing for each frame of the window.
 
 use crate::device::Device;
+use crate::marks::Over;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
@@ -53,6 +54,7 @@ struct Capture {
     /// `None` is the size in which the picture is shown.
     size_px: Option<(u32, u32)>,
     path: PathBuf,
+    over: Over,
 }
 
 /// A picture that is final, with all that is known of it.
@@ -65,6 +67,8 @@ pub(crate) struct Captured {
     pub(crate) scene: Scene,
     /// How many bricks it has.
     pub(crate) stats: RenderStats,
+    /// What is to be drawn over it.
+    pub(crate) over: Over,
 }
 
 /// What the texture shows.
@@ -147,8 +151,8 @@ impl Canvas {
     }
 
     /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
-    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, path: PathBuf) {
-        self.captures.push_back(Capture { scene, size_px, path });
+    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
+        self.captures.push_back(Capture { scene, size_px, path, over });
     }
 
     /// Whether a picture that was asked for has not come yet.
@@ -169,10 +173,10 @@ impl Canvas {
             self.captures.pop_front();
         }
         let Some((picture, frame)) = drawn? else { return Ok(None) };
-        let Some(Capture { scene, path, .. }) = self.captures.pop_front() else { return Ok(None) };
+        let Some(Capture { scene, path, over, .. }) = self.captures.pop_front() else { return Ok(None) };
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.session.backend_bytes());
-        Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats }))
+        Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats, over }))
     }
 
     /// Brings the texture nearer to a scene's picture of a size: streams a step, and draws unless what is shown still stands.

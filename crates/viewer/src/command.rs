@@ -1,11 +1,13 @@
 //! Commands: everything that a hand does in the window, as words. A button, a key and a line of a script come down to the same command, so a script
 //! plays what a user does.
 
+use crate::description::Description;
+use crate::marks::Marks;
 use brickyard::volume::{Mode, Viewpoint};
 use glam::DVec3;
 use serde_json::{Map, Value};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Something to do in the window.
@@ -41,14 +43,16 @@ pub(crate) enum Command {
     Open(Vec<PathBuf>),
     /// Show more volumes, or meshes, beside those that are shown.
     Add(Vec<PathBuf>),
+    /// Open or add a file of which something is said that it does not say itself.
+    OpenAs(PathBuf, Description, Placing),
     /// Take back the last edit.
     Undo,
     /// Make the edit again that was taken back.
     Redo,
     /// Write the window's document, as `render --scene` takes it.
     SaveScene(PathBuf),
-    /// Write the volume's picture once it is final, with its scene; `None` is the size in which it is shown.
-    SavePicture(PathBuf, Option<(u32, u32)>),
+    /// Write the volume's picture once it is final, with its scene.
+    SavePicture(PathBuf, PictureForm),
     /// Write the voxels of what the clip box leaves of the first layer that is shown.
     Export(PathBuf),
     /// Write what the window shows, panels and all.
@@ -58,6 +62,34 @@ pub(crate) enum Command {
     /// Lose the device that draws the window: for tests.
     LoseGpu,
 }
+
+/// Where volumes are shown that are opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Placing {
+    /// In the place of those that there are.
+    Instead,
+    /// Beside them.
+    Beside,
+}
+
+/// The form of a picture that is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct PictureForm {
+    /// Its width and height; `None` is the size in which it is shown.
+    pub(crate) size_px: Option<(u32, u32)>,
+    /// What is drawn over it; `None` is what is shown over it.
+    pub(crate) marks: Option<Marks>,
+}
+
+impl PictureForm {
+    fn words(&self) -> impl Iterator<Item = String> {
+        let size = self.size_px.map(|(width, height)| format!("{width}x{height}"));
+        size.into_iter().chain(self.marks.map(|marks| format!("{OVER}{marks}")))
+    }
+}
+
+/// What the marks of a picture begin with in words.
+const OVER: &str = "over=";
 
 impl Command {
     /// Sets one field of the window's document.
@@ -103,12 +135,15 @@ impl Command {
             Self::Click([x, y]) => numbers("click", &[*x, *y]),
             Self::Open(paths) => with("open", &[listed(paths)]),
             Self::Add(paths) => with("add", &[listed(paths)]),
+            Self::OpenAs(path, description, placing) => {
+                let name = if *placing == Placing::Beside { "add-as" } else { "open-as" };
+                with(name, &[described(path, description)])
+            }
             Self::Undo => name("undo"),
             Self::Redo => name("redo"),
             Self::SaveScene(file) => path("save-scene", file),
-            Self::SavePicture(file, None) => path("save-picture", file),
-            Self::SavePicture(file, Some((width, height))) => {
-                with("save-picture", &[format!("{width}x{height}"), file.display().to_string()])
+            Self::SavePicture(file, form) => {
+                with("save-picture", &form.words().chain([file.display().to_string()]).collect::<Vec<_>>())
             }
             Self::Export(file) => path("export", file),
             Self::Screenshot(file) => path("screenshot", file),
@@ -131,6 +166,20 @@ fn listed(paths: &[PathBuf]) -> String {
     }
 }
 
+/// A path and what is said of it, as an object in JSON.
+fn described(path: &Path, description: &Description) -> String {
+    let mut object = serde_json::to_value(description).unwrap_or_default();
+    object["path"] = path.display().to_string().into();
+    object.to_string()
+}
+
+/// A path and what is said of it, of an object in JSON.
+fn description(text: &str) -> Option<(PathBuf, Description)> {
+    let mut object: Map<String, Value> = serde_json::from_str(text).ok()?;
+    let path = PathBuf::from(object.remove("path")?.as_str()?);
+    Some((path, serde_json::from_value(object.into()).ok()?))
+}
+
 /// A mode's name, as scenes have it.
 pub(crate) fn mode_name(mode: Mode) -> &'static str {
     match mode {
@@ -149,7 +198,7 @@ impl fmt::Display for Command {
 }
 
 /// All commands with the forms of what follows their names.
-const FORMS: [(&str, &str); 23] = [
+const FORMS: [(&str, &str); 25] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP, or these and a point of the world, X Y Z"),
     ("look", "DEGREES_RIGHT DEGREES_UP"),
     ("roll", "DEGREES"),
@@ -165,10 +214,15 @@ const FORMS: [(&str, &str); 23] = [
     ("click", "X Y, in points of the window"),
     ("open", "PATH, or a list of them in JSON"),
     ("add", "PATH, or a list of them in JSON"),
+    (
+        "open-as",
+        "an object in JSON: path, and what is said of the file, such as shape, voxel_type, axes, spacing, labels",
+    ),
+    ("add-as", "the same, to be shown beside what there is"),
     ("undo", ""),
     ("redo", ""),
     ("save-scene", "FILE"),
-    ("save-picture", "FILE, or WIDTHxHEIGHT FILE"),
+    ("save-picture", "FILE, before it WIDTHxHEIGHT or over=none or over=scale_bar,distances,... or both"),
     ("export", "FILE"),
     ("screenshot", "FILE"),
     ("quit", ""),
@@ -233,15 +287,16 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
         ("click", [x, y]) => Command::Click([number(x)?, number(y)?]),
         ("open", _) => Command::Open(paths(rest)?),
         ("add", _) => Command::Add(paths(rest)?),
+        ("open-as" | "add-as", _) => {
+            let (path, description) = description(rest)?;
+            Command::OpenAs(path, description, if name == "add-as" { Placing::Beside } else { Placing::Instead })
+        }
         ("undo", []) => Command::Undo,
         ("redo", []) => Command::Redo,
         ("save-scene", _) => Command::SaveScene(file()?),
         ("save-picture", _) => {
-            let sized = rest.split_once(' ').and_then(|(size, file)| Some((size_px(size)?, file.trim())));
-            match sized {
-                Some((size_px, path)) => Command::SavePicture(PathBuf::from(path), Some(size_px)),
-                None => Command::SavePicture(file()?, None),
-            }
+            let (form, path) = picture_form(rest)?;
+            Command::SavePicture(PathBuf::from(path), form)
         }
         ("export", _) => Command::Export(file()?),
         ("screenshot", _) => Command::Screenshot(file()?),
@@ -269,6 +324,20 @@ fn paths(text: &str) -> Option<Vec<PathBuf>> {
         _ if text.starts_with('[') => serde_json::from_str(text).ok(),
         _ => Some(vec![PathBuf::from(text)]),
     }
+}
+
+/// The form of a picture, and the file that follows it; `None` if there is no file or there are no such marks.
+fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
+    let (mut form, mut rest) = (PictureForm::default(), text);
+    while let Some((word, after)) = rest.split_once(' ') {
+        match (size_px(word), word.strip_prefix(OVER)) {
+            (Some(size_px), _) => form.size_px = Some(size_px),
+            (None, Some(marks)) => form.marks = Some(marks.parse().ok()?),
+            (None, None) => break,
+        }
+        rest = after.trim();
+    }
+    (!rest.is_empty()).then_some((form, rest))
 }
 
 /// Width and height of a picture, as in `1920x1080`.
@@ -334,9 +403,19 @@ mod tests {
             [number(), number()].prop_map(Command::Click),
             files().prop_map(Command::Open),
             files().prop_map(Command::Add),
+            (file(), any::<bool>()).prop_map(|(file, is_added)| {
+                let text = r#"{"shape": [1, 2, 3], "voxel_type": "u16", "axes": "tzyx", "labels": true, "spacing": [1, 2, 0.5]}"#;
+                let placing = if is_added { Placing::Beside } else { Placing::Instead };
+                Command::OpenAs(file, serde_json::from_str(text).unwrap(), placing)
+            }),
             file().prop_map(Command::SaveScene),
-            (file(), prop::option::of((1u32..9999, 1u32..9999)))
-                .prop_map(|(file, size)| Command::SavePicture(file, size)),
+            (file(), prop::option::of((1u32..9999, 1u32..9999)), prop::option::of(any::<bool>())).prop_map(
+                |(file, size_px, shows)| {
+                    let all = crate::marks::Marks::shown(&Default::default());
+                    let marks = shows.map(|shows| if shows { all } else { Marks::NONE });
+                    Command::SavePicture(file, PictureForm { size_px, marks })
+                }
+            ),
             file().prop_map(Command::Export),
             file().prop_map(Command::Screenshot),
         ]

@@ -62,7 +62,7 @@ fn files() -> Vec<Shortcut> {
         plain(redo, Key::Z, "redo", Command::Redo),
         plain(command, Key::Z, "undo", Command::Undo),
         plain(command, Key::S, "save the scene", Command::SaveScene(SCENE_FILE.into())),
-        plain(command, Key::P, "save the picture", Command::SavePicture(PICTURE_FILE.into(), None)),
+        plain(command, Key::P, "save the picture", Command::SavePicture(PICTURE_FILE.into(), Default::default())),
         plain(command, Key::Q, "quit", Command::Quit),
     ]
 }

@@ -8,12 +8,17 @@ pub(crate) mod ticks;
 
 use crate::overlay::round::round_length;
 use crate::state::Overlays;
-use brickyard::volume::{Camera, ViewRays};
+use brickyard::lettering::edge_letters;
+use brickyard::session::VolumeSource;
+use brickyard::volume::{Camera, Scene, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{BVec3, DVec3};
 
 /// The part of the picture's width that the scale bar takes at most.
 const MOST_OF_WIDTH: f64 = 0.25;
+
+/// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
+const LEAST_LETTERED: f32 = 96.0;
 
 /// Colours of the axes x, y and z, as elsewhere.
 pub(crate) const AXIS_COLORS: [Color32; 3] =
@@ -104,8 +109,14 @@ pub(crate) fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]>
     ends.filter(|(from, to)| from != to).map(move |(from, to)| [corner(corners, from), corner(corners, to)])
 }
 
-/// Draws over a picture what the overlays say of the world.
-pub(crate) fn show(lens: &Lens, overlays: &Overlays, camera: &Camera, world: &World<'_>) {
+/// Draws over a scene's picture what the overlays say of it and of its world.
+pub(crate) fn show(
+    lens: &Lens,
+    overlays: &Overlays,
+    (scene, camera): (&Scene, &Camera),
+    volumes: &[VolumeSource],
+    world: &World<'_>,
+) {
     if overlays.outline {
         lens.edges(world.corners, Stroke::new(1.0, PALE.gamma_multiply(0.35)));
     }
@@ -117,6 +128,12 @@ pub(crate) fn show(lens: &Lens, overlays: &Overlays, camera: &Camera, world: &Wo
     }
     if overlays.scale_bar {
         scale_bar(lens, camera, world.unit);
+    }
+    if overlays.color_bar {
+        color_bar::show(lens, scene, volumes);
+    }
+    if overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
+        letters(lens);
     }
 }
 
@@ -133,6 +150,30 @@ pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
             let text = format!("{} {unit}", round::digits(from.distance(*to), 4));
             lens.text(middle + vec2(6.0, -6.0), Align2::LEFT_BOTTOM, text.trim_end(), 13.0, MEASURED);
         }
+    }
+}
+
+/// Draws the mark of a point where a distance begins.
+pub(crate) fn beginning(lens: &Lens, point: DVec3) {
+    if let Some(place) = lens.place(point) {
+        lens.painter.circle(place, 4.0, MEASURED, Stroke::new(1.5, Color32::from_black_alpha(160)));
+    }
+}
+
+/// Writes at the edges of a picture which sides of a patient are there.
+pub(crate) fn letters(lens: &Lens) {
+    let area = lens.area.shrink(8.0);
+    if lens.area.size().min_elem() < LEAST_LETTERED {
+        return;
+    }
+    let places = [
+        (area.left_center(), Align2::LEFT_CENTER),
+        (area.right_center(), Align2::RIGHT_CENTER),
+        (area.center_top(), Align2::CENTER_TOP),
+        (area.center_bottom(), Align2::CENTER_BOTTOM),
+    ];
+    for (letters, (place, align)) in edge_letters(&lens.rays).iter().zip(places) {
+        lens.text(place, align, letters, 18.0, Color32::WHITE);
     }
 }
 
@@ -169,8 +210,9 @@ pub(crate) fn scale_bar(lens: &Lens, camera: &Camera, unit: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard::volume::Side;
     use eframe::egui;
-    use eframe::egui::{Context, LayerId};
+    use eframe::egui::{Context, LayerId, RawInput, Shape};
 
     /// What a camera sees of a unit cube, in a part of a window.
     pub(crate) fn lens(camera: &Camera) -> Lens {
@@ -187,6 +229,34 @@ mod tests {
         assert!((found - pos2(200.0, 100.0)).length() < 1e-3, "{found:?}");
         assert_eq!(lens.pixel(pos2(200.0, 100.0)), [200.0, 100.0]);
         assert_eq!(lens.place(camera.eye + (camera.eye - camera.target)), None);
+    }
+
+    /// The texts that are drawn over a picture in a part of a window, with their middles.
+    fn texts(camera: &Camera, draw: impl Fn(&Lens)) -> Vec<(String, Pos2)> {
+        let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
+        let shown = Context::default().run_ui(RawInput::default(), |ui| {
+            let painter = Painter::new(ui.ctx().clone(), LayerId::background(), Rect::EVERYTHING);
+            draw(&Lens::new(&painter, area, camera, (400, 200)).unwrap());
+        });
+        let drawn = shown.shapes.iter().filter_map(|shape| match &shape.shape {
+            Shape::Text(text) => Some((text.galley.text().to_string(), text.visual_bounding_rect().center())),
+            _ => None,
+        });
+        drawn.collect()
+    }
+
+    #[test]
+    fn letters_stand_at_the_edges_of_the_sides_that_they_name() {
+        // An axial slice, seen from the feet: the patient's left is on the right.
+        let camera =
+            Camera::looking_from(Side::Inferior.direction(), Side::Anterior.direction(), (DVec3::ZERO, DVec3::ONE));
+        let texts = texts(&camera, letters);
+        for (letter, near) in
+            [("R", pos2(110.0, 100.0)), ("L", pos2(290.0, 100.0)), ("A", pos2(200.0, 62.0)), ("P", pos2(200.0, 138.0))]
+        {
+            let found = texts.iter().filter(|(text, _)| text == letter).map(|(_, place)| place.distance(near));
+            assert!(found.clone().count() > 0 && found.clone().all(|distance| distance < 12.0), "{letter}: {texts:?}");
+        }
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub(crate) mod histogram;
 pub(crate) mod layers;
 pub(crate) mod mending;
 pub(crate) mod menu;
+pub(crate) mod slices;
 pub(crate) mod status;
 pub(crate) mod transfer_editor;
 pub(crate) mod view;

@@ -2,13 +2,17 @@
 
 use crate::canvas::Canvas;
 use crate::command::Command;
+use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
+use crate::overlay::round::digits;
 use crate::overlay::{self, AXIS_COLORS, Lens};
+use crate::panels::slices::{dragged, shown_window};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
+use crate::state::Tool;
 use crate::volume_view::{Seen, whole_pixels};
 use brickyard::session::SessionError;
-use brickyard::volume::Camera;
+use brickyard::volume::{Camera, Slice};
 use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -36,7 +40,7 @@ impl PlaneView {
         ui: &mut Ui,
         canvas: &mut Canvas,
         (grid, axis): (&Grid, usize),
-        seen: &Seen<'_>,
+        (seen, measuring): (&Seen<'_>, &mut Measuring),
         commands: &mut Vec<Command>,
     ) -> Result<(), SessionError> {
         let planes = &seen.state.window.planes;
@@ -44,12 +48,8 @@ impl PlaneView {
         let point = grid.crosshair(planes);
         let slice = grid.slice(axis, point, planes.thickness);
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
-        let scene = slice_scene(
-            &seen.state.scene,
-            slice,
-            camera,
-            (filter(grid, planes.filter, &camera, size_px.1), planes.gray),
-        );
+        let filter = filter(grid, planes.filter, &camera, size_px.1);
+        let scene = slice_scene(&seen.state.scene, seen.volumes, (slice, camera), filter, planes);
         let drawn = canvas.show(&scene, size_px);
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
@@ -57,9 +57,19 @@ impl PlaneView {
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &camera, seen);
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
+        let reach = grid.reach(&slice, axis);
+        let under = place_px.and_then(|place_px| point_at_target(&camera, size_px, place_px));
+        distances(&lens, (&slice, reach), (seen, &*measuring), under);
         let (resolved, volumes) = canvas.resolved();
         self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
-        drag(&lens, (axis, &camera, point), &response, commands);
+        let is_measuring = seen.state.window.tool == Tool::Distance;
+        if let Some(place) = under.filter(|_| is_measuring && response.clicked()) {
+            commands.extend(measuring.click_in(&slice, reach, place, seen.state));
+            // The mark of the first click is drawn in the next frame, for which nothing else may ask.
+            response.ctx.request_repaint();
+        }
+        let held = Held { window: shown_window(planes, &seen.state.scene, seen.volumes), is_measuring };
+        drag(&lens, (axis, &camera, point), &response, &held, commands);
         if response.hovered() {
             self.scroll(ui, &lens, grid, (axis, &camera, point), commands);
         }
@@ -113,15 +123,32 @@ fn camera_field(axis: usize) -> String {
     format!("window.planes.cameras.{axis}")
 }
 
-/// The primary button moves the point in which the slices meet; shift or the middle button moves the picture, the secondary one comes nearer.
-fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &Response, commands: &mut Vec<Command>) {
+/// What a drag in a slice may have hold of.
+struct Held {
+    /// The values that are black and white.
+    window: Option<[f64; 2]>,
+    /// Whether clicks measure.
+    is_measuring: bool,
+}
+
+/// The primary button moves the point in which the slices meet, where it measures by being dragged alone; shift or the middle button moves the
+/// picture, the secondary one sets which values are black and white.
+fn drag(
+    lens: &Lens,
+    (axis, camera, point): (usize, &Camera, DVec3),
+    response: &Response,
+    held: &Held,
+    commands: &mut Vec<Command>,
+) {
     let by = response.drag_delta() / lens.area.height().max(1.0);
     let (right, down) = (f64::from(by.x), f64::from(by.y));
     let is_shifted = response.ctx.input(|input| input.modifiers.shift);
     let moved = match by == vec2(0.0, 0.0) {
         true => None,
         false if response.dragged_by(PointerButton::Secondary) => {
-            Some(zoomed(camera, camera.target, (-2.0 * down).exp()))
+            let window = held.window.map(|window| dragged(window, right, down));
+            commands.extend(window.map(|window| Command::set("window.planes.window", json!(window))));
+            return;
         }
         false if response.dragged_by(PointerButton::Middle) || response.dragged() && is_shifted => {
             Some(panned(camera, right, -down))
@@ -132,7 +159,8 @@ fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &
         commands.push(Command::set(&camera_field(axis), json!(camera)));
         return;
     }
-    let is_held = response.is_pointer_button_down_on() && !is_shifted;
+    let is_held =
+        if held.is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
     let is_primary = response.ctx.input(|input| input.pointer.primary_down());
     let Some(pointer) = response.interact_pointer_pos().filter(|_| is_held && is_primary) else { return };
     let size = (lens.rays.width, lens.rays.height);
@@ -140,6 +168,25 @@ fn drag(lens: &Lens, (axis, camera, point): (usize, &Camera, DVec3), response: &
     let Some(on_slice) = point_at_target(camera, size, lens.pixel(pointer)) else { return };
     if on_slice.distance(point) > 1e-9 * lens.rays.pixel_size(1.0) {
         commands.push(Command::set("window.planes.crosshair", json!(on_slice)));
+    }
+}
+
+/// Draws the distances that lie in a slice, and the one that is being measured, and says what is black and white. `under` is the place under the pointer.
+fn distances(
+    lens: &Lens,
+    (slice, reach): (&Slice, f64),
+    (seen, measuring): (&Seen<'_>, &Measuring),
+    under: Option<DVec3>,
+) {
+    let unit = seen.world.as_ref().map_or("", |world| world.unit);
+    if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
+        let [black, white] = window.map(|value| digits(value, 5));
+        let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
+        lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
+    }
+    overlay::distances(lens, &lying_in(&seen.state.window.distances, slice, reach), unit);
+    if measuring.is_in(slice, reach) {
+        measuring.show(lens, under, unit);
     }
 }
 
@@ -161,10 +208,12 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
         lens.edges((clip[0], clip[1]), Stroke::new(1.0, Color32::from_rgb(240, 150, 40)));
     }
     let Some(world) = &seen.world else { return };
+    if seen.state.window.overlays.letters && world.is_anatomical {
+        overlay::letters(lens);
+    }
     if seen.state.window.overlays.scale_bar {
         overlay::scale_bar(lens, camera, world.unit);
     }
-    overlay::distances(lens, &seen.state.window.distances, world.unit);
     let [at, count] = [voxel[axis], grid.extent[axis]].map(|number| number * grid.stride[axis]);
     let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
     let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);

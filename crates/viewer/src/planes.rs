@@ -1,6 +1,7 @@
 //! Three slices that meet in one point, along the voxels of the first layer that is shown: which voxels they are through, the scene of each, and the
 //! camera that looks straight at it. Arithmetic alone.
 
+use crate::panels::layers::style::shown;
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
@@ -94,6 +95,13 @@ impl Grid {
         Slice { point, normal: normal.normalize_or_zero(), thickness }
     }
 
+    /// How far a slice across an axis reaches to each side: its voxels' halves, or its own half.
+    pub(crate) fn reach(&self, slice: &Slice, axis: usize) -> f64 {
+        let voxel = self.step(axis).dot(slice.normal).abs();
+        // Points are rounded on their way through JSON and the world.
+        0.5 * voxel.max(slice.thickness) * (1.0 + 1e-9)
+    }
+
     /// A direction of the voxels that is as much up as any in a slice across an axis.
     fn up(&self, axis: usize, slice: &Slice) -> DVec3 {
         let nominal = if self.is_anatomical { Side::of(slice.normal).up() } else { slice.image_up() };
@@ -129,12 +137,20 @@ fn dominant(vector: DVec3) -> usize {
 }
 
 /// The scene of a slice of another scene: its layers without light, clips and surfaces, read by a filter. `is_gray` leaves the colours of transfer functions
-/// out, but not those of labels, which a gray ramp does not touch.
-pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, is_gray): (Filter, bool)) -> Scene {
-    let layers = scene.layers.iter().map(|layer| SceneLayer {
+/// out, but not those of labels, which a gray ramp does not touch; it goes over the values that they span.
+pub(crate) fn slice_scene(
+    scene: &Scene,
+    volumes: &[VolumeSource],
+    (slice, camera): (Slice, Camera),
+    filter: Filter,
+    planes: &Planes,
+) -> Scene {
+    let first = first_shown(scene);
+    let layers = scene.layers.iter().enumerate().map(|(i, layer)| SceneLayer {
         isosurfaces: Vec::new(),
         crop: None,
-        transfer: layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice)),
+        transfer: layer.transfer.clone().filter(|choice| !planes.gray || is_of_labels(choice)),
+        window: planes.window.filter(|_| first == Some(i)).or_else(|| spanned(layer, volumes.get(scene.store(i)))),
         // Channels in colours of their own are light that adds up. As media in one place they would be averaged.
         blend: if layer.color.is_some() && layer.blend == Blend::Mix { Blend::Add } else { layer.blend },
         ..layer.clone()
@@ -153,6 +169,12 @@ pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, 
         layers: layers.collect(),
         ..scene.clone()
     }
+}
+
+/// The window of a layer: its own, or the values that its transfer function spans, if these are its own; `None` is the volume's.
+fn spanned(layer: &SceneLayer, volume: Option<&VolumeSource>) -> Option<[f64; 2]> {
+    let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && !is_of_labels(choice));
+    layer.window.or_else(|| Some(shown(layer, own.and(volume)?)))
 }
 
 /// Whether a transfer function is one of labels.
@@ -252,6 +274,24 @@ mod tests {
         // Seen from the feet: the patient's left is on the right, the front is up.
         assert!(rays.right.normalize().dot(DVec3::NEG_X) > 1.0 - 1e-9, "{}", rays.right);
         assert!(rays.up.normalize().dot(DVec3::Y) > 1.0 - 1e-9, "{}", rays.up);
+    }
+
+    #[test]
+    fn slices_have_a_window_of_their_own_or_that_of_the_function() {
+        let (volumes, grid) = (crate::panels::fixture::volumes(), grid(None));
+        let slice = grid.slice(2, grid.crosshair(&Planes::default()), 0.0);
+        let camera = grid.camera(2, &slice, None, (300, 200));
+        let preset = SceneLayer { transfer: Some(TransferChoice::preset("ct-bone")), ..SceneLayer::default() };
+        let scene =
+            Scene { layers: vec![preset, SceneLayer { source: Some(0), ..SceneLayer::default() }], ..Scene::default() };
+        let windows = |planes: &Planes| -> Vec<_> {
+            let scene = slice_scene(&scene, &volumes, (slice, camera), Filter::Nearest, planes);
+            scene.layers.iter().map(|layer| layer.window).collect()
+        };
+        // The preset spans 150 to 1600 in the panel, on the colour bar, and here.
+        assert_eq!(windows(&Planes::default()), [Some(shown(&scene.layers[0], &volumes[0])), None]);
+        let brain = Planes { window: Some([0.0, 80.0]), ..Planes::default() };
+        assert_eq!(windows(&brain), [Some([0.0, 80.0]), None]);
     }
 
     #[test]

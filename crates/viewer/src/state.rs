@@ -66,6 +66,8 @@ pub(crate) struct Planes {
     /// Whether layers without a colour of their own are gray over their windows, as scans are read, whatever the transfer function; labels keep their
     /// colours.
     pub(crate) gray: bool,
+    /// The values of the first layer that is shown that are black and white in the slices; `None` are those of the layer.
+    pub(crate) window: Option<[f64; 2]>,
     /// How voxels become pixels.
     pub(crate) filter: PlaneFilter,
     /// World distance from one side of each slice to the other; 0 is as thin as can be.
@@ -74,7 +76,14 @@ pub(crate) struct Planes {
 
 impl Default for Planes {
     fn default() -> Self {
-        Self { crosshair: None, cameras: [None; 3], gray: true, filter: PlaneFilter::Auto, thickness: 0.0 }
+        Self {
+            crosshair: None,
+            cameras: [None; 3],
+            gray: true,
+            window: None,
+            filter: PlaneFilter::Auto,
+            thickness: 0.0,
+        }
     }
 }
 
@@ -109,6 +118,8 @@ pub(crate) struct Overlays {
     pub(crate) clip_handles: bool,
     /// The edges of the bricks that are drawn.
     pub(crate) bricks: bool,
+    /// Letters at the edges of slices that say which side of a patient is there.
+    pub(crate) letters: bool,
 }
 
 impl Overlays {
@@ -121,12 +132,21 @@ impl Overlays {
         color_bar: false,
         clip_handles: false,
         bricks: false,
+        letters: false,
     };
 }
 
 impl Default for Overlays {
     fn default() -> Self {
-        Self { outline: true, axes: true, scale_bar: true, color_bar: true, clip_handles: true, ..Self::NONE }
+        Self {
+            outline: true,
+            axes: true,
+            scale_bar: true,
+            color_bar: true,
+            clip_handles: true,
+            letters: true,
+            ..Self::NONE
+        }
     }
 }
 
@@ -256,14 +276,8 @@ pub(crate) mod tests {
     }
 
     fn overlays() -> impl Strategy<Value = Overlays> {
-        any::<[bool; 7]>().prop_map(|[outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks]| Overlays {
-            outline,
-            ticks,
-            axes,
-            scale_bar,
-            color_bar,
-            clip_handles,
-            bricks,
+        any::<[bool; 8]>().prop_map(|[outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks, letters]| {
+            Overlays { outline, ticks, axes, scale_bar, color_bar, clip_handles, bricks, letters }
         })
     }
 
@@ -271,12 +285,9 @@ pub(crate) mod tests {
         let camera = || prop::option::of(camera());
         let filter = prop::sample::select(vec![PlaneFilter::Auto, PlaneFilter::Nearest, PlaneFilter::Linear]);
         let of_views = (prop::option::of(point()), [camera(), camera(), camera()]);
-        (of_views, any::<bool>(), filter, 0.0..9.0).prop_map(|((crosshair, cameras), gray, filter, thickness)| Planes {
-            crosshair,
-            cameras,
-            gray,
-            filter,
-            thickness,
+        let of_values = (any::<bool>(), prop::option::of([-9.0..0.0, 0.0..9.0f64]));
+        (of_views, of_values, filter, 0.0..9.0).prop_map(|((crosshair, cameras), (gray, window), filter, thickness)| {
+            Planes { crosshair, cameras, gray, window, filter, thickness }
         })
     }
 

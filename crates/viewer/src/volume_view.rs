@@ -3,7 +3,8 @@
 use crate::canvas::Canvas;
 use crate::clip_handles::{self, Face};
 use crate::command::Command;
-use crate::overlay::{self, Lens, World, bricks, color_bar};
+use crate::measuring::{self, Measuring};
+use crate::overlay::{self, Lens, World, bricks};
 use crate::picking::{Picked, Picking};
 use crate::state::{State, Tool};
 use brickyard::session::{SessionError, VolumeSource};
@@ -63,8 +64,6 @@ pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
-    /// The first end of a distance that is being measured.
-    measured_from: Option<DVec3>,
     picking: Picking,
     /// What is under the pointer.
     pub(crate) picked: Option<Picked>,
@@ -79,7 +78,7 @@ impl VolumeView {
         &mut self,
         ui: &mut Ui,
         canvas: &mut Canvas,
-        seen: &Seen<'_>,
+        (seen, measuring): (&Seen<'_>, &mut Measuring),
         commands: &mut Vec<Command>,
     ) -> Result<(), SessionError> {
         let (size_px, shown) = whole_pixels(ui);
@@ -92,10 +91,10 @@ impl VolumeView {
         canvas.paint(ui.painter(), area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
-        self.decorate(&lens, canvas, seen, response.hover_pos());
+        self.decorate(&lens, canvas, (seen, &*measuring), response.hover_pos());
         self.pick(&lens, canvas, &response);
         self.drag(&lens, seen, &response, commands);
-        self.click(seen, &response, commands);
+        self.click(&lens, (seen, measuring), &response, commands);
         if response.hovered() {
             scroll(ui, &lens, commands);
         }
@@ -106,21 +105,21 @@ impl VolumeView {
     }
 
     /// Draws over the picture.
-    fn decorate(&self, lens: &Lens, canvas: &Canvas, seen: &Seen<'_>, pointer: Option<Pos2>) {
+    fn decorate(
+        &self,
+        lens: &Lens,
+        canvas: &Canvas,
+        (seen, measuring): (&Seen<'_>, &Measuring),
+        pointer: Option<Pos2>,
+    ) {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
         let (Some(world), Some(camera)) = (&seen.world, &scene.camera) else { return };
         if window.overlays.bricks {
             bricks::show(lens, scene, seen.volumes, canvas.draw_lists());
         }
-        overlay::show(lens, &window.overlays, camera, world);
-        if window.overlays.color_bar {
-            color_bar::show(lens, scene, seen.volumes);
-        }
+        overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
-        if let Some(from) = self.measured_from {
-            let to = self.picked.as_ref().map_or(from, |picked| picked.pick.point);
-            overlay::distances(lens, &[[from, to]], world.unit);
-        }
+        measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if let Some(clip) = scene.clip.filter(|_| window.overlays.clip_handles) {
             let held = match self.hold {
                 Some(Hold::Face(face)) => Some(face),
@@ -189,26 +188,34 @@ impl VolumeView {
         }
     }
 
-    fn click(&mut self, seen: &Seen<'_>, response: &Response, commands: &mut Vec<Command>) {
+    /// Where a distance that is being measured would end under the pointer, or begin.
+    fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
+        let place_px = pointer.map(|pointer| lens.pixel(pointer));
+        let picked = self.picked.as_ref().map(|picked| picked.pick.point);
+        measuring::end(&seen.state.scene, &lens.rays, measuring.from(), place_px, picked)
+    }
+
+    fn click(
+        &self,
+        lens: &Lens,
+        (seen, measuring): (&Seen<'_>, &mut Measuring),
+        response: &Response,
+        commands: &mut Vec<Command>,
+    ) {
         if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
             commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
             return;
         }
         let tool = seen.state.window.tool;
-        if tool != Tool::Distance {
-            self.measured_from = None;
-        }
         let point = self.picked.as_ref().map(|picked| picked.pick.point);
         if response.double_clicked() && tool == Tool::Turn {
             commands.push(point.map_or(Command::Fit, Command::Center));
         }
-        let Some(point) = point.filter(|_| response.clicked() && tool == Tool::Distance) else { return };
-        match self.measured_from.take() {
-            None => self.measured_from = Some(point),
-            Some(from) => {
-                let distances = [&seen.state.window.distances[..], &[[from, point]]].concat();
-                commands.push(Command::set("window.distances", json!(distances)));
-            }
+        if response.clicked() && tool == Tool::Distance {
+            let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos());
+            commands.extend(place.and_then(|place| measuring.click(place, seen.state)));
+            // The mark of the first click is drawn in the next frame, for which nothing else may ask.
+            response.ctx.request_repaint();
         }
     }
 }

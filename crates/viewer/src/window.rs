@@ -10,6 +10,8 @@ use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::history::History;
 use crate::keeping::{self, Keeper};
+use crate::marks::{self, Marks, Over};
+use crate::measuring::Measuring;
 use crate::navigation::moved;
 use crate::opening::Openings;
 use crate::overlay::World;
@@ -57,6 +59,7 @@ pub(crate) struct Window {
     views: Views,
     volume_view: VolumeView,
     plane_views: [PlaneView; 3],
+    measuring: Measuring,
     script: Script,
     keeper: Keeper,
     /// The volumes that are shown, and what is being done for them.
@@ -110,6 +113,7 @@ impl Window {
             views,
             volume_view: VolumeView::default(),
             plane_views: Default::default(),
+            measuring: Measuring::default(),
             script,
             keeper,
             message,
@@ -159,8 +163,10 @@ impl Window {
                 keeping::write(path, &self.state)?;
                 self.message = Some(format!("wrote {}", path.display()));
             }
-            Command::SavePicture(path, size_px) => {
-                self.views.main.capture(self.state.scene.clone(), *size_px, path.clone());
+            Command::SavePicture(path, form) => {
+                let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
+                let over = Over { marks, distances: self.state.window.distances.clone() };
+                self.views.main.capture(self.state.scene.clone(), form.size_px, (path.clone(), over));
             }
             Command::Screenshot(path) => self.screenshots.take(path.clone(), egui),
             Command::Click(place) => self.clicks.add(*place),
@@ -168,6 +174,7 @@ impl Window {
             Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
             Command::Open(paths) => self.open(paths, false)?,
             Command::Add(paths) => self.open(paths, true)?,
+            Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
             Command::Export(path) => self.export(path)?,
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
@@ -236,16 +243,18 @@ impl Window {
     /// The pictures, and what the pointer does over them.
     fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
         self.views.suit(&self.state.window, self.pacing.between())?;
+        self.measuring.suit(self.state.window.tool);
         let places = self.places();
         let is_anatomical = self.state.scene.is_anatomical(&places);
         let unit = panels::unit(self.views.volumes(), is_anatomical).to_string();
         let corners = self.state.scene.world_box(&places).ok();
         let world = corners.map(|corners| World { corners, is_anatomical, unit: &unit });
         let volumes = self.views.volumes().to_vec();
+        let measuring = &mut self.measuring;
         let seen = Seen { state: &self.state, volumes: &volumes, world };
         let grid = Grid::of(&self.state.scene, &volumes).filter(|_| self.state.window.layout == Layout::Planes);
         let Some(grid) = grid else {
-            return self.volume_view.show(ui, &mut self.views.main, &seen, commands);
+            return self.volume_view.show(ui, &mut self.views.main, (&seen, measuring), commands);
         };
         // Across z, then the volume; across y and x below.
         let [upper_left, upper_right, lower_left, lower_right] = quarters(ui.max_rect());
@@ -253,11 +262,11 @@ impl Window {
         for (axis, area) in [(2, upper_left), (1, lower_left), (0, lower_right)] {
             let mut part = ui.new_child(UiBuilder::new().max_rect(area).id_salt(axis));
             let canvas = &mut self.views.planes[axis];
-            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), &seen, commands);
+            let drawn = self.plane_views[axis].show(&mut part, canvas, (&grid, axis), (&seen, measuring), commands);
             shown = shown.and(drawn);
         }
         let mut part = ui.new_child(UiBuilder::new().max_rect(upper_right).id_salt("volume"));
-        shown.and(self.volume_view.show(&mut part, &mut self.views.main, &seen, commands))
+        shown.and(self.volume_view.show(&mut part, &mut self.views.main, (&seen, measuring), commands))
     }
 
     /// The label under the pointer.
@@ -273,13 +282,16 @@ impl Window {
     }
 
     /// Writes the pictures that have come.
-    fn write_pictures(&mut self) {
+    fn write_pictures(&mut self, egui: &egui::Context) {
         if let Err(error) = self.screenshots.write() {
             self.message = Some(error.to_string());
         }
         match self.views.main.captured(self.volume_view.size_px) {
             Ok(None) => {}
-            Ok(Some(Captured { path, picture, scene, stats })) => {
+            Ok(Some(Captured { path, mut picture, scene, stats, over })) => {
+                let (size_px, scale) = ((picture.width, picture.height), egui.pixels_per_point());
+                let pixels_per_point = marks::pixels_per_point(size_px, self.volume_view.size_px, scale);
+                marks::draw(&mut picture, &scene, self.views.volumes(), &over, pixels_per_point);
                 let written = write_shown(&path, &picture, &scene, &stats);
                 self.message = Some(match written {
                     Ok(()) => format!("wrote {}", path.display()),
@@ -327,6 +339,9 @@ impl Window {
             egui::ScrollArea::vertical().show(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
+                if state.window.layout == Layout::Planes {
+                    panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
+                }
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
             });
         });
@@ -435,7 +450,7 @@ impl Window {
         let begun = Instant::now();
         self.pacing.begin();
         let egui = ui.ctx().clone();
-        self.write_pictures();
+        self.write_pictures(&egui);
         if let Err(problem) = self.follow_files(&egui) {
             self.message = Some(problem);
         }

@@ -1,11 +1,13 @@
 //! Dialogs about files: which to open or to add, and where a picture, a scene or voxels are written to, and how large. A dialog stays until it gives a command or
 //! is closed.
 
-use crate::command::Command;
+use crate::command::{Command, PictureForm, Placing};
+use crate::description::Description;
 use crate::exporting::Part;
 use crate::file_browser::FileBrowser;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
-use crate::panels::widgets::row;
+use crate::marks::Marks;
+use crate::panels::widgets::{group, row};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Extent, Scene};
 use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
@@ -27,6 +29,8 @@ pub(crate) enum DialogKind {
     Open,
     /// Volumes and meshes that are shown beside others.
     Add,
+    /// What a file does not say that was to be opened.
+    Describe(Placing),
     /// The picture.
     SavePicture,
     /// The window's document.
@@ -40,22 +44,41 @@ pub(crate) struct Dialog {
     kind: DialogKind,
     /// The list of files to open.
     browser: FileBrowser,
-    /// The file to write.
+    /// The file to write, or to describe.
     path: String,
+    /// What is said of the files that are opened.
+    description: Description,
+    /// Why a file does not open with that.
+    problem: String,
     /// The picture's width and height.
     size_px: (u32, u32),
+    /// What is drawn over the picture.
+    marks: Marks,
 }
 
 impl Dialog {
-    /// A dialog about files of a folder, and a picture that is shown in a size.
-    pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32)) -> Self {
+    /// A dialog about files of a folder, and a picture that is shown in a size, with marks over it.
+    pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
-            DialogKind::Open | DialogKind::Add => "",
+            DialogKind::Open | DialogKind::Add | DialogKind::Describe(_) => "",
             DialogKind::SavePicture => PICTURE_FILE,
             DialogKind::SaveScene => SCENE_FILE,
             DialogKind::Export => VOXELS_FILE,
         };
-        Self { kind, browser: FileBrowser::new(folder), path: path.into(), size_px: shown_px }
+        Self {
+            kind,
+            browser: FileBrowser::new(folder),
+            path: path.into(),
+            description: Description::default(),
+            problem: String::new(),
+            size_px: shown_px,
+            marks,
+        }
+    }
+
+    /// Asks what a file is like that does not open with what is said of it so far.
+    pub(crate) fn ask_about(&mut self, path: &Path, said: Description, problem: String) {
+        (self.path, self.description, self.problem) = (path.display().to_string(), said, problem);
     }
 
     /// Shows the dialog over what a window shows of a scene of volumes. Returns whether it stays, and what it was told to do.
@@ -68,6 +91,7 @@ impl Dialog {
         let title = match self.kind {
             DialogKind::Open => "Open",
             DialogKind::Add => "Add",
+            DialogKind::Describe(_) => "What is in this file?",
             DialogKind::SavePicture => "Save picture",
             DialogKind::SaveScene => "Save scene",
             DialogKind::Export => "Export voxels",
@@ -78,8 +102,9 @@ impl Dialog {
         let window = egui::Window::new(title).open(&mut is_open).collapsible(false);
         let window = window.default_pos(corner).default_width(460.0);
         let shown = window.show(egui, |ui| match self.kind {
-            DialogKind::Open => self.browser.show(ui).map(|path| Command::Open(vec![path])),
-            DialogKind::Add => self.browser.show(ui).map(|path| Command::Add(vec![path])),
+            DialogKind::Open => self.choose(ui, Placing::Instead),
+            DialogKind::Add => self.choose(ui, Placing::Beside),
+            DialogKind::Describe(placing) => self.describe(ui, placing),
             DialogKind::SavePicture => self.save_picture(ui, shown_px),
             DialogKind::SaveScene => self.save(ui, "Save scene").map(Command::SaveScene),
             DialogKind::Export => self.export(ui, Part::of(scene, volumes)),
@@ -87,6 +112,29 @@ impl Dialog {
         let command = shown.and_then(|shown| shown.inner).flatten();
         let is_left = !is_open || egui.input(|input| input.key_pressed(Key::Escape));
         (!is_left && command.is_none(), command)
+    }
+
+    /// The list of files, and below it what is said of the one that is chosen.
+    fn choose(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
+        let path = self.browser.show(ui);
+        let hint = "voxel size, labels, the axes of an array, the shape of a raw file";
+        group(ui, "what the file does not say", hint, |ui| self.description.show(ui, None));
+        let path = path?;
+        Some(match (self.description == Description::default(), placing) {
+            (true, Placing::Instead) => Command::Open(vec![path]),
+            (true, Placing::Beside) => Command::Add(vec![path]),
+            (false, _) => Command::OpenAs(path, self.description.clone(), placing),
+        })
+    }
+
+    /// The form for a file that does not say what it takes to read it.
+    fn describe(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
+        let path = PathBuf::from(&self.path);
+        ui.colored_label(ui.visuals().warn_fg_color, &self.problem);
+        ui.separator();
+        self.description.show(ui, std::fs::metadata(&path).ok().map(|metadata| metadata.len()));
+        ui.separator();
+        ui.button("Open").clicked().then(|| Command::OpenAs(path, self.description.clone(), placing))
     }
 
     fn save_picture(&mut self, ui: &mut Ui, (shown_width, shown_height): (u32, u32)) -> Option<Command> {
@@ -103,8 +151,15 @@ impl Dialog {
                 }
             }
         });
-        let size_px = self.size_px;
-        self.save(ui, "Save picture").map(|path| Command::SavePicture(path, Some(size_px)))
+        row(ui, "over it", "what is drawn over the picture, as the window shows it", |ui, _| {
+            ui.horizontal_wrapped(|ui| {
+                for (_, name, is_drawn) in self.marks.each() {
+                    ui.checkbox(is_drawn, name);
+                }
+            })
+        });
+        let form = PictureForm { size_px: Some(self.size_px), marks: Some(self.marks) };
+        self.save(ui, "Save picture").map(|path| Command::SavePicture(path, form))
     }
 
     /// A file that may be replaced, and the button to write it.
@@ -160,6 +215,7 @@ fn has_format(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::WindowState;
     use brickyard::import::{SynthKind, SynthSource};
     use brickyard::store::{PackOptions, pack};
     use brickyard::volume::VoxelType;
@@ -176,7 +232,7 @@ mod tests {
     }
 
     fn harness<'a>(kind: DialogKind, folder: &Path, scene: Scene, volumes: Vec<VolumeSource>) -> Harness<'a, Shown> {
-        let mut dialog = Dialog::new(kind, folder, (300, 200));
+        let mut dialog = Dialog::new(kind, folder, (300, 200), Marks::shown(&WindowState::default()));
         dialog.path = folder.join(&dialog.path).display().to_string();
         let shown = Shown { dialog, stays: true, command: None };
         let show = move |ui: &mut Ui, shown: &mut Shown| {
@@ -202,9 +258,32 @@ mod tests {
         click(&mut harness, "4x");
         assert!(harness.query_by_label_contains("it will be replaced").is_some());
         assert!(harness.state().stays);
+        for mark in ["box", "axes", "ticks", "letters"] {
+            harness.get_by_role_and_label(Role::CheckBox, mark).click();
+            harness.run();
+        }
         click(&mut harness, "Save picture");
-        let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), Some((1200, 800)));
+        let marks = "ticks,scale_bar,color_bar,distances".parse().ok();
+        let form = PictureForm { size_px: Some((1200, 800)), marks };
+        let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), form);
         assert_eq!((harness.state().stays, &harness.state().command), (false, &Some(expected)));
+    }
+
+    #[test]
+    fn a_file_that_does_not_say_what_it_holds_is_described() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.raw");
+        std::fs::write(&path, vec![0; 2 * 64 * 64 * 64]).unwrap();
+        let kind = DialogKind::Describe(Placing::Beside);
+        let mut harness = harness(kind, folder.path(), Scene::default(), Vec::new());
+        harness.state_mut().dialog.ask_about(&path, Description::default(), "it does not say".into());
+        harness.run();
+        assert!(harness.query_by_label_contains("it does not say").is_some());
+        click(&mut harness, "64 x 64 x 64 u16");
+        assert!(harness.state().stays);
+        click(&mut harness, "Open");
+        let said = serde_json::from_str(r#"{"shape": [64, 64, 64], "voxel_type": "u16"}"#).unwrap();
+        assert_eq!(harness.state().command, Some(Command::OpenAs(path, said, Placing::Beside)));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The menu: files, edits, and what the window is like.
 
-use crate::command::Command;
+use crate::command::{Command, PictureForm};
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
 use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
@@ -74,7 +74,7 @@ fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
     ui.separator();
     ui.add_enabled_ui(has_volumes, |ui| {
         if ui.button(format!("Save picture ({PICTURE_FILE})")).clicked() {
-            commands.push(Command::SavePicture(PICTURE_FILE.into(), None));
+            commands.push(Command::SavePicture(PICTURE_FILE.into(), PictureForm::default()));
         }
         if ui.button(format!("Save scene ({SCENE_FILE})")).clicked() {
             commands.push(Command::SaveScene(SCENE_FILE.into()));
@@ -116,6 +116,7 @@ fn view(ui: &mut Ui, state: &mut State) {
         (&mut overlays.color_bar, "colour bar"),
         (&mut overlays.clip_handles, "handles of the clip box"),
         (&mut overlays.bricks, "bricks"),
+        (&mut overlays.letters, "letters of a patient's sides on slices"),
     ] {
         ui.checkbox(is_shown, name);
     }

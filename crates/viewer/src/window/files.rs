@@ -2,15 +2,17 @@
 //! once a frame.
 
 use super::Window;
-use crate::command::Command;
+use crate::command::{Command, Placing};
+use crate::description::Description;
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
+use crate::marks::Marks;
 use crate::opening::Openings;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
-use brickyard::opening::OpeningOptions;
+use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{MeshLook, Mode, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
@@ -24,6 +26,8 @@ pub(super) struct Next {
     meshes: Vec<PathBuf>,
     /// Whether it is shown beside what there is, and not in its place.
     is_added: bool,
+    /// What was said of the files.
+    said: Description,
 }
 
 impl Next {
@@ -42,15 +46,43 @@ impl Window {
         }
         // What was said of the files before is not of these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
-        let openings = Openings::start(volumes, options);
+        self.open_next(Openings::start(volumes, options), (meshes, is_added), Description::default());
+        Ok(())
+    }
+
+    /// Begins to open a file of which something is said.
+    pub(super) fn open_as(&mut self, path: &Path, said: &Description, placing: Placing) -> Result<(), String> {
+        let openings = Openings::start(vec![path.to_owned()], said.options(self.openings.options())?);
+        self.open_next(openings, (Vec::new(), placing == Placing::Beside), said.clone());
+        Ok(())
+    }
+
+    fn open_next(&mut self, openings: Openings, (meshes, is_added): (Vec<PathBuf>, bool), said: Description) {
         match &mut self.next {
             Some(next) if is_added => {
                 next.openings.add(openings);
                 next.meshes.extend(meshes);
             }
-            next => *next = Some(Next { openings, meshes, is_added: is_added && !self.openings.are_none() }),
+            next => {
+                let is_added = is_added && !self.openings.are_none();
+                *next = Some(Next { openings, meshes, is_added, said });
+            }
         }
-        Ok(())
+    }
+
+    /// Says why a file cannot be opened; others that were to be opened with it still are. If that is for want of something that the file does not say, or of
+    /// what was said of it, a form asks for it.
+    fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
+        if let Some(next) = &self.next
+            && (error.wants_options() || next.said != Description::default() && !error.is_cancelled())
+        {
+            let placing = if next.is_added { Placing::Beside } else { Placing::Instead };
+            let said = next.said.clone();
+            self.show_dialog(DialogKind::Describe(placing));
+            self.dialog.iter_mut().for_each(|dialog| dialog.ask_about(path, said.clone(), error.to_string()));
+        }
+        self.next.take_if(|next| next.openings.are_none());
+        about(&path.display().to_string(), &error.to_string())
     }
 
     /// Shows meshes beside the volumes.
@@ -94,9 +126,7 @@ impl Window {
             self.message = Some(message);
         }
         if let Some((path, error)) = changes.stopped {
-            // The others are shown all the same.
-            self.next.take_if(|next| next.openings.are_none());
-            return Err(about(&path.display().to_string(), &error.to_string()));
+            return Err(self.ask_about(&path, &error));
         }
         match self.next.take_if(|next| next.openings.are_shown()) {
             Some(next) => self.show_next(next, egui),
@@ -105,7 +135,7 @@ impl Window {
     }
 
     fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
-        let Next { openings, meshes, is_added } = next;
+        let Next { openings, meshes, is_added, .. } = next;
         let paths = openings.paths();
         if is_added {
             self.show_more(openings)?;
@@ -171,7 +201,8 @@ impl Window {
     /// Shows a dialog, in the place of the one that is shown.
     pub(super) fn show_dialog(&mut self, kind: DialogKind) {
         let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
-        self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px));
+        let marks = Marks::shown(&self.state.window);
+        self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px, marks));
     }
 
     /// The dialog, if one is shown, and what was dropped on the window.

@@ -1,10 +1,11 @@
 //! Which part of which volume a layer shows, and where: volume, channel, crop and placement.
 
+use crate::overlay::round::digits;
 use crate::panels::reason;
 use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Placement, Scene, SceneLayer};
-use eframe::egui::Ui;
+use eframe::egui::{Label, Ui};
 use glam::DVec3;
 
 const HINT: &str = "which part of which volume the layer shows, and where it stands";
@@ -15,6 +16,7 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], lay
         source(ui, scene, volumes, layer);
         let Some(volume) = volumes.get(scene.store(layer)) else { return };
         channel(ui, scene, volume, layer);
+        voxels(ui, volume);
         crop(ui, &mut scene.layers[layer], volume);
         placement(ui, &mut scene.layers[layer], volume);
     });
@@ -42,6 +44,17 @@ fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: 
     }
     // What a volume's voxels are does not hold for another's.
     (style.source, style.channel, style.crop) = (Some(store), 0, None);
+}
+
+/// How large the voxels are: what the store has, which is said when a file is opened.
+fn voxels(ui: &mut Ui, volume: &VolumeSource) {
+    let geometry = volume.source.geometry();
+    let stride = volume.stride().map(f64::from);
+    let size = geometry.spacing / DVec3::from_array(stride);
+    let [x, y, z] = size.to_array().map(|length| digits(length, 4));
+    let text = format!("{x} x {y} x {z} {}", geometry.unit.as_deref().unwrap_or("(no unit)"));
+    let hint = "said by the file, or when it was opened: Open..., what the file does not say";
+    row(ui, "voxel size", hint, |ui, _| ui.add(Label::new(text).truncate()).on_hover_text(hint));
 }
 
 fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) {

@@ -1,0 +1,119 @@
+//! The window of the three slices: which values are black and white there, whatever the layer shows in the volume's picture.
+
+use crate::panels::layers::style::shown;
+use crate::panels::widgets::{number, row};
+use crate::planes::first_shown;
+use crate::state::Planes;
+use brickyard::session::VolumeSource;
+use brickyard::volume::Scene;
+use eframe::egui::Ui;
+
+/// Windows of computed tomography, in Hounsfield units.
+const TOMOGRAPHY: [(&str, [f64; 2]); 4] =
+    [("soft tissue", [-160.0, 240.0]), ("brain", [0.0, 80.0]), ("lung", [-1350.0, 150.0]), ("bone", [-500.0, 1300.0])];
+
+/// The values that slices of a scene show as black and as white: their own, or those of the first layer that is shown. `None` if that layer has no such
+/// values, but labels, or an expression in its place.
+pub(crate) fn shown_window(planes: &Planes, scene: &Scene, volumes: &[VolumeSource]) -> Option<[f64; 2]> {
+    let layer = first_shown(scene).filter(|_| scene.expression.is_none())?;
+    let volume = volumes.get(scene.store(layer)).filter(|volume| !volume.source.is_labels())?;
+    Some(planes.window.unwrap_or_else(|| shown(&scene.layers[layer], volume)))
+}
+
+/// A window after a drag by parts of a picture's height: to the right it is wider, upwards all is brighter.
+pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] {
+    let width = (high - low) * (2.0 * right).exp();
+    let middle = 0.5 * (low + high) + down * (high - low);
+    [middle - 0.5 * width, middle + 0.5 * width]
+}
+
+/// Shows the window of the slices.
+pub(crate) fn show(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeSource]) {
+    let Some(window) = shown_window(planes, scene, volumes) else { return };
+    let [low, high] = window;
+    let hint = "the values that are black and white in the slices, of the first layer that is shown; dragged there with the right button, too";
+    let typed = row(ui, "slices", hint, |ui, label| {
+        let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
+        let (mut typed, any) = (window, f64::NEG_INFINITY..=f64::INFINITY);
+        for value in &mut typed {
+            number(ui, value, any.clone(), high - low, (width, "")).labelled_by(label).on_hover_text(hint);
+        }
+        typed
+    });
+    if typed != window && typed[0] < typed[1] {
+        planes.window = Some(typed);
+    }
+    row(ui, "", "", |ui, _| {
+        ui.horizontal_wrapped(|ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
+            if ui.small_button("as the layer").on_hover_text("slices have the layer's window").clicked() {
+                planes.window = None;
+            }
+            for (name, window) in TOMOGRAPHY.into_iter().filter(|_| is_tomography(scene, volumes)) {
+                let [low, high] = window;
+                if ui.small_button(name).on_hover_text(format!("{low} to {high}")).clicked() {
+                    planes.window = Some(window);
+                }
+            }
+        });
+    });
+}
+
+/// Whether the first layer that is shown may have Hounsfield units: from about that of air to more than that of soft tissue.
+fn is_tomography(scene: &Scene, volumes: &[VolumeSource]) -> bool {
+    let range = first_shown(scene).and_then(|layer| {
+        let volume = volumes.get(scene.store(layer))?;
+        Some(volume.source.channel_range(scene.layers[layer].channel))
+    });
+    range.is_some_and(|(low, high)| (-4096.0..-200.0).contains(&low) && (300.0..70_000.0).contains(&high))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::panels::fixture;
+    use eframe::egui::accesskit::Role;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+
+    fn harness<'a>(planes: Planes, scene: Scene) -> Harness<'a, Planes> {
+        let volumes = fixture::volumes();
+        let show = move |ui: &mut Ui, planes: &mut Planes| super::show(ui, planes, &scene, &volumes);
+        Harness::new_ui_state(show, planes)
+    }
+
+    #[test]
+    fn slices_have_a_window_of_their_own_until_they_follow_the_layer() {
+        let mut harness = harness(Planes::default(), fixture::scene());
+        harness.run();
+        assert_eq!(harness.state().window, None, "looking changes nothing");
+        harness.get_all_by_role(Role::SpinButton).next().expect("black").focus();
+        harness.run();
+        harness.get_all_by_role(Role::SpinButton).next().expect("black").type_text("40");
+        harness.run();
+        harness.key_press(eframe::egui::Key::Enter);
+        harness.run();
+        let [low, high] = harness.state().window.expect("a window");
+        assert!(low == 40.0 && high > 40.0, "{low} {high}");
+        assert!(harness.query_by_label("brain").is_none(), "values from 0 to 255 are no Hounsfield units");
+        harness.get_by_label("as the layer").click();
+        harness.run();
+        assert_eq!(harness.state().window, None);
+    }
+
+    #[test]
+    fn labels_have_no_window() {
+        let mut scene = fixture::scene();
+        scene.layers[..2].iter_mut().for_each(|layer| layer.visible = false);
+        assert_eq!(shown_window(&Planes::default(), &scene, &fixture::volumes()), None);
+        let planes = Planes { window: Some([0.0, 80.0]), ..Planes::default() };
+        assert_eq!(shown_window(&planes, &fixture::scene(), &fixture::volumes()), Some([0.0, 80.0]));
+    }
+
+    #[test]
+    fn a_window_is_dragged_wider_and_brighter() {
+        assert_eq!(dragged([0.0, 100.0], 0.0, -0.1), [-10.0, 90.0]);
+        let [low, high] = dragged([0.0, 100.0], 0.5, 0.0);
+        assert!((high - low - 100.0 * 1f64.exp()).abs() < 1e-9 && (low + high - 100.0).abs() < 1e-9);
+    }
+}
