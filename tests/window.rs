@@ -71,6 +71,33 @@ fn the_window_shows_what_render_writes_of_its_scene() {
     }
 }
 
+#[test]
+fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
+    let Some(display) = Display::start() else { return };
+    let extent = Extent::new(40, 33, 36);
+    let wave = |channel: u32, v: [u32; 3]| {
+        let [x, y, z] = v.map(|n| f64::from(n) * (0.2 + 0.05 * f64::from(channel)));
+        (127.0 + 60.0 * x.sin() + 60.0 * (y + z).cos()) as u8
+    };
+    let test = TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 1, 3, move |_, c, v| wave(c, v)), 16);
+    let (path, sandbox) = (test.path().display().to_string(), Sandbox::in_memory());
+    let modes = ["mip", "dvr", "average", "minip", "dvr"];
+    let chosen = |(i, mode): (usize, &&str)| {
+        format!("settled set mode {mode}\nsettled view +z\nsettled save-picture 120x120 {i}.png\n")
+    };
+    let tour: String = modes.iter().enumerate().map(chosen).collect();
+    sandbox.write("tour.txt", &(tour + "settled quit\n"));
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    for (i, mode) in modes.iter().enumerate() {
+        let line = format!("render {path} --mode {mode} --view +z --size 120x120 --backend cpu -o rendered.png");
+        sandbox.run_ok(&line);
+        let [found, expected] = [format!("{i}.png"), "rendered.png".into()].map(|name| read_png(&sandbox.path(&name)));
+        assert!(most(&found, &expected) <= 1, "{mode}: {}", most(&found, &expected));
+    }
+}
+
 /// An open window, and the folder that it was opened in.
 struct Opened<'a> {
     display: &'a Display,

@@ -4,7 +4,7 @@
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
-    Blend, Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
+    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
     TransferChoice,
 };
 use glam::DVec3;
@@ -135,8 +135,6 @@ pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, 
         isosurfaces: Vec::new(),
         crop: None,
         transfer: layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice)),
-        // Channels in colours of their own are light that adds up. As media in one place they would be averaged.
-        blend: if layer.color.is_some() && layer.blend == Blend::Mix { Blend::Add } else { layer.blend },
         ..layer.clone()
     });
     let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();

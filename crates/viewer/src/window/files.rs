@@ -12,7 +12,7 @@ use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
 use brickyard::opening::OpeningOptions;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{MeshLook, Mode, Scene};
+use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -134,7 +134,7 @@ impl Window {
     /// Shows other volumes in the place of those that there are, as a new window on them would.
     fn show_others(&mut self, openings: Openings) -> Result<(), String> {
         let volumes = openings.volumes();
-        let mut scene = Scene { layers: default_layers(&volumes, Mode::default()), ..Scene::default() };
+        let mut scene = Scene { layers: default_layers(&volumes), ..Scene::default() };
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
         let (width, height) = self.volume_view.size_px;
         let camera = scene.camera_for(&places, (width.max(1), height.max(1)));
