@@ -14,7 +14,7 @@ pub(crate) mod menu;
 pub(crate) mod status;
 pub(crate) mod transfer_editor;
 pub(crate) mod view;
-mod widgets;
+pub(crate) mod widgets;
 
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;

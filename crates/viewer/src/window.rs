@@ -308,7 +308,7 @@ impl Window {
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
         egui::Panel::left("scene").default_size(280.0).show(ui, |ui| {
-            egui::ScrollArea::vertical().show(ui, |ui| {
+            panels::widgets::within(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
@@ -320,7 +320,7 @@ impl Window {
         }
         if state.window.diagnostics {
             egui::Panel::right("diagnostics").default_size(280.0).show(ui, |ui| {
-                panels::diagnostics::show(ui, &self.views, &self.state.window);
+                panels::widgets::within(ui, |ui| panels::diagnostics::show(ui, &self.views, &self.state.window));
             });
         }
     }

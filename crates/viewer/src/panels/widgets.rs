@@ -2,8 +2,8 @@
 //! that is applied once it can be read. None of them changes a value by being shown, so a scene that is only looked at stays as it is.
 
 use eframe::egui::{
-    Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText, Slider,
-    SliderClamping, TextEdit, Ui, Visuals, vec2,
+    Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText, ScrollArea,
+    Slider, SliderClamping, TextEdit, Ui, UiBuilder, Visuals, vec2,
 };
 use glam::DVec3;
 use std::ops::RangeInclusive;
@@ -13,6 +13,16 @@ const LABEL_WIDTH: f32 = 74.0;
 
 /// Width of a number beside a slider, in points.
 const NUMBER_WIDTH: f32 = 52.0;
+
+/// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
+/// every frame if it fills the width that there is.
+pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
+    let area = ui.available_rect_before_wrap();
+    let mut inside = ui.new_child(UiBuilder::new().max_rect(area));
+    inside.shrink_clip_rect(area);
+    ScrollArea::vertical().auto_shrink(false).show(&mut inside, content);
+    ui.advance_cursor_after_rect(area);
+}
 
 /// A line of controls behind a label. `content` takes the label's id, by which its controls are named.
 pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(&mut Ui, Id) -> R) -> R {
@@ -45,11 +55,17 @@ pub(crate) fn digits(value: f64, span: f64) -> String {
     if short == "-0" { "0".into() } else { short.into() }
 }
 
-/// Width of a number's field in which each of these values has room, in points.
-fn width_of(values: &[f64], span: f64, unit: &str) -> f32 {
-    let lengths = values.iter().filter(|value| value.is_finite()).map(|value| digits(*value, span).len());
-    let longest = lengths.max().unwrap_or(0) + if unit.is_empty() { 0 } else { 1 + unit.chars().count() };
-    NUMBER_WIDTH.max(10.0 + 7.4 * longest as f32)
+/// Width of a number's field in which each of these values has room, in points, and `least` or more. It is what the field takes and no less: a row that is wider
+/// than its panel would widen the panel.
+fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
+    let font = ui.style().drag_value_text_style.resolve(ui.style());
+    let written = values.iter().filter(|value| value.is_finite()).map(|value| format!("{} {unit}", digits(*value, span)));
+    let width = |text: String| {
+        let galley = ui.painter().layout_no_wrap(text.trim_end().to_string(), font.clone(), Color32::WHITE);
+        galley.size().x
+    };
+    let longest = written.map(width).fold(0.0, f32::max);
+    least.max((longest + 2.0 * ui.spacing().button_padding.x).ceil())
 }
 
 /// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown, or by the
@@ -118,7 +134,7 @@ fn slid(
 ) -> Response {
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
-        let width = width_of(&[*range.start(), *range.end(), *value], span, unit);
+        let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
         ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(24.0);
         let rail = Slider::from_get_set(range.clone(), access(value, range.clone(), span))
             .clamping(SliderClamping::Edits)
@@ -309,7 +325,7 @@ pub(crate) fn range(
     let (first, last) = (*whole.start(), *whole.end());
     let span = last - first;
     row(ui, label, hint, |ui, label| {
-        let end = width_of(&[first, last, *low, *high], span, "") - 8.0;
+        let end = width_of(ui, &[first, last, *low, *high], span, ("", NUMBER_WIDTH - 8.0));
         number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
         ui.spacing_mut().slider_width = (ui.available_width() - end - ui.spacing().item_spacing.x).max(24.0);
         let (mut to_low, mut to_high) = (*low, *high);
