@@ -8,6 +8,7 @@ pub(crate) mod ticks;
 
 use crate::overlay::round::round_length;
 use crate::state::Overlays;
+use brickyard::volume::numbers::significant;
 use brickyard::volume::{Camera, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{BVec3, DVec3};
@@ -130,7 +131,7 @@ pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
             }
         }
         if let Some(middle) = lens.place((*from + *to) * 0.5) {
-            let text = format!("{} {unit}", round::digits(from.distance(*to), 4));
+            let text = format!("{} {unit}", significant(from.distance(*to), 4));
             lens.text(middle + vec2(6.0, -6.0), Align2::LEFT_BOTTOM, text.trim_end(), 13.0, MEASURED);
         }
     }

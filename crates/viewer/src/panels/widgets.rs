@@ -1,6 +1,7 @@
 //! The controls that panels are made of: rows with a label in front, numbers with as many digits as matter, colours, choices with explanations, text
 //! that is applied once it can be read. None of them changes a value by being shown, so a scene that is only looked at stays as it is.
 
+use brickyard::volume::numbers::within_span;
 use eframe::egui::{
     Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText, ScrollArea,
     Slider, SliderClamping, TextEdit, Ui, UiBuilder, Visuals, vec2,
@@ -43,23 +44,11 @@ pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&m
     folded.header_response.on_hover_text(hint);
 }
 
-/// A number in words, with as many digits as it takes to tell a thousandth of `span` apart.
-pub(crate) fn digits(value: f64, span: f64) -> String {
-    let reach = if span.is_finite() && span > 0.0 { span } else { value.abs().max(f64::MIN_POSITIVE) };
-    let decimals = 3.0 - reach.log10().floor();
-    if decimals > 9.0 || value.abs() >= 1e9 {
-        return format!("{value:.3e}");
-    }
-    let text = format!("{value:.*}", decimals.max(0.0) as usize);
-    let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    if short == "-0" { "0".into() } else { short.into() }
-}
-
 /// Width of a number's field in which each of these values has room, in points, and `least` or more. It is what the field takes and no less: a row that is wider
 /// than its panel would widen the panel.
 fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
     let font = ui.style().drag_value_text_style.resolve(ui.style());
-    let written = values.iter().filter(|value| value.is_finite()).map(|value| format!("{} {unit}", digits(*value, span)));
+    let written = values.iter().filter(|value| value.is_finite()).map(|value| format!("{} {unit}", within_span(*value, span)));
     let width = |text: String| {
         let galley = ui.painter().layout_no_wrap(text.trim_end().to_string(), font.clone(), Color32::WHITE);
         galley.size().x
@@ -72,7 +61,7 @@ fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f
 /// range for what is typed.
 fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
     move |new| {
-        let shown = digits(*value, span).parse::<f64>().unwrap_or(*value);
+        let shown = within_span(*value, span).parse::<f64>().unwrap_or(*value);
         let is_as_shown = |new: f64| new == shown.max(*range.start()).min(*range.end());
         if let Some(new) = new.filter(|new| new.is_finite() && !is_as_shown(*new)) {
             *value = new;
@@ -95,7 +84,7 @@ pub(crate) fn number(
         .range(range)
         .clamp_existing_to_range(false)
         .max_decimals(15)
-        .custom_formatter(|value, _| digits(value, span))
+        .custom_formatter(|value, _| within_span(value, span))
         .clip_text(true)
         .min_size(vec2(width, ui.spacing().interact_size.y))
         .suffix(suffix);
@@ -149,7 +138,7 @@ fn slid(
 /// The three numbers of a point or a direction: beside each other if they are short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
     let any = f64::NEG_INFINITY..=f64::INFINITY;
-    let is_long = value.to_array().iter().any(|part| digits(*part, span).len() > 6);
+    let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
     let parts = |ui: &mut Ui, label: Id, axes: &[usize], value: &mut DVec3| {
         ui.spacing_mut().button_padding.x = 2.0;
         let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
@@ -347,24 +336,6 @@ mod tests {
     use eframe::egui::accesskit::Role;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
-
-    #[test]
-    fn numbers_have_the_digits_that_matter() {
-        for (value, span, expected) in [
-            (0.5, 1.0, "0.5"),
-            (0.12345, 1.0, "0.123"),
-            (127.46, 255.0, "127.5"),
-            (1500.4, 65535.0, "1500"),
-            (-0.0, 65535.0, "0"),
-            (100.0, 65535.0, "100"),
-            (0.000_012_34, 1e-5, "0.00001234"),
-            (0.000_000_012_34, 1e-8, "1.234e-8"),
-            (1.5e12, 1e12, "1.500e12"),
-            (0.25, 0.0, "0.25"),
-        ] {
-            assert_eq!(digits(value, span), expected);
-        }
-    }
 
     #[test]
     fn a_number_that_is_only_visited_stays_what_it_is() {
