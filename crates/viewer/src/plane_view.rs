@@ -45,7 +45,7 @@ impl PlaneView {
         let slice = grid.slice(axis, point, planes.thickness);
         let camera = grid.camera(axis, &slice, planes.cameras[axis], size_px);
         let scene = slice_scene(
-            &seen.state.scene,
+            (&seen.state.scene, seen.volumes),
             slice,
             camera,
             (filter(grid, planes.filter, &camera, size_px.1), planes.gray),

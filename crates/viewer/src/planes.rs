@@ -1,6 +1,7 @@
 //! Three slices that meet in one point, along the voxels of the first layer that is shown: which voxels they are through, the scene of each, and the
 //! camera that looks straight at it. Arithmetic alone.
 
+use crate::panels::layers::style;
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
@@ -128,14 +129,20 @@ fn dominant(vector: DVec3) -> usize {
     if size.z >= size.x && size.z >= size.y { 2 } else { usize::from(size.y > size.x) }
 }
 
-/// The scene of a slice of another scene: its layers without light, clips and surfaces, read by a filter. `is_gray` leaves the colours of transfer functions
-/// out, but not those of labels, which a gray ramp does not touch.
-pub(crate) fn slice_scene(scene: &Scene, slice: Slice, camera: Camera, (filter, is_gray): (Filter, bool)) -> Scene {
-    let layers = scene.layers.iter().map(|layer| SceneLayer {
-        isosurfaces: Vec::new(),
-        crop: None,
-        transfer: layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice)),
-        ..layer.clone()
+/// The scene of a slice of another scene of these volumes: its layers without light, clips and surfaces, read by a filter. `is_gray` leaves the colours of
+/// transfer functions out, but not those of labels, which a gray ramp does not touch. The window stays: of a function with values of its own, it is these.
+pub(crate) fn slice_scene(
+    (scene, volumes): (&Scene, &[VolumeSource]),
+    slice: Slice,
+    camera: Camera,
+    (filter, is_gray): (Filter, bool),
+) -> Scene {
+    let layers = scene.layers.iter().enumerate().map(|(i, layer)| {
+        let transfer = layer.transfer.clone().filter(|choice| !is_gray || is_of_labels(choice));
+        let is_left_out = transfer.is_none() && layer.transfer.as_ref().is_some_and(|choice| !choice.spans_window());
+        let shown = volumes.get(scene.store(i)).filter(|_| is_left_out).map(|volume| style::shown(layer, volume));
+        let window = layer.window.or(shown.filter(|[low, high]| low < high));
+        SceneLayer { isosurfaces: Vec::new(), crop: None, transfer, window, ..layer.clone() }
     });
     let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();
     Scene {
@@ -176,6 +183,7 @@ pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_p
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::panels::fixture;
     use brickyard::pager::{BrickError, BrickSource};
     use brickyard::volume::{BrickId, Extent, Geometry, Orientation, Pyramid, VoxelType};
     use std::sync::Arc;
@@ -250,6 +258,26 @@ mod tests {
         // Seen from the feet: the patient's left is on the right, the front is up.
         assert!(rays.right.normalize().dot(DVec3::NEG_X) > 1.0 - 1e-9, "{}", rays.right);
         assert!(rays.up.normalize().dot(DVec3::Y) > 1.0 - 1e-9, "{}", rays.up);
+    }
+
+    #[test]
+    fn a_gray_slice_has_the_window_of_the_panel() {
+        let grid = grid(None);
+        let slice = grid.slice(2, grid.crosshair(&Planes::default()), 0.0);
+        let camera = grid.camera(2, &slice, None, (300, 300));
+        let volumes = fixture::volumes();
+        let of = |layer: SceneLayer| Scene::of(SceneLayer { source: Some(0), ..layer });
+        let of_preset = |name| SceneLayer { transfer: Some(TransferChoice::preset(name)), ..SceneLayer::default() };
+        let own = SceneLayer { window: Some([3.0, 7.0]), ..of_preset("ct-bone") };
+        for layer in [of_preset("ct-bone"), own, of_preset("viridis")] {
+            let scene = of(layer);
+            let layer = slice_scene((&scene, &volumes), slice, camera, (Filter::Nearest, true)).layers.remove(0);
+            assert_eq!(layer.transfer, None);
+            assert_eq!(style::shown(&layer, &volumes[0]), style::shown(&scene.layers[0], &volumes[0]));
+        }
+        let scene = of(of_preset("ct-bone"));
+        let colored = slice_scene((&scene, &volumes), slice, camera, (Filter::Nearest, false)).layers.remove(0);
+        assert_eq!((&colored.transfer, colored.window), (&scene.layers[0].transfer, None));
     }
 
     #[test]
