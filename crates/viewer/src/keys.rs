@@ -128,6 +128,8 @@ fn switches() -> Vec<Shortcut> {
         switch(none, Key::A, "axes", "window.overlays.axes", |state| !state.window.overlays.axes),
         switch(none, Key::T, "ticks", "window.overlays.ticks", |state| !state.window.overlays.ticks),
         switch(none, Key::Backslash, "diagnostics", "window.diagnostics", |state| !state.window.diagnostics),
+        switch(none, Key::F10, "the pictures alone, or panels around them", "window.panels", |state| !state.window.panels),
+        switch(none, Key::F11, "the whole screen", "window.fullscreen", |state| !state.window.fullscreen),
         switch(none, Key::H, "these keys", "window.help", |state| !state.window.help),
         switch(none, Key::F1, "these keys", "window.help", |state| !state.window.help),
     ]
@@ -229,6 +231,14 @@ mod tests {
         );
         state.window.tool = Tool::Fly;
         assert_eq!(given(state, &[(Modifiers::NONE, Key::A)]), [], "it flies");
+    }
+
+    #[test]
+    fn panels_and_screen_go_and_come() {
+        let keys = [Key::F10, Key::F11, Key::F10].map(|key| (Modifiers::NONE, key));
+        let set = Command::set;
+        let expected = [set("window.panels", false), set("window.fullscreen", true), set("window.panels", true)];
+        assert_eq!(given(State::default(), &keys), expected);
     }
 
     #[test]

@@ -51,6 +51,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+/// The least width and height of a window in points, unless it is smaller from the beginning.
+const LEAST_SIZE: [f32; 2] = [640.0, 400.0];
+
 /// What a window shows at first, and what becomes of it.
 #[derive(Clone, Debug)]
 pub struct WindowOptions {
@@ -95,8 +98,10 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     };
     let (volumes, paths) = (openings.volumes(), openings.paths());
     let title = title(&paths);
+    // Smaller, the panels leave no picture.
+    let least = [options.size[0].min(LEAST_SIZE[0]), options.size[1].min(LEAST_SIZE[1])];
     let native = eframe::NativeOptions {
-        viewport: ViewportBuilder::default().with_inner_size(options.size).with_title(title).with_app_id("brickyard"),
+        viewport: ViewportBuilder::default().with_inner_size(options.size).with_min_inner_size(least).with_title(title).with_app_id("brickyard"),
         wgpu_options: WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() },
         // Pixels of the picture are shown as they are.
         dithering: false,
@@ -158,6 +163,8 @@ fn first_state(
 /// If the state cannot be read, or cannot be shown any more.
 fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, String> {
     let Some(mut state) = keeping::read(path)? else { return Ok(None) };
+    // Who does not know the keys would look for the panels in vain.
+    (state.window.panels, state.window.fullscreen) = (true, false);
     read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
     let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
     state.scene.check(&counts).map_err(|error| error.to_string())?;

@@ -69,6 +69,8 @@ pub(crate) struct Window {
     message: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
     is_failing: bool,
+    /// Whether the window was told to fill the screen.
+    is_fullscreen: bool,
     /// The time of the first frame; `None` before it.
     started: Option<Instant>,
     screenshots: Screenshots,
@@ -107,6 +109,7 @@ impl Window {
             keeper,
             message,
             is_failing: false,
+            is_fullscreen: false,
             started: None,
             screenshots: Screenshots::new(),
             clicks: Clicks::default(),
@@ -279,6 +282,12 @@ impl Window {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
         let (mut wanted, has_volumes) = (None, !self.openings.are_none());
+        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
+        help.show(ui.ctx(), panels::help::show);
+        // An empty window has nothing else to show.
+        if has_volumes && !self.state.window.panels {
+            return;
+        }
         egui::Panel::top("menu").show(ui, |ui| {
             let files = panels::menu::Files { recent: self.recent.paths(), has_volumes, wanted: &mut wanted };
             panels::menu::show(ui, state, self.history.can(), (budgets, files), commands);
@@ -297,8 +306,6 @@ impl Window {
             let views = Some(&self.views).filter(|_| has_volumes);
             panels::status::show(ui, views, self.message.as_deref(), self.picked());
         });
-        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
-        help.show(ui.ctx(), panels::help::show);
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
@@ -357,6 +364,10 @@ impl eframe::App for Window {
             self.message = Some(problem);
         }
         self.play(&egui);
+        if self.state.window.fullscreen != self.is_fullscreen {
+            self.is_fullscreen = self.state.window.fullscreen;
+            egui.send_viewport_cmd(ViewportCommand::Fullscreen(self.is_fullscreen));
+        }
         egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
         let mut commands = Vec::new();
         let mut is_busy = false;
